@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 from serp.model.transition_model import TransitionModel
 from serp.tasks.bound_task import BoundTask
 from serp_adapters.soccer import defender as soccer
-from serp_envs.soccer.observation import MIRROR
-from tests.serp_adapters.test_soccer_tasks import planner_of, play
+from tests.serp_adapters.test_soccer_tasks import planner_of
 
 Point = tuple[float, float]
 Vector = NDArray[np.float64]
-
-MIRRORED = {"free left": "free right", "pushed left": "pushed right"}
-MIRRORED |= {b: a for a, b in MIRRORED.items()}
 
 
 @pytest.fixture(scope="module")
@@ -94,14 +90,6 @@ def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:
         raw, _, terminated, truncated, info = task.step(0)
         if terminated or truncated:
             raw, info = task.reset()
-
-
-def test_the_mirrored_observation_swaps_the_sides(task: BoundTask) -> None:
-    rng = np.random.default_rng(5)
-    seen = play(task, lambda raw: int(rng.integers(5)), 600)
-    names = [f.name for f in task.model.fluents]
-    swap = [names.index(MIRRORED.get(name, name)) for name in names]
-    np.testing.assert_array_equal(soccer.ground(seen * MIRROR), soccer.ground(seen)[:, swap])
 
 
 # Domain and planner ----------------------------------------------------------------------------

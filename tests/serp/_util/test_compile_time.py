@@ -19,7 +19,7 @@ from serp.training.compile_progress import show_compiling
 from serp.training.plan_and_learn import plan_and_learn
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import Corridor, corridor
-from tests.serp.training.test_run import without_pictures
+from tests.serp.training.runs import without_pictures
 
 
 def compile_something() -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,7 @@ import pytest
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.model.transition_model import TransitionModel
 from serp.runs import checkpoint
-from serp.settings import resolve
 from serp.sysid.transitions import CUT_OFF, GOES_ON, OVER
-from serp.tasks.registry import load_task
-from serp.training.trainer import Trainer
 from tests.serp.adaptation.worlds import (
     FLEET,
     GRID,
@@ -26,8 +22,7 @@ from tests.serp.adaptation.worlds import (
     adapted,
     any_state,
 )
-from tests.serp.sample_tasks import SMALL
-from tests.serp.sysid.rolls import DOMAINS, from_text
+from tests.serp.sysid.rolls import from_text
 
 PAIR = """(define (domain pair)
   (:functions (x) (v))
@@ -203,36 +198,6 @@ def test_a_domain_without_fluents_has_nothing_to_correct() -> None:
 
 
 # In a training ---------------------------------------------------------------------------------
-
-
-def trained(folder: Path, *stops: int) -> tuple[list[int], Any, str]:
-    """Train with a new trainer after each stop; return lengths, arrays and meta."""
-    folder.mkdir()
-    changes: dict[str, dict[str, Any]] = {
-        **{section: dict(values) for section, values in SMALL.items()},
-        "adaptation": {"mode": "full", "min_visits": 4},
-        "training": {"episode_steps": 60, "checkpoint_seconds": 0.0},
-        "arbiter": {"rho": 0.5},
-    }
-    file = DOMAINS / "cartpole-empty.pddl"
-    task = dataclasses.replace(load_task("cartpole"), domain=file, problem=None)
-    lengths: list[int] = []
-    for number, stop in enumerate(stops):
-        with task.bind() as bound:
-            trainer = Trainer(bound, resolve("default", task.settings, changes), 11)
-            if number:
-                trainer.load_state_dict(*checkpoint.load(folder / str(number - 1)))
-            while trainer.episode < stop:
-                lengths.append(trainer.run_episode().length)
-            arrays, meta = trainer.state_dict()
-            checkpoint.save(folder / str(number), arrays, meta)
-    del meta["wall_time"]
-    told, rest = bits((arrays, json.loads(json.dumps(meta, default=lambda v: v.item()))))
-    return lengths, told, rest
-
-
-def test_a_training_resumed_equals_one_never_interrupted(tmp_path: Path) -> None:
-    assert trained(tmp_path / "cut", 1, 2, 4, 6) == trained(tmp_path / "whole", 6)
 
 
 def test_new_parameters_do_not_take_away_what_is_known_of_actions_not_tried_lately() -> None:

@@ -144,21 +144,6 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
     assert list(Path().iterdir()) == []
 
 
-def test_an_extra_that_is_missing_is_named(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    import importlib.util
-    import sys
-
-    found = importlib.util.find_spec
-    monkeypatch.delitem(sys.modules, "serp_adapters.stable_baselines3", raising=False)
-    monkeypatch.setattr(
-        "importlib.util.find_spec",
-        lambda name, *rest: None if name == "stable_baselines3" else found(name, *rest),
-    )
-    message = run("compare", "--domain=cartpole", "--algorithms=ppo", expect=1).stderr
-    assert "pip install 'serp[sb3]'" in message
-    assert list(Path().iterdir()) == []
-
-
 def test_ctrl_c_keeps_what_is_complete_and_says_how_to_go_on(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

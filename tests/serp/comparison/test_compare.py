@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import shutil
-import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,10 +14,10 @@ import pytest
 from serp.comparison.compare import compare
 from serp.comparison.trial_records import Trial
 from serp.comparison.workers import portable, run_here
-from serp.errors import Interrupted, MissingExtra, RunError, SerpError, SettingsError, TaskError
+from serp.errors import MissingExtra, RunError, SerpError, SettingsError, TaskError
 from serp.model.loading import load_domain
 from serp.pddl.source import DomainError
-from tests.serp.comparison.contest import Pothole, Walk, everything, small, trials_in, walk
+from tests.serp.comparison.contest import Pothole, everything, small, trials_in, walk
 from tests.serp.sample_tasks import CORRIDOR
 
 
@@ -164,16 +162,6 @@ def test_what_cannot_be_sent_to_other_processes_runs_in_this_one_and_it_is_said(
     assert len(trials_in(tmp_path / "c")) == 2
 
 
-def test_an_external_algorithm_is_compared_too(tmp_path: Path, external: None) -> None:
-    comparison = small(
-        walk(tmp_path), tmp_path / "c", algorithms=["serp", "drawing"], seeds=1, report=True
-    )
-    (record,) = comparison.results.of("drawing")
-    assert record.metadata["settings"] is None
-    assert record.metadata["characteristics"]["who acts"] == "chance"
-    assert "chance" in (tmp_path / "c" / "report.md").read_text()
-
-
 def test_an_installed_task_by_its_name_and_continued_by_nothing_but_the_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -208,28 +196,6 @@ def test_a_trial_that_fails_is_told_and_the_others_are_kept(tmp_path: Path) -> N
     assert (tmp_path / "c" / "report.html").exists()
     mended = small(walk(tmp_path), tmp_path / "c")
     assert len(mended.results.records) == 6
-
-
-def test_the_user_stops_it_between_trials_and_goes_on(tmp_path: Path, whole: Path) -> None:
-    class Stopping(Walk):
-        def reset(self, **options: Any) -> Any:
-            if not pressed:
-                pressed.append(True)
-                os.kill(os.getpid(), signal.SIGINT)
-            return super().reset(**options)
-
-    def forgetting(*arguments: Any) -> list[str]:
-        pressed.clear()  # the environment is made and closed before anything is run
-        return []
-
-    pressed, out = [True], tmp_path / "c"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.comparison.compare.judges_alike", forgetting)
-        with pytest.raises(Interrupted, match="stopped with 1 of 4 trials complete"):
-            small(walk(tmp_path, Stopping), out)
-    assert len(trials_in(out)) == 1
-    small(walk(tmp_path), out)
-    assert everything(out) == everything(whole / "c")
 
 
 # What is refused ----------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,9 +56,3 @@ def step_record(decision: Decision = DECISION, **given: Any) -> StepRecord:
         episode=EpisodeTotals(),
     )
     return step._replace(**given)
-
-
-def episode_of(steps: Sequence[StepRecord]) -> list[StepRecord]:
-    """Return the steps as one episode, numbered and added up; ask for them one by one."""
-    totals = EpisodeTotals()
-    return [step._replace(number=k, episode=totals) for k, step in enumerate(steps, 1)]

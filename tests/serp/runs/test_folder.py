@@ -174,30 +174,6 @@ def test_a_file_of_the_users_own_is_never_taken_for_what_a_run_left(tmp_path, na
         assert (tmp_path / name).read_text() == "years of work"
 
 
-_FILL_THE_DISK = """
-import resource, sys
-from serp.errors import RunError
-from serp.runs.folder import RunFolder
-soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-resource.setrlimit(resource.RLIMIT_FSIZE, (300, hard))  # config.json, the last file, is larger
-try:
-    RunFolder.create(sys.argv[1], {}, [("d.pddl", "(define)")])
-except RunError as error:
-    print(error)
-resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-RunFolder.create(sys.argv[1], {}, [("d.pddl", "(define)")]).close()
-"""
-
-
-def test_a_run_that_could_not_be_written_is_begun_in_the_same_folder(tmp_path):
-    path = tmp_path / "x"
-    done = subprocess.run(
-        [sys.executable, "-c", _FILL_THE_DISK, str(path)], capture_output=True, text=True
-    )
-    assert "config.json: File too large" in done.stdout and not done.stderr
-    assert RunFolder.open(path).config == {}
-
-
 # Reading and writing -----------------------------------------------------------------------------
 
 

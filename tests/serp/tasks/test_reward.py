@@ -14,7 +14,7 @@ from serp.tasks.task import Task
 from serp.training.plan_and_learn import plan_and_learn
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import CORRIDOR, corridor
-from tests.serp.training.test_run import everything, without_pictures
+from tests.serp.training.runs import everything, without_pictures
 
 BONUS = 100.0
 LEARNED = [("environment", "task"), ("environment", "domain"), ("environment", "sum"),

@@ -11,7 +11,7 @@ import pytest
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.watchdog import Watchdog
 from tests.serp.sample_tasks import Corridor, corridor
-from tests.serp.training.test_run import CHANGES, train
+from tests.serp.training.runs import CHANGES, train
 
 
 class Hanging(Corridor):

@@ -19,7 +19,7 @@ from serp.tasks.task import Task
 from serp.training.agent import Agent
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import Corridor, corridor
-from tests.serp.training.test_run import CHANGES
+from tests.serp.training.runs import CHANGES
 
 
 def settings_of(task: Task, preset: str) -> Settings:

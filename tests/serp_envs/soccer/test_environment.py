@@ -14,9 +14,6 @@ from serp_envs import SoccerDefender
 from serp_envs.soccer.fields import FIELDS
 from tests.serp_envs.common import actions_of, play
 
-ENV_ID = "serp_envs:serp/SoccerDefender-v0"
-CLOCK = ("game", "contest", "clock")
-
 
 def finish(env: SoccerDefender, action: int = 0) -> dict[str, Any]:
     while True:

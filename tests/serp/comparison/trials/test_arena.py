@@ -62,19 +62,6 @@ def test_it_is_the_evaluation_of_a_run(tmp_path: Path, policy: Any) -> None:
     assert {(row.policy, row.env_steps) for row in rows} == {(policy, 7)}
 
 
-def test_an_episode_that_never_ends_is_cut_as_in_training(tmp_path: Path) -> None:
-    class Endless(Walk):
-        def step(self, action: int) -> Any:
-            seen, reward, _, _, info = super().step(action)
-            self.x = max(-1, min(1, self.x))
-            return seen, reward, False, False, info
-
-    task = walk(tmp_path, Endless)
-    trainer, bound = trained(task, 1, training={"episode_steps": 17})
-    rows = play(task, trainer, bound, "planner", 3)
-    assert [(row.length, row.terminated) for row in rows] == [(17, False)] * 3
-
-
 def test_what_the_learner_learned_to_see_is_what_it_sees(tmp_path: Path) -> None:
     """Running statistics are those of training, and of no evaluation."""
     counts: list[float] = []

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from serp.control.decision import Actor, Reason
 from serp.learning.dqn import Proposal
@@ -48,14 +47,6 @@ def test_it_explores_among_all_actions_and_asks_no_planner(tmp_path: Path) -> No
     explored = {d.action for d in decisions if d.executed_by is Actor.EXPLORATION}
     assert explored == {0, 1, 2, 3}
     assert {d.proposed_by for d in decisions} == {Actor.EXPLORATION}  # epsilon begins at 1
-
-
-@pytest.mark.parametrize("algorithm", ["dqn", "dqn-paper"])
-def test_plain_dqn_refuses_nothing_whatever_comes_of_it(tmp_path: Path, algorithm: str) -> None:
-    logs = [measured(tmp_path, algorithm, seed=seed).log for seed in range(4)]
-    rows = [row for log in logs for row, _ in log.rows]
-    assert sum(row.vetoes for row in rows) == sum(row.planner_steps for row in rows) == 0
-    assert sum(row.avoidable_unsafe for row in rows) > 0
 
 
 def test_settings_of_the_guide_do_not_reach_what_has_none(tmp_path: Path) -> None:
