@@ -24,9 +24,7 @@ def test_the_algorithms_of_serp_have_settings_that_exist() -> None:
         assert algorithm.uses_model == (name not in ("dqn", "dqn-paper"))
 
 
-@pytest.mark.parametrize(
-    ("name", "near"), [("srep", "serp"), ("serppaper", "serp-paper"), ("drawin", "drawing")]
-)
+@pytest.mark.parametrize(("name", "near"), [("srep", "serp"), ("drawin", "drawing")])
 def test_a_name_that_does_not_exist_is_refused_with_a_near_one(
     name: str, near: str, external: None
 ) -> None:

