@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from serp.adaptation.feature_groups import MAX_BITS, FeatureGroup, Key, feature_groups_of
+from serp.adaptation.feature_groups import MAX_BITS, FeatureGroup, feature_groups_of
 from serp.model.transition_model import TransitionModel
 from tests.serp.adaptation import worlds
 from tests.serp.adaptation.worlds import FLEET
@@ -19,10 +19,6 @@ def model_of(name: str) -> TransitionModel:
 
 def groups_of(model: TransitionModel, action: str) -> tuple[FeatureGroup, ...]:
     return feature_groups_of(model.ground, model.actions[model.action_index(action)])
-
-
-def keys_of(model: TransitionModel, action: str) -> set[Key]:
-    return {group.key for group in groups_of(model, action)}
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -44,14 +40,6 @@ def test_every_number_is_predicted_once_and_a_key_says_what_it_is_predicted_from
             ]
             shape = (action.schema, symbols, group.bits)
             assert shapes.setdefault(group.key, shape) == shape
-
-
-def test_actions_on_objects_of_one_type_share_their_models_different_schemas_nothing() -> None:
-    model = from_text(FLEET).model
-    drive = keys_of(model, "drive ada")
-    assert drive == keys_of(model, "drive bob") == keys_of(model, "drive cid")
-    assert len(drive) == 2 < len(groups_of(model, "drive ada"))  # on the robot, and on each other
-    assert not drive & keys_of(model, "light ada") and not drive & keys_of(model, "wait")
 
 
 def test_so_many_predicates_make_no_modes() -> None:

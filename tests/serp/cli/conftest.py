@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
 from serp.cli.root import serp
+from tests.serp.training.runs import without_pictures
 
 Run = Callable[..., Result]
 
@@ -58,10 +59,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+def run(folder: Path) -> Iterator[Run]:
     """Run a command line in the working directory."""
-    # Drawing learning curves would take longer than all the rest.
-    monkeypatch.setattr("serp._util.figures.render", lambda figure, kind: b"")
 
     def invoke(*arguments: str, expect: int = 0) -> Result:
         result = CliRunner().invoke(serp, arguments)
@@ -69,7 +68,8 @@ def run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
         assert "Traceback" not in result.output
         return result
 
-    return invoke
+    with without_pictures():
+        yield invoke
 
 
 @pytest.fixture
@@ -81,12 +81,11 @@ def walk(folder: Path) -> Path:
     return file
 
 
+@without_pictures()
 def train(out: Path, *arguments: str) -> Path:
-    """Train into a folder, without drawing."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
-        command = ["plan-and-learn", f"--out={out}", "--quiet", *arguments]
-        result = CliRunner().invoke(serp, command)
+    """Train into a folder."""
+    command = ["plan-and-learn", f"--out={out}", "--quiet", *arguments]
+    result = CliRunner().invoke(serp, command)
     assert result.exit_code == 0, result.output
     return out
 

@@ -7,9 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from serp.errors import MissingExtra
 from tests.serp.cli.conftest import WALK, WALK_PROBLEM, Run
 
 DOMAINS = Path(__file__).resolve().parents[3] / "domains"
@@ -80,18 +77,6 @@ def test_every_file_is_checked_even_where_the_first_is_wrong(run: Run, walk: Pat
     ):
         assert said in result.stderr
     assert "7 domains: 1 right, 6 wrong, 0 warnings" in result.stdout
-
-
-def test_a_task_whose_extra_is_missing_is_not_checked(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def missing(name: str) -> None:
-        raise MissingExtra(f"task {name}", "soccer")
-
-    monkeypatch.setattr("serp.tasks.registry.load_task", missing)
-    result = run("check", "soccer", "nosuch.pddl", expect=1)
-    assert "soccer: not checked" in result.stdout
-    assert "2 domains: 0 right, 1 wrong, 1 not checked, 0 warnings" in result.stdout
 
 
 def test_a_problem_is_checked_with_its_domain(run: Run, walk: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 from serp.comparison.compare import compare
 from serp.comparison.trial_records import Trial
 from serp.comparison.workers import portable, run_here
-from serp.errors import MissingExtra, RunError, SerpError, SettingsError, TaskError
+from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.model.loading import load_domain
 from serp.pddl.source import DomainError
 from tests.serp.comparison.contest import Pothole, everything, small, trials_in, walk
@@ -301,17 +301,6 @@ def test_what_to_compare_on_has_to_be_said(tmp_path: Path) -> None:
     with pytest.raises(TaskError, match="not 3"):
         compare(wrong, quiet=True)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_the_report_needs_is_missed_before_anything_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("serp.comparison.report.report", "serp.comparison.report.rendering"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(MissingExtra, match=r"report of a comparison .* 'serp\[report\]'"):
-        compare(walk(tmp_path), out=tmp_path / "c")
-    assert not (tmp_path / "c").exists()
 
 
 def test_a_larger_domain_than_usual_stays_allowed(

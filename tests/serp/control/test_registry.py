@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from serp.control.registry import find_learner, find_strategy, make_planner, strategy_names
+from serp.control.registry import find_learner, find_strategy, make_planner
 from serp.errors import SettingsError
 from serp.learning.dqn import DQN
 from serp.planning.lookahead import Lookahead
@@ -41,11 +41,6 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (info / "entry_points.txt").write_text(ENTRY_POINTS)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "my_strategies", raising=False)
-
-
-def test_a_strategy_of_another_package_is_found_beside_our_own(installed: None) -> None:
-    assert {*strategy_names()} >= {"evidence", "mine", "mixture"}
-    assert find_strategy("mine").__name__ == "Mine"
 
 
 @pytest.mark.parametrize(

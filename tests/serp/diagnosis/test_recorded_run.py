@@ -11,6 +11,7 @@ from serp.diagnosis.recorded_run import read_recorded
 from serp.errors import RunError
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
 from serp.training.run import load_run
+from tests.serp.training.runs import without_pictures
 
 QUICK = {
     "planner": {"depth": 1, "repeat": 1},
@@ -22,8 +23,7 @@ QUICK = {
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "made"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
+    with without_pictures():
         serp.plan_and_learn("cartpole", settings=QUICK, env_steps=120, out=out, quiet=True)
     return out
 

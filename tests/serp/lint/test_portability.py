@@ -64,13 +64,10 @@ def test_plain_files_are_portable() -> None:
     [
         ("(at hall)", "(At Hall)", "4:11: capital letters; write everything in lower case (2 pla"),
         ("-1", "-1e0", "4:27: a number that is not a plain decimal"),
-        ("-1", "+1", "4:27: a number that is not a plain decimal"),
         ("1.5", ".5", "10:43: a number that is not a plain decimal"),
-        ("1.5", "1.", "10:43: a number that is not a plain decimal"),
         ("(- 0 2)", "(- 2)", "10:47: `(- x)`; write `(- 0 x)`"),
         ("(- 0 2)", "(* 1 2 3)", "10:47: `*` with more than two operands"),
         (":parameters (?a - room ?b - room)", "", "7:12: `:parameters` is left out"),
-        (":parameters ()", "", "11:13: `:parameters` is left out"),
         (":precondition (and)", "", "11:13: `:precondition` is left out"),
         (":precondition (and)", ":precondition ()", "13:19: `:precondition` without `(and ...)`"),
         ("(and (increase (x) (* #t 0.5)))", "(increase (x) (* #t 0.5))",
@@ -103,22 +100,13 @@ def test_what_unified_planning_cannot_read_is_said_with_its_place() -> None:
     assert "at char" not in found
 
 
-@pytest.mark.parametrize("output", [b"", b"Warning: no parser\nnull", b"[1]", b"\xff"])
+@pytest.mark.parametrize("output", [b"", b"\xff"])
 def test_an_answer_that_is_none_is_said(output: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(stdout=output))
     source = Source("d.pddl", PLAIN)
     assert ask_unified_planning(source, None, 1.0) == (
         "not known (its process gave no answer)", None,
     )  # fmt: skip
-
-
-def test_where_it_is_missing_the_line_that_installs_it_is_said(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("serp.lint.unified_planning.find_spec", lambda _: None)
-    answer, finding = ask_unified_planning(Source("d.pddl", PLAIN), None, 1.0)
-    assert answer == "not known (it is not installed: pip install 'serp[check]')"
-    assert finding is None
 
 
 def test_a_requirement_that_unified_planning_does_not_know_is_named() -> None:

@@ -19,17 +19,14 @@ OUTSIDE: dict[str, list[Any]] = {
     "planner.name": [3],
     "planner.depth": [0, 2.0, True, "5", 10_001, 10**30],
     "planner.discount": [0.0, 1.01, math.nan, "high"],
-    "planner.accepted_risk": [-0.1, 1.0],
     "adaptation.min_visits": [-1, 1.5, True, 2**70],
     "arbiter.rho": [-0.1, 1.1, "high", None, True, math.nan],
     "arbiter.r_min": ["low", math.nan, math.inf, True],
     "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
-    "learner.learning_rate": [0.0, math.nan, math.inf],
     "learner.discount": [1.0, -0.1, "0.9", False],
     "learner.double": [1, "yes"],
     "learner.loss": ["mae", ["mse"], np.array(["mse", "huber"])],
     "training.inputs": ["pixels", ["both"], np.array(["both", "state"])],
-    "training.checkpoint_seconds": ["15", math.nan, -1.0],
 }
 CHANGES = st.fixed_dictionaries(
     {},
@@ -79,7 +76,6 @@ def test_every_setting_has_a_description() -> None:
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
         ({"correction": {}}, "section `correction` is now called `adaptation`"),
         ({"correction": {"tries": 3}}, "`correction.tries` is `adaptation.min_visits`"),
-        ({"arbiter": {"imitation": 1.0}}, "`arbiter.imitation` was removed"),
         ({"arbiter": {"surety": 1.0}}, "`arbiter.surety` was removed: the strategy `evidence`"),
         ({"adaptation": {"mode": "literals"}}, "`literals` is now called `parameters`"),
         ({"planner": {"depth": 0}}, "planner.depth must be greater than or equal to 1, not 0"),
@@ -88,7 +84,6 @@ def test_every_setting_has_a_description() -> None:
             {"learner": {"target_period": 200, "target_polyak": 0.01}},
             "target_polyak is 0.01.*target_period is",
         ),
-        ({"learner": {"protected_share": 0.1}}, "protected_share` was removed"),
         ({"arbiter": {"rho": 0.5, "rho_max": 0.4}}, "rho is 0.5, but must be at most rho_max"),
     ],
 )

@@ -20,10 +20,6 @@ def cartpole() -> TransitionModel:
     return load_task("cartpole").load().model.replace(dt=0.02)
 
 
-def test_cart_pole_looks_the_same_in_a_mirror(cartpole: TransitionModel) -> None:
-    assert violation(cartpole, MIRROR) is None
-
-
 @pytest.mark.parametrize("column", range(4))
 def test_a_sign_left_out_is_found_out(cartpole: TransitionModel, column: int) -> None:
     signs = [-1.0] * 4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from serp.tasks.task import Task
 from serp.training.plan_and_learn import plan_and_learn
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import CORRIDOR, corridor
-from tests.serp.training.runs import everything, without_pictures
+from tests.serp.training.runs import without_pictures
 
 BONUS = 100.0
 LEARNED = [("environment", "task"), ("environment", "domain"), ("environment", "sum"),
@@ -71,20 +70,11 @@ def test_rewards_that_the_file_does_not_give_cannot_be_learned_from(tmp_path: Pa
 
 
 @without_pictures()
-def test_a_run_says_what_it_learns_from_and_keeps_to_it_when_resumed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_says_what_it_learns_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     task = task_with_bonus(tmp_path, "environment")
     asked = {"training": {"reward": "sum"}}
-    plan_and_learn(task, settings=asked, episodes=6, out=tmp_path / "whole")
+    plan_and_learn(task, settings=asked, episodes=3, out=tmp_path / "run")
     said = "learner learns from the environment's reward plus those of the domain file."
     assert said in capsys.readouterr().err
-    plan_and_learn(task, settings=asked, episodes=3, out=tmp_path / "cut", quiet=True)
-    plan_and_learn(
-        dataclasses.replace(task, reward="domain"), episodes=6, out=tmp_path / "cut", resume=True,
-        quiet=True,
-    )  # fmt: skip
-    whole, cut = everything(tmp_path / "whole"), everything(tmp_path / "cut")
-    assert whole[:3] == cut[:3]
-    config = json.loads((tmp_path / "whole" / "config.json").read_text())["config"]
+    config = json.loads((tmp_path / "run" / "config.json").read_text())["config"]
     assert (config["reward"], config["learned_from"]) == ("environment", "sum")

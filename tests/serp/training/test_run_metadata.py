@@ -38,15 +38,10 @@ def test_everything_is_read_back_as_it_was(tmp_path: Path) -> None:
     "changes",
     [
         {"seed": 1.5},
-        {"seed": True},
-        {"seed": -1},
-        {"control_period": "0.1"},
         {"control_period": 0},
-        {"max_ground_schemas": "many"},
         {"max_ground_schemas": 0},
         {"budget": {"episodes": 1.5, "env_steps": None, "units": None}},
         {"budget": None},
-        {"settings": None},
         {"settings": {"planner": 3}},
     ],
 )

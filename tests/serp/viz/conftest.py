@@ -8,6 +8,7 @@ import pytest
 
 from serp.training.plan_and_learn import plan_and_learn
 from serp.training.run import Run, load_run
+from tests.serp.training.runs import without_pictures
 from tests.serp.viz.scene import drawn, reckless
 
 
@@ -15,10 +16,9 @@ from tests.serp.viz.scene import drawn, reckless
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run."""
     folder = tmp_path_factory.mktemp("watching")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")  # takes longest
-        # The learner is evaluated, from the first episode on.
-        always = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}}
+    # The learner is evaluated, from the first episode on.
+    always = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}}
+    with without_pictures():
         plan_and_learn(drawn(folder), settings=always, episodes=2, out=folder / "run", quiet=True)
     return folder / "run"
 

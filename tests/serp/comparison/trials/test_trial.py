@@ -183,7 +183,6 @@ def test_counters_are_the_environments(tmp_path: Path) -> None:
     [
         ("lazy", "`lazy` made 120 env steps of 130 and ended"),
         ("faulty", "`faulty` failed: ValueError: expected scalar type Float"),
-        ("absent", "it needs more memory than there is"),
     ],
 )
 def test_what_goes_wrong_in_an_external_one_is_told(
