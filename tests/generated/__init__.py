@@ -13,7 +13,6 @@ from tests.generated.models import (
     Generated,
     generate,
     load_texts,
-    models,
     models_with_states,
     random_states,
 )
@@ -28,7 +27,6 @@ __all__ = [
     "examples",
     "generate",
     "load_texts",
-    "models",
     "models_with_states",
     "random_states",
     "write_texts",

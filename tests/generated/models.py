@@ -98,20 +98,11 @@ def random_states(
 # hypothesis ------------------------------------------------------------------------------------
 
 
-def models(flavour: Flavour = FULL) -> st.SearchStrategy[Generated]:
-    """Random domains, loaded; they shrink to smaller ones."""
-    return st.builds(
-        lambda random, observed: generate(random, flavour, observed=observed),
-        st.randoms(use_true_random=False),
-        st.booleans(),
-    )
-
-
 @st.composite
 def models_with_states(
-    draw: st.DrawFn, flavour: Flavour = FULL, *, count: int = 8, exact: bool = False
+    draw: st.DrawFn, flavour: Flavour = FULL, *, count: int = 8
 ) -> tuple[Generated, Vector]:
     """Random domains with `count` states of theirs, `[count, F]`."""
     random = draw(st.randoms(use_true_random=False))
     generated = generate(random, flavour, observed=draw(st.booleans()))
-    return generated, random_states(random, generated.model, count, exact=exact)
+    return generated, random_states(random, generated.model, count)

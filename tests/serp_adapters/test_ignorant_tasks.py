@@ -20,15 +20,15 @@ def bound(name: str) -> BoundTask:
     return find_task(name).bind()
 
 
-def at_random(task: BoundTask, steps: int, seed: int, held: int = 6) -> list[Step]:
-    """Steps of random actions, each held for up to so many: state, action, next state, end."""
+def at_random(task: BoundTask, steps: int, seed: int) -> list[Step]:
+    """Steps of random actions, each held for up to six: state, action, next state, end."""
     rng = np.random.default_rng(seed)
     raw, _ = task.reset(seed=seed)
     found: list[Step] = []
     action, left = 0, 0
     for _ in range(steps):
         if not left:
-            action, left = int(rng.integers(task.actions.size)), int(rng.integers(1, held + 1))
+            action, left = int(rng.integers(task.actions.size)), int(rng.integers(1, 7))
         left -= 1
         state = task.ground(raw)
         raw, _, terminated, truncated, info = task.step(action)

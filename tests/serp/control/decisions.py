@@ -54,11 +54,8 @@ class Wild:
     def __init__(self, seed: int, actions: int) -> None:
         self.random = np.random.default_rng(seed)
         self.actions = actions
-        self.explorable: Mask | None = None
-        self.asked = False
 
     def propose(self, x: Vector, explorable: Mask | None) -> Proposal:
-        self.explorable, self.asked = explorable, True
         if self.random.random() < 0.5:
             return self.propose_greedily(x)
         allowed = np.arange(self.actions)

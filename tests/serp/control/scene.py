@@ -33,31 +33,18 @@ def forecast(values: Sequence[float]) -> ActionForecast:
     )
 
 
-def situation(
-    values: Sequence[float],
-    admissible: Sequence[bool] | None = None,
-) -> Situation:
-    """A state in which the plans from each action on are worth so much."""
-    allowed = np.ones(len(values), bool) if admissible is None else np.array(admissible)
-    return Situation(forecast(values), allowed)
+def situation(values: Sequence[float]) -> Situation:
+    """A state in which the plans from each action on are worth so much; no veto refuses one."""
+    return Situation(forecast(values), np.ones(len(values), bool))
 
 
 class Known:
-    """A learner whose values are given; it explores where an action to be explored is given.
+    """A learner whose values are given; it never explores."""
 
-    Attributes:
-        explorable: What it was last asked with.
-    """
-
-    def __init__(self, q: Sequence[float], explored: int | None = None) -> None:
+    def __init__(self, q: Sequence[float]) -> None:
         self.q = np.array(q, dtype=np.float32)
-        self.explored = explored
-        self.explorable: Mask | None = None
 
     def propose(self, explorable: Mask | None) -> Proposal:
-        self.explorable = explorable
-        if self.explored is not None:
-            return Proposal(self.explored, True, None)
         return self.propose_greedily()
 
     def propose_greedily(self) -> Proposal:

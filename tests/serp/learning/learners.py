@@ -41,22 +41,18 @@ def learner(
     return made
 
 
-def live(
-    agent: DQN, rng: np.random.Generator, steps: int, image: Element | None = None
-) -> list[Any]:
-    """Take random env steps with random advice, or their images; return what the learner said."""
-    image = image or Element.identity(F, A)
+def live(agent: DQN, rng: np.random.Generator, steps: int) -> list[Any]:
+    """Take random env steps with random advice; return what the learner said."""
     said: list[Any] = []
     for _ in range(steps):
-        x, next_x = (image.of_input(row.astype(np.float32)) for row in rng.standard_normal((2, F)))
-        proposal = agent.propose(x, image.of_actions(rng.random(A) < 0.5))
+        x, next_x = rng.standard_normal((2, F)).astype(np.float32)
+        proposal = agent.propose(x, rng.random(A) < 0.5)
         said.append((proposal.action, proposal.exploratory, agent.epsilon))
         said.append(agent.q_values(x).tolist())
-        action = image.actions[int(rng.integers(A))]
+        action = int(rng.integers(A))
         imitated = int(rng.integers(-1, A)) if agent.imitates else -1
-        imitated = image.actions[imitated] if imitated >= 0 else -1
         end = rng.random(2) < 0.1
-        reward, allowed = float(rng.standard_normal()), image.of_actions(rng.random(A) < 0.7)
+        reward, allowed = float(rng.standard_normal()), rng.random(A) < 0.7
         agent.remember(x, action, reward, next_x, bool(end[0]), bool(end[1]), allowed, imitated)
         said.append(agent.learn())
     return said

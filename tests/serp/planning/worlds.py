@@ -21,9 +21,9 @@ WORLDS = 20
 """Seeds from 0 on that the tests share; each costs a compilation of its own."""
 
 
-def load(domain: str, problem: str | None = None) -> TransitionModel:
+def load(domain: str) -> TransitionModel:
     """Return the model of a domain given as text."""
-    return load_texts(Texts(domain, problem)).model
+    return load_texts(Texts(domain, None)).model
 
 
 def text_of(seed: int) -> str:

@@ -22,9 +22,9 @@ def adaptation_of(model: TransitionModel) -> ModelAdaptation:
     return ModelAdaptation(model, AdaptationSettings(mode="residual"), np.random.SeedSequence(3))
 
 
-def slip(adaptation: ModelAdaptation, count: int, seed: int = 0, wet_slips: bool = False) -> None:
+def slip(adaptation: ModelAdaptation, count: int, wet_slips: bool = False) -> None:
     """Go right: a third of the times, or when it is wet, the robot goes down instead."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     for _ in range(count):
         wet = float(random.integers(2))
         state = np.array([wet, float(random.integers(3)), float(random.integers(3))])

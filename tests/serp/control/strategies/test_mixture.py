@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from serp.control.strategies.mixture import Mixture
@@ -11,9 +9,9 @@ from serp.settings import Settings
 from tests.serp.control.scene import learner_acts
 
 
-def mixture(rho: float, *, seed: int = 0, **settings: Any) -> Mixture:
-    given = {"rho_increment": 0.25, "rho_unit": "game", "rho_max": max(0.9, rho), **settings}
-    return Mixture(Settings().replace({"arbiter": {"rho": rho, **given}}), seed)
+def mixture(rho: float) -> Mixture:
+    given = {"rho": rho, "rho_increment": 0.25, "rho_unit": "game", "rho_max": 0.9}
+    return Mixture(Settings().replace({"arbiter": given}))
 
 
 def test_rho_is_the_learners_share() -> None:
