@@ -14,7 +14,6 @@ from serp.adaptation.residual.parameters import CODES, CURVED, FEATURES, FILE, F
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
-from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings
 from tests.generated import random_states
 from tests.generated.profile import examples
@@ -173,23 +172,15 @@ def shift(model: AdaptedModel, action: str, fluent: str, by: float) -> None:
     model.buffer.active = True
 
 
-def test_the_lookahead_sees_a_change_at_once_and_both_forms_agree() -> None:
+def test_the_lookahead_sees_a_change_at_once() -> None:
     model = AdaptedModel(worlds.edge())
     settings = PlannerSettings(depth=3)
     lookahead = Lookahead(model, settings)
-    graph = MonitorReplanner(
-        model, depth=3, discount=settings.discount, max_nodes=settings.max_nodes
-    )
     state = model.state({"x": 0.5, "y": 0.0, "wet": False})
     values = []
     for by in (0.0, -1.25, -3.0, 0.5):
         shift(model, "left", "x", by)
-        single = lookahead.forecast(state)
-        drawn = graph.plan(state).forecast
-        for column in ("value", "safe_steps", "reward", "flags"):
-            assert getattr(drawn, column).tobytes() == getattr(single, column).tobytes()
-        assert single.choice == drawn.choice
-        values.append(single.value.tobytes())
+        values.append(lookahead.forecast(state).value.tobytes())
     assert values[0] == values[3] != values[2]
     model.buffer.active = False
     plain = Lookahead(model.written, settings).forecast(state)

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from serp.errors import TaskError
-from serp.pddl.source import DomainError
 from serp.tasks.registry import find_domain_file, find_task, load_task, task_entries
 from tests.serp.sample_tasks import CORRIDOR
 
@@ -147,19 +146,6 @@ def test_a_problem_beside_the_file_is_taken(package: Path) -> None:
     model = find_task("corridor.pddl").bind().model
     assert model.initial_state is not None
     assert model.initial_state.tolist() == [2.0]
-
-
-def test_a_path_that_does_not_exist_is_named(package: Path) -> None:
-    for path in ("nowhere.pddl", "sub/corridor", "./corridor.pddl"):
-        with pytest.raises(DomainError, match="there is no such file"):
-            find_task(path)
-
-
-def test_a_folder_is_named_as_one(package: Path) -> None:
-    (package / "files").mkdir()
-    for path in ("files", "./files", "files/"):
-        with pytest.raises(TaskError, match="is a folder; give one of the files in it"):
-            find_task(path)
 
 
 def test_a_file_that_belongs_to_no_task_says_what_to_do(package: Path) -> None:

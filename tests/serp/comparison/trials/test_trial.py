@@ -131,17 +131,6 @@ def test_what_is_evaluated_when(algorithm: str, external: None, once: Once) -> N
         assert {row.outcome for row in rows if row.env_steps == 130} == {"goal"}
 
 
-@pytest.mark.parametrize("algorithm", [*GUIDED, "mrp"])
-def test_nothing_unsafe_is_done_by_a_guided_one_while_it_can_be_avoided(
-    algorithm: str, once: Once
-) -> None:
-    rows = [row for seed in range(3) for row, _ in once(algorithm, seed).log.rows]
-    assert sum(row.avoidable_unsafe for row in rows) == 0
-    if algorithm == "mrp":
-        assert all(row.planner_steps == row.length for row in rows)
-        assert all(row.vetoes == 0 for row in rows)
-
-
 def test_who_leads_after_training_is_kept_of_those_that_plan_and_learn(once: Once) -> None:
     leads = {name: once(name).lead for name in OWN}
     assert {name for name, lead in leads.items() if lead is not None} == set(GUIDED)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -16,7 +15,7 @@ from serp.control.step_record import StepRecord
 from serp.control.strategies.strategy import Strategy
 from serp.settings import resolve
 from serp.training.trainer import Trainer
-from tests.serp.control.scene import Known, learner_acts, situation
+from tests.serp.control.scene import learner_acts
 from tests.serp.sample_tasks import corridor
 
 EPISODES = 15
@@ -59,23 +58,6 @@ def test_rho_is_the_probability_that_the_learner_acts(name: str) -> None:
         played = [episode(strategy, random) for _ in range(60)]
         # By evidence the learner need not be the better one in the end.
         assert all(played[-1]) or name == "evidence"
-
-
-@pytest.mark.parametrize("name", strategy_names())
-def test_a_restored_strategy_goes_on_as_the_saved_one(name: str) -> None:
-    for episodes in range(0, 60, 7):
-        strategy, other = made(name), made(name, seed=1)
-        random = Random(episodes)
-        for _ in range(episodes):
-            episode(strategy, random)
-        before = json.dumps(strategy.state_dict())
-        strategy.propose_greedily(situation([1.0, 0.0]), Known([0.0, 1.0]))  # draws nothing
-        assert json.dumps(strategy.state_dict()) == before
-        other.load_state_dict(json.loads(before))
-        one, another = Random(0), Random(0)
-        for _ in range(30):
-            assert episode(strategy, one) == episode(other, another)
-        assert strategy.state_dict() == other.state_dict()
 
 
 @pytest.mark.parametrize("strategy", strategy_names())
