@@ -128,13 +128,6 @@ class Saved:
         """Return a list of `length` truth values."""
         return self._list(name, length, length, _TRUTH)
 
-    def rows(
-        self, name: str, most: int, check: Callable[[list[Any]], bool], expected: str
-    ) -> list[list[Any]]:
-        """Return a list of at most `most` lists, each of which passes a check."""
-        row = _Check(lambda value: isinstance(value, list) and check(value), expected)
-        return self._list(name, 0, most, row)
-
     def generator_state(self, name: str, generator: np.random.Generator) -> Mapping[str, Any]:
         """Return the state of a random generator of the same kind."""
         value = self._value(name)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from serp._util.numbers import whole
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
-from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
+from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import StateError, TransitionModel
 from serp.planning.forecast import SAFE, Forecast, score_of
 from serp.planning.limits import Bound
@@ -52,11 +52,6 @@ class ActionForecast(NamedTuple):
         """`[E]` whether the action is applicable and not flagged by the file."""
         unflagged: NDArray[np.bool_] = (self.flags & (APPLICABLE | UNSAFE)) == APPLICABLE
         return unflagged
-
-    @property
-    def risk(self) -> NDArray[np.float64]:
-        """`[E]` predicted probability, in [0, 1], that one control period is unsafe."""
-        return risks_of(self.flags)
 
 
 class ActionMap:
