@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import pty
 import select
@@ -14,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.serp.training.runs import rows
 
 # An untrained learner acts without help: short episodes, little to wait for.
 QUICK = [
@@ -30,12 +31,6 @@ def installed(folder: Path, *arguments: str) -> str:
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
-
-
-def rows(run: Path, table: str) -> list[dict[str, str]]:
-    """A table of a run, but for the time it took."""
-    with open(run / f"{table}.csv", newline="") as file:
-        return [{**row, "wall_time": ""} for row in csv.DictReader(file)]
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import signal
 from datetime import datetime
@@ -13,18 +12,13 @@ import pytest
 
 from serp.tasks.bound_task import BoundTask
 from tests.serp.cli.conftest import QUICK, Run
+from tests.serp.training.runs import rows
 
 TRAIN = ["plan-and-learn", "--domain=cartpole", *QUICK]
 
 
 def config(folder: str | Path) -> Any:
     return json.loads((Path(folder) / "config.json").read_text())["config"]
-
-
-def rows(folder: str | Path, table: str) -> list[dict[str, str]]:
-    """A table of a run, but for the time it took."""
-    with open(Path(folder) / f"{table}.csv", newline="") as file:
-        return [{**row, "wall_time": ""} for row in csv.DictReader(file)]
 
 
 def test_the_end_says_what_came_out_and_what_to_do_next(run: Run) -> None:

@@ -47,14 +47,18 @@ def resume(task: Task, out: Path, **options: Any) -> Run:
     return plan_and_learn(task, out=out, resume=True, quiet=True, **options)
 
 
+def rows(folder: str | Path, table: str) -> list[dict[str, str]]:
+    """A table of a run, but for the time it took."""
+    with open(Path(folder) / f"{table}.csv", newline="") as file:
+        return [{**row, "wall_time": ""} for row in csv.DictReader(file)]
+
+
 def everything(folder: Path) -> tuple[Any, ...]:
     """Whatever a run has left behind, but for the time it took."""
-    with open(folder / "metrics.csv", newline="") as file:
-        rows = [{**row, "wall_time": ""} for row in csv.DictReader(file)]
     arrays, meta = load(folder / NEWEST)
     del meta["wall_time"], meta["tables"]  # the times are in the table, so its length differs
     return (
-        rows,
+        rows(folder, "metrics"),
         (folder / "decisions.csv").read_bytes(),
         {name: (a.dtype, a.shape, a.tobytes()) for name, a in sorted(arrays.items())},
         json.dumps(meta, sort_keys=True),
