@@ -14,18 +14,9 @@ from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.serp.planning.worlds import world
 
-PACKAGE = """
-from serp.control.strategies.strategy import Strategy
-
-class Mine(Strategy):
-    pass
-
-class NoStrategy:
-    pass
-"""
+PACKAGE = "class NoStrategy: pass"
 ENTRY_POINTS = """
 [serp.strategies]
-mine = my_strategies:Mine
 no-strategy = my_strategies:NoStrategy
 not-there = my_strategies:Nothing
 """
@@ -33,7 +24,7 @@ not-there = my_strategies:Nothing
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A package with strategies of its own."""
+    """A package whose strategies cannot be used; `test_docs` installs one that can."""
     (tmp_path / "my_strategies.py").write_text(PACKAGE)
     info = tmp_path / "my_strategies-1.0.dist-info"
     info.mkdir()
