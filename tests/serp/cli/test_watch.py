@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
+import pytest
 from PIL import Image
 
 from serp.training.run import load_run
@@ -38,3 +40,15 @@ def test_usage_errors(run: Run, trained: Path) -> None:
         run("watch", str(trained), "--out=x.gif", wrong, expect=2)
     run("watch", expect=2)
     assert not list(Path().glob("x.*"))
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="these need no DISPLAY")
+def test_without_a_screen_the_message_says_what_to_do(
+    run: Run, trained: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.setenv(name, "")  # so that it is restored
+        monkeypatch.delenv(name)
+    (line,) = run("watch", str(trained), expect=1).stderr.splitlines()
+    assert line.startswith("Error: no window can be opened here")
+    assert "--out FILE.gif" in line

@@ -154,6 +154,12 @@ def test_a_file_that_belongs_to_no_task_says_what_to_do(package: Path) -> None:
         find_task("zoo.pddl")
 
 
+def test_a_folder_is_named_as_one(package: Path) -> None:
+    (package / "files").mkdir()
+    with pytest.raises(TaskError, match="is a folder; give one of the files in it"):
+        find_task("files")
+
+
 def test_a_variant_that_is_shipped_is_found_by_name_from_anywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
