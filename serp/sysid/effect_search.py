@@ -114,7 +114,8 @@ def search(
 class _ForwardSelection:
     """Forward selection by orthogonal projections of weighted columns.
 
-    A choice may also be the same effect of several schemas, each with its own coefficient. Choices
+    A choice may also be the same effect of several schemas, each with its own coefficient, or a
+    line: a fluent with a constant beside it, because neither need explain anything alone. Choices
     are compared by the reduction of the logarithm of the squared error per coefficient, so one that
     explains everything is preferred to a simpler one that explains a part.
     """
@@ -148,6 +149,13 @@ class _ForwardSelection:
         self._choices += [
             tuple(ks) for symbols, ks in alike.items() if len(ks) > 1 and symbols not in general
         ]
+        constants = {(e.schema, e.target): k for k, e in enumerate(candidates) if not e.factors}
+        self._lines = {
+            (k, constants[effect.schema, effect.target])
+            for k, effect in enumerate(candidates)
+            if len(effect.factors) == 1 and (effect.schema, effect.target) in constants
+        }
+        self._choices += sorted(self._lines)
         for column in np.linalg.qr(base * root[:, None])[0].T:
             self._project(column)
 
@@ -165,11 +173,7 @@ class _ForwardSelection:
             rest = max(1.0 - float(together) / total, _PERFECT)
             scores.append(-np.log(rest) * self._preference(choice) / len(choice))
         for c in np.argsort(-np.array(scores), kind="stable")[:_MAX_CHOICES].tolist():
-            paying = tuple(
-                k
-                for k in self._choices[c]
-                if gain[k] > 0.0 and self._pays(k, float(gain[k]), float(size[k]))
-            )
+            paying = self._paying(self._choices[c])
             if paying:
                 for k in paying:
                     column = self._left[:, k].copy()
@@ -177,6 +181,17 @@ class _ForwardSelection:
                     self._project(column)
                 return paying
         return ()
+
+    def _paying(self, choice: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the columns of a choice that pay; both of a line or none."""
+        if choice not in self._lines:
+            return tuple(k for k in choice if self._pays(k, self._left[:, k], self._error))
+        pays = [
+            self._pays(k, *(v - d * (d @ v) for v in (self._left[:, k], self._error)))
+            for k, other in (choice, choice[::-1])
+            for d in (self._left[:, other] / (np.linalg.norm(self._left[:, other]) or 1.0),)
+        ]
+        return choice if all(pays) else ()
 
     def _together(self, choice: tuple[int, ...]) -> float:
         """Return how much squared error several columns explain together."""
@@ -199,30 +214,32 @@ class _ForwardSelection:
             self._left -= np.outer(direction, direction @ self._left)
             self._error = self._error - direction * (direction @ self._error)
 
-    def _pays(self, k: int, gain: float, size: float) -> bool:
-        rows, column = self._touched[:, k], self._left[:, k]
-        if int(rows.sum()) < MIN_ROWS:
+    def _pays(self, k: int, column: Vector, error: Vector) -> bool:
+        """Return whether a column of what is left pays, given the errors to explain."""
+        rows, size = self._touched[:, k], float((column**2).sum())
+        if int(rows.sum()) < MIN_ROWS or size <= _COLLINEAR * float(self._full[k]):
             return False
-        least = improvement_of(self._candidates[k])
-        if gain < least.change * float((self._change[rows] ** 2).sum()):
+        coefficient = float(error @ column) / size
+        gain, least = coefficient**2 * size, improvement_of(self._candidates[k])
+        if gain == 0.0 or gain < least.change * float((self._change[rows] ** 2).sum()):
             return False
-        if gain < least.error * float((self._error[rows] ** 2).sum()):
+        if gain < least.error * float((error[rows] ** 2).sum()):
             return False
-        coefficient = float(self._error @ column) / size
-        scores = column * (self._error - coefficient * column)
+        scores = column * (error - coefficient * column)
         _, which = np.unique(self._blocks, return_inverse=True)
         # The larger of both: the sums of a few blocks may cancel by chance.
         sums = max(float((np.bincount(which, scores) ** 2).sum()), float((scores**2).sum()))
         if abs(coefficient) < CERTAIN * (float(np.sqrt(sums)) / size):
             return False
-        held_out = min(self._held_out(column, self._even), self._held_out(column, ~self._even))
-        return held_out > _HELD_OUT * gain
+        halves = self._even, ~self._even
+        return min(_held_out(column, error, half) for half in halves) > _HELD_OUT * gain
 
-    def _held_out(self, column: Vector, fitted: NDArray[np.bool_]) -> float:
-        """Return how much squared error the column explains in the other rows."""
-        own = float((column[fitted] ** 2).sum())
-        if own == 0.0:
-            return 0.0
-        coefficient = float((column * self._error)[fitted].sum()) / own
-        error, rest = self._error[~fitted], column[~fitted]
-        return float((error**2).sum() - ((error - coefficient * rest) ** 2).sum())
+
+def _held_out(column: Vector, error: Vector, fitted: NDArray[np.bool_]) -> float:
+    """Return how much squared error a column, fitted to some rows, explains in the others."""
+    own = float((column[fitted] ** 2).sum())
+    if own == 0.0:
+        return 0.0
+    coefficient = float((column * error)[fitted].sum()) / own
+    rest = error[~fitted]
+    return float((rest**2).sum() - ((rest - coefficient * column[~fitted]) ** 2).sum())

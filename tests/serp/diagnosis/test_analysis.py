@@ -124,10 +124,10 @@ WALK = """(define (domain walk)
 NEARER = "(decrease (gap) 0.2)"
 
 
-def walked(said: str, done: str) -> Findings:
+def walked(said: str, done: str, least: float = 0.0) -> Findings:
     """Findings of a file that says what a walk does, where it does something else."""
     rng = np.random.default_rng(0)
-    states = rng.uniform(0.0, 1.0, size=(600, 2))
+    states = rng.uniform(least, least + 1.0, size=(600, 2))
     seen = imagined(from_text(WALK.format(done)).model, states, rng, noise=0.003)
     return findings(from_text(WALK.format(said)).model, seen)
 
@@ -144,6 +144,11 @@ def test_a_line_through_a_few_large_changes_is_no_effect() -> None:
     assert not walked("", "(when (and (> (room) 0.8)) (decrease (gap) (room)))").missing
     found = walked("", "(decrease (gap) (room))")
     assert terms(found, "", "gap") == pytest.approx({("room",): -1.0}, abs=0.01)
+
+
+def test_a_line_is_found_where_neither_constant_nor_slope_explains_anything_alone() -> None:
+    found = walked("", "(increase (gap) (- (* 3 (room)) 16.5))", least=5.0)
+    assert terms(found, "walk", "gap") == pytest.approx({(): -16.5, ("room",): 3.0}, rel=0.01)
 
 
 def test_values_that_only_a_fault_can_be_move_nothing() -> None:
