@@ -8,18 +8,28 @@ A package adds one by declaring it; serp needs no change::
 
 from __future__ import annotations
 
-from typing import Any, Final, cast
+from importlib.metadata import EntryPoint
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from serp._util import plugins
-from serp.control.protocols import MakeLearner, MakePlanner, Planner
-from serp.control.strategies.strategy import Strategy
 from serp.errors import SettingsError
-from serp.model.transition_model import TransitionModel
-from serp.settings import PlannerSettings
+
+if TYPE_CHECKING:
+    from serp.control.protocols import MakeLearner, MakePlanner, Planner
+    from serp.control.strategies.strategy import Strategy
+    from serp.model.transition_model import TransitionModel
+    from serp.settings import PlannerSettings, Settings
 
 PLANNERS: Final = "serp.planners"
 LEARNERS: Final = "serp.learners"
 STRATEGIES: Final = "serp.strategies"
+
+KINDS: Final = {
+    STRATEGIES: ("strategy", "guide.strategy"),
+    PLANNERS: ("planner", "planner.name"),
+    LEARNERS: ("learner", "learner.name"),
+}
+"""Entry-point group → what it offers, and the setting that chooses one by its name."""
 
 
 def strategy_names() -> list[str]:
@@ -29,7 +39,9 @@ def strategy_names() -> list[str]:
 
 def find_strategy(name: str) -> type[Strategy]:
     """Return the strategy of a name, or raise a SettingsError."""
-    found = _load(STRATEGIES, name, "strategy", "guide.strategy")
+    from serp.control.strategies.strategy import Strategy
+
+    found = _load(STRATEGIES, name)
     if not (isinstance(found, type) and issubclass(found, Strategy)):
         raise SettingsError(
             f"guide.strategy: `{name}` is {found!r}, which is not a subclass of {Strategy!r}"
@@ -39,16 +51,31 @@ def find_strategy(name: str) -> type[Strategy]:
 
 def make_planner(model: TransitionModel, settings: PlannerSettings) -> Planner:
     """Return the planner that `planner.name` names, or raise a SettingsError."""
-    make = cast(MakePlanner, _load(PLANNERS, settings.name, "planner", "planner.name"))
+    make = cast("MakePlanner", _load(PLANNERS, settings.name))
     return make(model, settings)
 
 
 def find_learner(name: str) -> MakeLearner:
     """Return the function that makes the learner of a name, or raise a SettingsError."""
-    return cast(MakeLearner, _load(LEARNERS, name, "learner", "learner.name"))
+    return cast("MakeLearner", _load(LEARNERS, name))
 
 
-def _load(group: str, name: str, what: str, setting: str) -> Any:
-    entry = plugins.find(plugins.offered(group), name, what, SettingsError, setting=setting)
-    with plugins.loading(entry, what, SettingsError):
+def refuse_unknown_names(settings: Settings) -> None:
+    """Raise a SettingsError for a planner, strategy or learner that is not installed.
+
+    Nothing is imported for that.
+    """
+    _entry(PLANNERS, settings.planner.name)
+    _entry(STRATEGIES, settings.guide.strategy)
+    _entry(LEARNERS, settings.learner.name)
+
+
+def _load(group: str, name: str) -> Any:
+    entry = _entry(group, name)
+    with plugins.loading(entry, KINDS[group][0], SettingsError):
         return entry.load()
+
+
+def _entry(group: str, name: str) -> EntryPoint:
+    what, setting = KINDS[group]
+    return plugins.find(plugins.offered(group), name, what, SettingsError, setting=setting)
