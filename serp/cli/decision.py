@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from serp._util.number_format import percent, readable
 from serp._util.text import plural
 from serp.cli.output import print_table
+from serp.cli.run_planner import RunPlanner
 from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.planning.forecast import SAFE, score_of
@@ -119,10 +120,12 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
     if plan.indifferent:
         lines.append(
             "All safe actions have the same best return (the planner is indifferent): what "
-            "matters lies beyond its depth. The first in the file is taken."
+            "matters lies beyond what it sees. The first in the file is taken."
         )
     if not plan.safe and plan.action is not None:
         lines.append(_why_unsafe_chosen(plan, plan.action))
+    if isinstance(planner, RunPlanner):
+        return [*lines, planner.sight(plan)]
     settings = planner.settings
     each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""
     ended = {

@@ -20,6 +20,7 @@ from serp.cli.state import MakePlanner, asked_state
 from serp.errors import SettingsError
 
 if TYPE_CHECKING:
+    from serp.model.loading import Domain
     from serp.settings import Changes
     from serp.tasks.task import Task
 
@@ -33,8 +34,10 @@ _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
         "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
         "serp plan --domain my/world.pddl --problem my/world-problem.pddl --depth 4",
         "serp plan --domain cartpole --svg decision.svg",
+        "serp plan runs/seven --seed 3",
     ),
 )
+@click.argument("run", type=click.Path(path_type=Path), required=False)
 @click.option("--domain", "name", metavar="NAME|FILE",
               help="Installed task, or any domain file.")  # fmt: skip
 @own_task_option
@@ -63,6 +66,7 @@ _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
               help="Draw the planning graph there.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def command(
+    run: Path | None,
     name: str | None,
     problem: Path | None,
     max_ground_schemas: int | None,
@@ -79,15 +83,17 @@ def command(
     the task's environment. With neither, the problem's initial state is taken, or else one that is
     observed. While the planner is indifferent there, its action is executed, and the next state is
     tried.
-    """
-    own = asked_own_task()
-    if name is None and own is None:
-        raise click.UsageError("give --domain (`serp list` names the tasks), or --task")
-    from serp.tasks.registry import find_domain_file
 
-    file = find_domain_file(name) if name is not None else None
-    domain, task = asked_domain(str(name), file, problem, max_ground_schemas, own)
-    make_planner = _planning(task, **planning)
+    With RUN, the folder of a training, the decision is that of its planner, with the model that it
+    plans with, whatever that has learned.
+    """
+    from serp.cli.run_planner import RunPlanner, asked_run
+
+    domain, task, make_planner = (
+        _asked(name, problem, max_ground_schemas, **planning)
+        if run is None
+        else asked_run(run, planning["time_budget"])
+    )
     domain, state, origin = asked_state(
         domain, task, make_planner, assignments, observe=observe, seed=seed
     )
@@ -99,9 +105,12 @@ def command(
     if as_json:
         print_json(describe(domain.name, origin, planner, state, plan))
     else:
-        print_plan(open_console(), domain.name, origin, planner, state, plan)
-        if task is not None and domain.model.rewarding:
-            open_console().print(learned_from(domain, task))
+        console = open_console()
+        print_plan(console, domain.name, origin, planner, state, plan)
+        if isinstance(planner, RunPlanner):
+            console.print(f"The model of {run} is {planner.adoption}.")
+        elif task is not None and domain.model.rewarding:
+            console.print(learned_from(domain, task))
     if svg is not None:
         from serp._util.extras import needs_extra
         from serp._util.files import write_durably
@@ -109,9 +118,26 @@ def command(
         with needs_extra("plots", "a picture of the planning graph"):
             from serp.viz.plan_drawing import draw_plan, svg_bytes
 
-        figure = draw_plan(plan, planner, title=f"{domain.name}, {origin}")
+        drawn = planner.lookahead(state) if isinstance(planner, RunPlanner) else plan
+        figure = draw_plan(drawn, planner, title=f"{domain.name}, {origin}")
         write_durably(svg, svg_bytes(figure))
         say(f"The planning graph is drawn in {svg}")
+
+
+def _asked(
+    name: str | None, problem: Path | None, max_ground_schemas: int | None, **planning: Any
+) -> tuple[Domain, Task | None, MakePlanner]:
+    """Return domain, task and planner that options ask for."""
+    from serp.tasks.registry import find_domain_file
+
+    own = asked_own_task()
+    if name is None and own is None:
+        raise click.UsageError(
+            "give --domain (`serp list` names the tasks), --task, or the folder of a run"
+        )
+    file = find_domain_file(name) if name is not None else None
+    domain, task = asked_domain(str(name), file, problem, max_ground_schemas, own)
+    return domain, task, _planning(task, **planning)
 
 
 def _planning(

@@ -123,7 +123,7 @@ def command(
     if quiet:
         print_result(run.path)
     else:
-        _print_results(run, domain)
+        _print_results(run)
     return None
 
 
@@ -163,7 +163,7 @@ def _own_task() -> str:
     return f" --task {shlex.quote(name)}" if name is not None else ""
 
 
-def _print_results(run: Run, domain: str | None) -> None:
+def _print_results(run: Run) -> None:
     from serp.runs.summary import spans
 
     summary: dict[str, Any] = run.summary
@@ -175,7 +175,6 @@ def _print_results(run: Run, domain: str | None) -> None:
         said += f"{readable(returns['last_20'])} in the last {last}"
     unsafe = plural(summary["unsafe_executed"], "action")
     quoted = shlex.quote(str(run.path))
-    shown = shlex.quote(domain if domain is not None else str(run.path / "domain.pddl"))
     console = open_console()
     console.print("")
     print_table(
@@ -202,7 +201,7 @@ def _print_results(run: Run, domain: str | None) -> None:
         ("", ""),
         [
             (f"  serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
-            (f"  serp plan --domain {shown}", "what the planner sees, and why"),
+            (f"  serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
             (f"  {run.path / 'report.md'}", "the whole run on one page, with its learning curve"),
         ],
     )

@@ -18,6 +18,8 @@ def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run: Run, ro
     assert "--task FILE.py:FUNCTION" in told
     measured = run("evaluate", "runs/one", "--episodes=1", "--task=my_robot:walkway").stdout
     assert "return" in measured
+    shown = run("plan", "runs/one", "--task=my_robot.py").stdout
+    assert "Chosen:" in shown and "The model of runs/one is as written" in shown
 
 
 def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(

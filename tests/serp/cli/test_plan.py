@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import serp
@@ -23,6 +24,24 @@ EDGE = """
 
 def planned(run: Run, *arguments: str) -> Any:
     return json.loads(run("plan", *arguments, "--json").stdout)
+
+
+def test_of_a_run_its_own_planner_and_model_are_shown(run: Run, trained: Path) -> None:
+    agent = serp.load_run(trained).agent
+    state = [0.0, 0.1, 0.02, -0.1]
+    given = ",".join(
+        f"{fluent.name}={value}"
+        for fluent, value in zip(agent.arbiter.model.fluents, state, strict=True)
+    )
+    shown = planned(run, str(trained), "--state", given)
+    found = agent.arbiter.planner.forecast(np.array(state))
+    assert [action["best_return"] for action in shown["actions"]] == found.value.tolist()
+    told = run("plan", str(trained), "--state", given, "--svg=seen.svg").stdout
+    assert f"The model of {trained} is {agent.adaptation.adoption}." in told
+    assert Path("seen.svg").stat().st_size > 0
+    for wrong in ("--depth=3", "--domain=cartpole"):
+        run("plan", str(trained), wrong, expect=2)
+    assert "--domain cartpole" in run("plan", "cartpole", expect=2).stderr
 
 
 def test_a_given_state_adds_to_the_initial_one(run: Run, tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def test_the_end_says_what_came_out_and_what_to_do_next(run: Run) -> None:
     assert (summary["evidence"] is None) == ("\nevidence " not in result.stdout)
     assert summary["model"]["sentence"] in result.stdout
     assert "serp evaluate 'first run'" in result.stdout
-    assert "serp plan --domain cartpole" in result.stdout
+    assert "serp plan 'first run'" in result.stdout
     assert "episode 3/3" in result.stderr
 
 
