@@ -10,6 +10,9 @@ from serp._util.text import listed, plural
 
 FEW: Final = 20
 """Steps below which a part that is not in use is said to have seen too few."""
+BETTER: Final = 0.95
+"""Fraction of the error of the file below which a learned part replaces it; for residuals see
+`serp.adaptation.residual.evidence.choose`."""
 
 
 class TrackRecord(NamedTuple):
@@ -21,9 +24,8 @@ class TrackRecord(NamedTuple):
         schema: Name of the action schema.
         used: Whether it predicts instead of the file alone.
         steps: Steps that it was judged by.
-        written: Mean error of the file: squared error of a number, Brier score of outcomes.
+        written: Error of the file: mean absolute error of a number, Brier score of outcomes.
         learned: The same of what was learned.
-        change: Mean squared change of a number; 0 for outcomes, for which there is none.
         hindrance: Why nothing can be learned; empty if it can.
     """
 
@@ -32,7 +34,6 @@ class TrackRecord(NamedTuple):
     steps: int
     written: float
     learned: float
-    change: float
     hindrance: str = ""
 
 
@@ -140,40 +141,42 @@ def adoption_of(
     )
     reasons = [
         text
-        for what, kind in (("residual", residuals), ("counted outcomes", outcomes))
-        if (text := _reason(what, kind))
+        for what, score, kind in (
+            ("residual", "mean absolute error", residuals),
+            ("counted outcomes", "Brier score", outcomes),
+        )
+        if (text := _reason(what, score, kind))
     ]
     steps = max((sum(j.steps for j in kind) for kind in (residuals, outcomes)), default=0)
     why = "; ".join(reasons) or "no step has been compared"
     return FluentAdoption(fluent, residual, counted, steps, why)
 
 
-def _reason(what: str, track_records: Sequence[TrackRecord]) -> str:
-    """Return why one kind of learned part is in use or is not; empty if there is none."""
+def _reason(what: str, score: str, track_records: Sequence[TrackRecord]) -> str:
+    """Return why one kind of learned part is in use or is not; empty if there is none.
+
+    `score` is what its errors are.
+    """
     hindrances = dict.fromkeys(j.hindrance for j in track_records if j.hindrance)
     judged = [j for j in track_records if j.steps and not j.hindrance]
     if not judged:
         return f"{what}: {'; '.join(hindrances)}" if hindrances else ""
     used = [j for j in judged if j.used]
     steps = sum(j.steps for j in used or judged)
-    written, learned, change = (
-        sum(j.steps * getattr(j, column) for j in used or judged) / steps
-        for column in ("written", "learned", "change")
+    written, learned = (
+        sum(j.steps * getattr(j, column) for j in used or judged)
+        for column in ("written", "learned")
     )
     seen = plural(steps, "step")
-    compared = f"an error of {_error(learned, change)} instead of {_error(written, change)}"
+    if written == 0.0 and not used:
+        return f"the file was right in {seen}"
+    if steps < FEW and not used:
+        return f"{what} not in use: it has seen only {seen}"
+    share = percent(learned / written, 2) if written else "0 %"
+    compared = f"{score} {share} of that of the file, in {seen}"
     if used:
         after = dict.fromkeys(j.schema for j in used)
         everywhere = len(used) == len(judged)
         where = "" if everywhere else f" after {listed(after)}"
-        return f"{what} in use{where}: {compared}, in {seen}"
-    if written == 0.0:
-        return f"the file was right in {seen}"
-    if steps < FEW:
-        return f"{what} not in use: it has seen only {seen}"
-    return f"{what} not in use: {compared}, in {seen}"
-
-
-def _error(error: float, change: float) -> str:
-    """Return a squared error as a share of the squared change, or a Brier score."""
-    return f"{percent(error / change, 2)} of the change" if change > 0.0 else f"{error:.3f}"
+        return f"{what} in use{where}: {compared}"
+    return f"{what} not in use: {compared}; it replaces the file below {percent(BETTER, 2)}"

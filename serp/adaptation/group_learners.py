@@ -96,7 +96,7 @@ class GroupLearners:
             predicates = [fluents[column].symbol for column in group.predicates]
             changing.update(numbers, predicates)
             whole = [self._whole[column] for column in group.targets]
-            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
+            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
             if key[1:] in self._residuals:
                 head = self._buffer.shared[key].head
                 judged = self._residuals[key[1:]].track_records(schema, head)

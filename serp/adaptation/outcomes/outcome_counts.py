@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import LARGEST, MOST, Saved
-from serp.adaptation.adoption import TrackRecord
+from serp.adaptation.adoption import BETTER, TrackRecord
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.file_step import ObservedStep
 from serp.adaptation.moving_average import rate_of
@@ -26,7 +26,6 @@ from serp.model.transition_model import Vector
 
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step
 _MIN_SAMPLES: Final = 5
-_BETTER: Final = 0.95
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
 is smaller than the file's by this factor."""
 _MAX_STRAY, _STRAY_FROM = 0.2, 50
@@ -71,14 +70,14 @@ class OutcomeCounts:
             self.table is not None
             and not self._given_up
             and self.samples >= _MIN_SAMPLES
-            and bool(self._scores[1] < _BETTER * self._scores[0])
+            and bool(self._scores[1] < BETTER * self._scores[0])
         )
 
     def track_record(self, schema: str) -> TrackRecord:
         """Return what is known of the counts, after actions of a schema."""
         written, learned = self._scores.tolist()
         hindrance = "too many different outcomes to count" if self._given_up else ""
-        return TrackRecord(schema, self.used, self.samples, written, learned, 0.0, hindrance)
+        return TrackRecord(schema, self.used, self.samples, written, learned, hindrance)
 
     def count_again(self) -> None:
         """Forget all counts; keep the outcomes, with "nothing changes" among them."""

@@ -98,9 +98,9 @@ class ResidualRegression:
         p, loss = self._parameters, self._loss
         steps = self._samples[p.head_of_rows == head].sum(axis=0)
         learned = loss[r.LINEAR :].min(axis=0) if p.features else loss[r.LINEAR]
-        squares = [(errors**2).tolist() for errors in (loss[r.FILE], learned, self._spread)]
-        columns = zip((p.kinds != r.FILE).tolist(), steps.tolist(), *squares, strict=True)
-        return [TrackRecord(schema, use, int(seen), *errors) for use, seen, *errors in columns]
+        errors = loss[r.FILE].tolist(), learned.tolist()
+        columns = zip((p.kinds != r.FILE).tolist(), steps.tolist(), *errors, strict=True)
+        return [TrackRecord(schema, use, int(seen), *both) for use, seen, *both in columns]
 
     def _drop_outliers(self, head: int, enabled: Mask, used: bool) -> bool:
         """Learn again without the outliers among the first samples of a head."""

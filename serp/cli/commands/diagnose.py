@@ -143,15 +143,17 @@ def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
 
 
 def _adoption_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
+    errors = {quantity.name: quantity.off for quantity in diagnosis.quantities}
     for fluent in diagnosis.recorded.adoption.fluents:
-        yield fluent.fluent, "yes" if fluent.adapted else "no", fluent.why
+        error = percent(errors[fluent.fluent], 2) if fluent.fluent in errors else "–"
+        yield fluent.fluent, error, "yes" if fluent.adapted else "no", fluent.why
 
 
 _TABLES = (
     (
         "Adapted in the run",
-        ("fluent", "adapted", "why"),
-        _adoption_rows, (),
+        ("fluent", "error of the file, of the change", "adapted", "why"),
+        _adoption_rows, [1],
     ),
     (
         "Predicted one step ahead",
