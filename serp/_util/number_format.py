@@ -8,18 +8,13 @@ _DIGITS = 6
 """Decimals beyond which a standard error is not shown."""
 
 
-def number(value: float) -> str:
-    """Return a number with three significant digits."""
-    return _minus(f"{value + 0.0:.3g}")
-
-
-def readable(value: float | None, digits: int = 4) -> str:
-    """Return a number for people to read: `1,234`, `0.2618`, `–` for none."""
+def readable(value: float | None) -> str:
+    """Return a number with four significant digits: `1,234`, `−0.2618`, `–` for none."""
     if value is None or math.isnan(value):
         return "–"
     if isinstance(value, int) or 1e3 <= abs(value) < 1e9:
-        return f"{value:,.0f}"
-    return f"{value + 0.0:.{digits}g}"
+        return _minus(f"{value:,.0f}")
+    return _minus(f"{value + 0.0:.4g}")
 
 
 def plain(value: float) -> str:
@@ -53,15 +48,15 @@ def percent_measured(share: float, error: float) -> str:
     return f"{100 * share:.{decimals}f} ± {100 * error:.{decimals}f} %"
 
 
-def percent(share: float, digits: int = 3) -> str:
-    """Return a share of 1 in percent with 2 or 3 significant digits, such as `12.5 %`.
+def percent(share: float) -> str:
+    """Return a share of 1 in percent with two significant digits, such as `1.3 %`.
 
-    An integer part is shown in full. A share below 0.01 % or 0.001 % is shown as such.
+    An integer part is shown in full, a share below 0.01 % as such.
     """
-    value, least = 100 * share, 10.0**-digits
-    if 0 < value < least:
-        return f"< {least} %"
-    return f"{value:,.0f} %" if value >= 10 ** (digits - 1) else f"{value:.{digits}g} %"
+    value = 100 * share
+    if 0 < value < 0.01:
+        return "< 0.01 %"
+    return f"{value:,.0f} %" if value >= 10 else f"{value:.2g} %"
 
 
 def duration(seconds: float) -> str:

@@ -58,3 +58,9 @@ def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> Iterator[
             f"{what} `{entry.name}` ({entry.value}) cannot be loaded: "
             f"{type(error).__name__}: {error}"
         ) from error
+
+
+def first_line(implementation: object) -> str:
+    """Return what an implementation is by the first line of its docstring; empty if it has none."""
+    text = (implementation.__doc__ or "").strip().removeprefix("Return ")
+    return text.splitlines()[0].rstrip(".") if text else ""

@@ -172,11 +172,11 @@ def _reason(what: str, score: str, track_records: Sequence[TrackRecord]) -> str:
         return f"the file was right in {seen}"
     if steps < FEW and not used:
         return f"{what} not in use: it has seen only {seen}"
-    share = percent(learned / written, 2) if written else "0 %"
+    share = percent(learned / written) if written else "0 %"
     compared = f"{score} {share} of that of the file, in {seen}"
     if used:
         after = dict.fromkeys(j.schema for j in used)
         everywhere = len(used) == len(judged)
         where = "" if everywhere else f" after {listed(after)}"
         return f"{what} in use{where}: {compared}"
-    return f"{what} not in use: {compared}; it replaces the file below {percent(BETTER, 2)}"
+    return f"{what} not in use: {compared}; it replaces the file below {percent(BETTER)}"

@@ -145,7 +145,7 @@ def parse_state(assignments: Iterable[str], domain: Domain) -> dict[str, float]:
 def _value(name: str, text: str, *, numeric: bool) -> float:
     words = {} if numeric else {"true": 1.0, "false": 0.0}
     try:
-        value = words[text.lower()] if text.lower() in words else float(text)
+        value = words[text.lower()] if text.lower() in words else float(text.replace("−", "-"))
     except ValueError:
         value = float("nan")
     if value - value != 0.0 or (not numeric and value not in (0.0, 1.0)):

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.plugins import find, loading, offered
+from serp._util.plugins import find, first_line, loading, offered
 from serp.errors import SettingsError
 from serp.settings import Changes, Settings, resolve
 from serp.tasks.task import Task
@@ -141,8 +141,7 @@ def find_algorithm(name: str) -> Algorithm:
     entry = find(algorithm_entries(), name, "algorithm", SettingsError, known=OWN)
     with loading(entry, "algorithm", SettingsError):
         make = entry.load()
-    description = (make.__doc__ or name).strip().splitlines()[0].rstrip(".")
-    return Algorithm(name, description, "external", make_external=make)
+    return Algorithm(name, first_line(make) or name, "external", make_external=make)
 
 
 def merged(first: Changes, second: Changes) -> Changes:

@@ -138,3 +138,16 @@ NUMBERS: Final = tuple(DecisionCounts().numbers())
 def total(metrics: Mapping[str, Any]) -> dict[str, int]:
     """Return every count over all episodes, given the columns of `metrics.csv` as arrays."""
     return {name: int(metrics[name].sum()) for name in NUMBERS}
+
+
+def sight_of(counts: Mapping[str, int], steps: int) -> dict[str, float | None]:
+    """Return how far the planner saw.
+
+    The shares of all steps in which it saw everything that can be reached, in which values of cells
+    stood for what lies beyond the layers that it saw, in which a budget cut it short, and in which
+    it had no reason to prefer one action; and the mean number of layers that it saw in the steps in
+    which it did not see everything.
+    """
+    shares = {name: counts[name] / steps if steps else None for name in SIGHT}
+    partial = steps - counts["saw_all"]
+    return {**shares, "mean_depth": counts["layers_seen"] / partial if partial else None}

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from serp._util.figures import FAINT, INK, PLANNER, STYLE, render
-from serp._util.number_format import number
+from serp._util.number_format import readable
 from serp.diagnosis.accuracy import END, REWARD
 from serp.diagnosis.diagnosis import Diagnosis, FitRow
 from serp.model.transition_model import Vector
@@ -88,7 +88,7 @@ def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow) -> None:
     title = f"{fit.action}: {fit.fluent}"
     axes.set_title(title if len(title) <= _NAME else title[: _NAME - 1] + "…", pad=18)
     axes.text(
-        0.0, 1.02, f"error {number(fit.rmse_written)} → {number(fit.rmse_found)}",
+        0.0, 1.02, f"error {readable(fit.rmse_written)} → {readable(fit.rmse_found)}",
         transform=axes.transAxes, fontsize=8, color=FAINT, verticalalignment="bottom",
     )  # fmt: skip
     few = np.unique(np.linspace(0, changes.shape[1] - 1, _POINTS).astype(int))
@@ -102,7 +102,7 @@ def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow) -> None:
     axes.set_ylim(*ends)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(4))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: readable(value)))
 
 
 def _scatter(axes: Axes, predicted: Vector, observed: Vector, colour: str, label: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from serp._util.number_format import measured, number, percent_measured, plain, rounded
+from serp._util.number_format import measured, percent_measured, plain, readable, rounded
 from serp._util.text import plural
 from serp.diagnosis.accuracy import END
 from serp.diagnosis.findings import (
@@ -108,17 +108,17 @@ def rule_text(finding: RuleFinding) -> str:
     if not finding.schema:
         if ends:
             return f"the task ended in {unpredicted}, and no line of the file says so"
-        reward = f"a reward of {number(finding.observed)} on average"
+        reward = f"a reward of {readable(finding.observed)} on average"
         return f"{unpredicted} without a predicted reward had {reward}"
     if not finding.predicted:
-        reward = "" if ends else f", with reward {number(finding.observed)} on average"
+        reward = "" if ends else f", with reward {readable(finding.observed)} on average"
         return f"never predicted; it applied in {unpredicted}{reward}"
     text = f"predicted in {plural(finding.predicted, 'step')}"
     if ends:
         text += f"; the task ended in {finding.came:,} of them"
     else:
-        text += f", reward {number(finding.expected)} on average; it was "
-        text += f"{number(finding.observed)}, and {finding.came:,} steps were as predicted"
+        text += f", reward {readable(finding.expected)} on average; it was "
+        text += f"{readable(finding.observed)}, and {finding.came:,} steps were as predicted"
     return text + (f"; it also applied in {unpredicted} unpredicted" if finding.unpredicted else "")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from serp._util.number_format import number, percent
+from serp._util.number_format import percent, readable
 from serp.diagnosis.accuracy import END, REWARD, WELL, Quantity
 
 _EXACT = 1e-9
@@ -25,7 +25,7 @@ def verdict(quantities: Sequence[Quantity], found: bool) -> str:
     if len(well) == len(quantities):
         error = "one step ahead it is exact"
         if worst.off > _EXACT:
-            error = f"one step ahead every error is at most {percent(worst.off, 2)} of the change"
+            error = f"one step ahead every error is at most {percent(worst.off)} of the change"
             error += f", that of {worst.shown}"
         rest = "The findings below would improve it." if found else "Nothing more was found."
         return f"The file predicts well: {error}. {rest}"
@@ -37,8 +37,8 @@ def verdict(quantities: Sequence[Quantity], found: bool) -> str:
         listed = f"with the findings below{chance} {better} of {len(quantities)}"
     return (
         f"One step ahead the file as written predicts {counted} ({_names(quantities)}) to within "
-        f"{percent(WELL, 2)} of the change; {listed}. The largest error is "
-        f"{percent(worst.off, 2)} of the change, that of {worst.shown}."
+        f"{percent(WELL)} of the change; {listed}. The largest error is "
+        f"{percent(worst.off)} of the change, that of {worst.shown}."
     )
 
 
@@ -54,7 +54,7 @@ def unexplained(quantities: Sequence[Quantity]) -> list[str]:
 
 def _sentence(q: Quantity) -> str:
     differs = abs(q.squared_left - q.squared) > 0.01 * q.squared
-    listed = f"; with the findings {percent(q.off_left, 2)}" if differs else ""
+    listed = f"; with the findings {percent(q.off_left)}" if differs else ""
     mostly = f"; most of it after `{q.action}`" if q.most > 0.5 and q.squared else ""
     if q.name == END:
         missed = int(q.change) - q.right
@@ -65,15 +65,15 @@ def _sentence(q: Quantity) -> str:
     elif not q.numeric:
         what = f"{q.shown} changes {q.change:,.0f} times in {q.steps:,} steps"
         said = f"; {q.said:,} changes were predicted, {q.right:,} of them correctly"
-        said += f" (wrong {percent(q.off, 2)} as often as it changes)"
+        said += f" (wrong {percent(q.off)} as often as it changes)"
     elif not q.change:
         still = "the reward is 0" if q.name == REWARD else f"{q.shown} does not change"
         what, said = f"{still} in all {q.steps:,} steps", ", though the file predicts that it does"
     else:
         moves = "the reward is" if q.name == REWARD else f"{q.shown} changes by"
-        what = f"{moves} {number(q.change)} a step"
-        error = number(q.change * q.off)
-        said = f", the error of the file is {error} ({percent(q.off, 2)})"
+        what = f"{moves} {readable(q.change)} a step"
+        error = readable(q.change * q.off)
+        said = f", the error of the file is {error} ({percent(q.off)})"
     if q.change and not q.written:
         said = ", and nothing in the file says so"
     return f"{what}{said}{listed}{mostly}"

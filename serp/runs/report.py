@@ -9,9 +9,10 @@ import shlex
 from collections.abc import Mapping
 from typing import Any, Final
 
-from serp._util.markdown import code, plain, table
+from serp._util.markdown import code, plain, sentence, table
 from serp._util.number_format import duration, percent, readable
-from serp.runs.summary import spans
+from serp._util.text import plural
+from serp.runs.summary import FIRST, WINDOW
 from serp.tasks.reward import describe_source
 
 _EXECUTED: Final = {
@@ -89,7 +90,7 @@ def _model_sections(summary: Mapping[str, Any]) -> list[str]:
     if "model" not in summary:
         return []
     model = summary["model"]
-    sections = ["## The model it planned with", f"The model is {plain(model['sentence'])}."]
+    sections = ["## The model it planned with", f"The model is {sentence(model['sentence'])}."]
     if model["parameters"]:
         rows = [
             (f"{p['line']}", plain(p["text"]), readable(p["in_use"])) for p in model["parameters"]
@@ -97,7 +98,7 @@ def _model_sections(summary: Mapping[str, Any]) -> list[str]:
         sections.append(table(("line", "in the file", "in use"), rows, left=2))
     if model["fluents"]:
         rows = [
-            (plain(f["fluent"]), "yes" if f["adapted"] else "no", plain(f["why"]))
+            (plain(f["fluent"]), "yes" if f["adapted"] else "no", sentence(f["why"]))
             for f in model["fluents"]
         ]
         sections.append(table(("fluent", "adapted", "why"), rows, left=3))
@@ -114,27 +115,28 @@ def _lead(summary: Mapping[str, Any]) -> str:
     if not summary["episodes"]:
         return "No episode has ended yet."
     returns = summary["return"]
-    first, last = spans(summary["episodes"])
+    came = f"was {readable(returns['mean'])}"
+    if returns["last_20"] is not None:
+        came = f"went from {readable(returns['first_10'])} (first {FIRST} episodes) to "
+        came += f"{readable(returns['last_20'])} (last {WINDOW})"
     return (
-        f"{summary['episodes']:,} episodes, {summary['env_steps']:,} environment steps in "
-        f"{duration(summary['wall_time'])}. The mean return went from "
-        f"{readable(returns['first_10'])} (first {first} episodes) to "
-        f"{readable(returns['last_20'])} (last {last}). "
-        f"Unsafe actions executed: {summary['unsafe_executed']:,}."
+        f"{plural(summary['episodes'], 'episode')}, "
+        f"{plural(summary['env_steps'], 'environment step')} in {duration(summary['wall_time'])}. "
+        f"The mean return {came}. Unsafe actions executed: {summary['unsafe_executed']:,}."
     )
 
 
 def _results(summary: Mapping[str, Any]) -> str:
     rows: list[tuple[str, str]] = []
-    first, last = spans(summary["episodes"])
     for key, what in (("return", "return"), ("domain_return", "return by the domain file")):
         means = summary[key]
         best, at = readable(means["best_20"]), means["best_20_at_env_step"]
         rows += [
-            (f"{what}, mean of the first {first} episodes", readable(means["first_10"])),
-            (f"{what}, mean of the last {last} episodes", readable(means["last_20"])),
+            (f"{what}, mean of all episodes", readable(means["mean"])),
+            (f"{what}, mean of the first {FIRST} episodes", readable(means["first_10"])),
+            (f"{what}, mean of the last {WINDOW} episodes", readable(means["last_20"])),
             (
-                f"{what}, best mean of {last} episodes",
+                f"{what}, best mean of {WINDOW} episodes",
                 best if at is None else f"{best} (at environment step {at:,})",
             ),
         ]

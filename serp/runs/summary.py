@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from serp.control.decision_counts import SAFETY, SIGHT, STEPS_BY, total
+from serp.control.decision_counts import SAFETY, STEPS_BY, sight_of, total
 
 FIRST = 10  # episodes at the beginning of a run
 WINDOW = 20  # episodes of the moving mean, also in the learning curve
@@ -15,11 +15,6 @@ WINDOW = 20  # episodes of the moving mean, also in the learning curve
 _FROM_CONFIG = ("domain", "preset", "seed", "learned_from", "file_rewards")
 Metrics = Mapping[str, np.ndarray[Any, Any]]
 """Column of ``metrics.csv`` → array ``[episodes]``."""
-
-
-def spans(episodes: int) -> tuple[int, int]:
-    """Return the numbers of episodes that ``first_10`` and ``last_20`` of a summary average."""
-    return min(FIRST, episodes), min(WINDOW, episodes)
 
 
 def moving_mean(values: np.ndarray[Any, Any]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -50,11 +45,11 @@ def summarize(
         account: What `serp.training.account.account_of` returns, which is repeated.
 
     Returns:
-        JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20
-        and of the best 20 consecutive episodes (of all if there are fewer), all null before the
-        first episode. ``shares`` holds actor → share of all steps in which its action was executed;
-        they add up to 1. ``vetoes_by_reason`` adds up to ``vetoes``. ``sight`` says how far the
-        planner saw, see `_sight`.
+        JSON values. ``return`` and ``domain_return`` hold the mean of all episodes, of the first
+        10, of the last 20 and of the best 20 consecutive ones, each null where there are fewer.
+        ``shares`` holds actor → share of all steps in which its action was executed; they add up to
+        1. ``vetoes_by_reason`` adds up to ``vetoes``. ``sight`` says how far the planner saw, see
+        `sight_of`.
     """
     settings = config or {}
     counts = total(metrics)
@@ -78,37 +73,23 @@ def summarize(
             actor: counts[name] / steps if steps else None for actor, name in STEPS_BY.items()
         },
         "final_rho": _last(metrics["rho"]),
-        "sight": _sight(counts, steps),
+        "sight": sight_of(counts, steps),
         **(account or {}),
     }
     return summary
 
 
-def _sight(counts: Mapping[str, int], steps: int) -> dict[str, float | None]:
-    """Return how far the planner saw.
-
-    The shares of all steps in which it saw everything that can be reached, in which values of cells
-    stood for what lies beyond the layers that it saw, in which a budget cut it short, and in which
-    it had no reason to prefer one action; and the mean number of layers that it saw in the steps in
-    which it did not see everything.
-    """
-    shares = {name: counts[name] / steps if steps else None for name in SIGHT}
-    partial = steps - counts["saw_all"]
-    return {**shares, "mean_depth": counts["layers_seen"] / partial if partial else None}
-
-
 def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> dict[str, Any]:
-    if not len(returns):
-        return {"first_10": None, "last_20": None, "best_20": None, "best_20_at_env_step": None}
-    # A mean over fewer episodes than the window is not a candidate for the best one.
-    full = min(WINDOW, len(returns)) - 1
-    means = moving_mean(returns)
-    best = full + int(np.argmax(means[full:]))
+    count, best = len(returns), WINDOW - 1
+    if count >= WINDOW:
+        means = moving_mean(returns)
+        best += int(np.argmax(means[best:]))
     return {
-        "first_10": float(np.mean(returns[:FIRST])),
-        "last_20": float(np.mean(returns[-WINDOW:])),
-        "best_20": float(means[best]),
-        "best_20_at_env_step": int(env_steps[best]),
+        "mean": float(np.mean(returns)) if count else None,
+        "first_10": float(np.mean(returns[:FIRST])) if count >= FIRST else None,
+        "last_20": float(np.mean(returns[-WINDOW:])) if count >= WINDOW else None,
+        "best_20": float(means[best]) if count >= WINDOW else None,
+        "best_20_at_env_step": int(env_steps[best]) if count >= WINDOW else None,
     }
 
 

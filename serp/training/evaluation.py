@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, NamedTuple, get_args
@@ -11,6 +12,7 @@ import numpy as np
 
 from serp._util.numbers import seed_of, whole
 from serp._util.text import did_you_mean
+from serp.control.decision_counts import sight_of
 from serp.control.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
 from serp.runs.summary import WINDOW
@@ -39,6 +41,7 @@ class EvaluationResult:
         terminated: Number of episodes that the environment ended; the others reached a limit.
         unsafe_executed: Number of executed actions that the domain file flags unsafe.
         vetoes: Number of proposals refused.
+        sight: How far the planner saw, see `serp.control.decision_counts.sight_of`.
     """
 
     policy: str
@@ -48,6 +51,7 @@ class EvaluationResult:
     terminated: int
     unsafe_executed: int
     vetoes: int
+    sight: Mapping[str, float | None]
 
     @property
     def mean(self) -> float:
@@ -168,14 +172,18 @@ def evaluate(
             pass
         totals.append(episode.totals)
         on_episode()
+    counts: Counter[str] = Counter()
+    for total in totals:
+        counts.update(total.decisions.numbers())
     return EvaluationResult(
         policy=policy,
         meaning=meaning_of(agent, policy),
         returns=tuple(total.return_ for total in totals),
         lengths=tuple(total.length for total in totals),
         terminated=sum(total.terminated for total in totals),
-        unsafe_executed=sum(total.decisions.unsafe_executed for total in totals),
-        vetoes=sum(total.decisions.vetoes for total in totals),
+        unsafe_executed=counts["unsafe_executed"],
+        vetoes=counts["vetoes"],
+        sight=sight_of(counts, sum(total.length for total in totals)),
     )
 
 

@@ -18,7 +18,7 @@ from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
-from serp._util.number_format import duration
+from serp._util.number_format import duration, percent, readable
 from serp._util.terminal import open_console, visible
 from serp.training.budget import Budget
 from serp.training.trainer import Trainer
@@ -138,14 +138,15 @@ class Progress:
             unit = trainer.settings.arbiter.rho_unit
             numbers.insert(0, (unit, _of(trainer.units, budget.units)))
         if trainer.recent:
-            numbers.append(("return", _number(trainer.recent[-1])))
-            numbers.append(("mean of last 20", _number(float(np.mean(trainer.recent)))))
+            numbers.append(("return", readable(trainer.recent[-1])))
+            mean = readable(float(np.mean(trainer.recent)))
+            numbers.append((f"mean of last {len(trainer.recent)}", mean))
         strategy = trainer.agent.strategy
         evidence = strategy.evidence
         if evidence is not None:
             leads = ("planner", evidence.planner), ("learner", evidence.learner)
             numbers += [(name, str(worth)) for name, worth in leads if worth is not None]
-        numbers.append(("rho", f"{strategy.rho:.2f}"))
+        numbers.append(("rho", readable(strategy.rho)))
         numbers += self._sight()
         numbers.append(("vetoes", f"{trainer.tally.vetoes:,}"))
         numbers.append(("unsafe executed", f"{trainer.tally.unsafe_executed:,}"))
@@ -166,7 +167,7 @@ class Progress:
                   ("cut short", tally.cut_short), ("indifferent", tally.indifferent)]  # fmt: skip
         return [
             ("model", "adapted" if model.revision else "as written"),
-            *((label, f"{count / steps:.0%}") for label, count in shares),
+            *((label, percent(count / steps)) for label, count in shares),
         ]
 
     def _sample(self) -> None:
@@ -199,7 +200,3 @@ def is_terminal(stream: TextIO | None) -> bool:
 
 def _of(now: int, limit: int | None) -> str:
     return f"{now:,}" if limit is None else f"{now:,}/{limit:,}"
-
-
-def _number(value: float) -> str:
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.1f}"

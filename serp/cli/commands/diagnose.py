@@ -87,7 +87,7 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
     told = [*diagnosis.matter, *(diagnosis.others if everything else ())]
     if told:
         console.print("")
-        rows = [(percent(diagnosis.share(remark), 2), remark.text) for remark in told]
+        rows = [(percent(diagnosis.share(remark)), remark.text) for remark in told]
         head = ("of its error", "what the file says, and what was observed")
         print_table(console, head, rows, right=[0])
     if diagnosis.others and not everything:
@@ -113,7 +113,7 @@ def _fit_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
     for row in diagnosis.fits:
         if row.cost > 0.0:
             numbers = row.change, row.rmse_written, row.rmse_found, row.scale
-            texts = (readable(value, 3) for value in numbers)
+            texts = (readable(value) for value in numbers)
             yield row.action, row.fluent, f"{row.steps:,}", *texts
 
 
@@ -135,7 +135,7 @@ def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
     for row, worst in sorted(cases, key=size, reverse=True):
         values = list(diagnosis.recorded.model.values(worst.state).items())
         shown = [
-            f"{name}={str(value).lower() if isinstance(value, bool) else readable(value, 3)}"
+            f"{name}={str(value).lower() if isinstance(value, bool) else readable(value)}"
             for name, value in values[:_NAMED]
         ]
         state = ", ".join(shown) + (", …" if len(values) > _NAMED else "")
@@ -145,7 +145,7 @@ def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
 def _adoption_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
     errors = {quantity.name: quantity.off for quantity in diagnosis.quantities}
     for fluent in diagnosis.recorded.adoption.fluents:
-        error = percent(errors[fluent.fluent], 2) if fluent.fluent in errors else "–"
+        error = percent(errors[fluent.fluent]) if fluent.fluent in errors else "–"
         yield fluent.fluent, error, "yes" if fluent.adapted else "no", fluent.why
 
 

@@ -8,6 +8,7 @@ import click
 
 from serp._util.number_format import readable
 from serp._util.text import plural
+from serp.cli.account import print_account
 from serp.cli.asked import open_run
 from serp.cli.options import policy_of_run
 from serp.cli.output import examples, open_console, print_json, print_table
@@ -66,9 +67,8 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
     )  # fmt: skip
     if result["warning"] is not None:
         console.print(result["warning"])
-    evidence = loaded.agent.strategy.evidence
-    if evidence is not None:
-        console.print(f"The trained policy is {loaded.agent.strategy.choice}: {evidence}.")
+    console.print("")
+    print_account(console, account_of(loaded.agent), result["sight"])
     acting = other_in_training(loaded.agent) if policy == "serp" else None
     if acting is not None:
         console.print(f"Training acts otherwise: {acting}. --policy training measures that.")

@@ -19,8 +19,8 @@ PRESETS = {
 def command() -> None:
     """List the installed tasks, with their domain files, and what the settings can name."""
     from serp._util.plugins import offered
-    from serp.comparison.algorithms import OWN, algorithm_entries
-    from serp.control.registry import LEARNERS, PLANNERS, STRATEGIES
+    from serp.comparison.algorithms import GROUP, OWN
+    from serp.control.registry import KINDS
     from serp.tasks.registry import task_entries
 
     console = open_console()
@@ -33,17 +33,33 @@ def command() -> None:
         print_table(console, ("task", "", "domain file", "package"), rows, styles=styles)
     else:
         console.print("No task is installed.")
-    algorithms = [(name, algorithm.description) for name, algorithm in OWN.items()]
-    algorithms += [(name, _package(entry)) for name, entry in algorithm_entries().items()]
-    tables = {"preset": list(PRESETS.items()), "algorithm (serp compare)": algorithms}
-    for setting, group in (
-        ("guide.strategy", STRATEGIES), ("planner.name", PLANNERS), ("learner.name", LEARNERS)
-    ):  # fmt: skip
-        found = sorted(offered(group).items())
-        tables[f"{setting} (--set)"] = [(name, _package(entry)) for name, entry in found]
-    for title, lines in tables.items():
+    own = {name: algorithm.description for name, algorithm in OWN.items()}
+    groups = {GROUP: ("algorithm", "algorithm (serp compare)", own)} | {
+        group: (what, f"{setting} (--set)", {}) for group, (what, setting) in KINDS.items()
+    }
+    console.print("")
+    print_table(console, ("preset", ""), list(PRESETS.items()))
+    for group, (what, title, known) in groups.items():
+        shown = [(name, text, "") for name, text in known.items()]
+        styles = [""] * len(shown)
+        for name, entry in sorted(offered(group).items()):
+            description, broken = _first_line(entry, what)
+            shown.append((name, description, _package(entry)))
+            styles.append("red" if broken else "")
         console.print("")
-        print_table(console, (title, ""), lines)
+        print_table(console, (title, "", "package"), shown, styles=styles)
+
+
+def _first_line(entry: EntryPoint, what: str) -> tuple[str, bool]:
+    """Return how an implementation describes itself, and whether it cannot be loaded."""
+    from serp._util.plugins import first_line, loading
+    from serp.errors import SerpError
+
+    try:
+        with loading(entry, what, SerpError):
+            return first_line(entry.load()), False
+    except SerpError as error:
+        return str(error), True
 
 
 def _about(name: str) -> tuple[str, str, bool]:

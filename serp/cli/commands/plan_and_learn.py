@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from serp._util.number_format import percent, readable
-from serp._util.terminal import visible
+from serp._util.number_format import readable
 from serp._util.text import plural
+from serp.cli.account import print_account
 from serp.cli.asked import asked_task
 from serp.cli.failures import say, stopped_by
 from serp.cli.options import (
@@ -164,15 +164,12 @@ def _own_task() -> str:
 
 
 def _print_results(run: Run) -> None:
-    from serp.runs.summary import spans
-
     summary: dict[str, Any] = run.summary
     episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
-    first, last = spans(summary["episodes"])
-    said = readable(returns["first_10"])
-    if first < summary["episodes"]:
-        said += f" in the first {plural(first, 'episode')}, "
-        said += f"{readable(returns['last_20'])} in the last {last}"
+    said = f"{readable(returns['mean'])} on average"
+    if returns["last_20"] is not None:
+        said += f", {readable(returns['first_10'])} in the first 10 episodes, "
+        said += f"{readable(returns['last_20'])} in the last 20"
     unsafe = plural(summary["unsafe_executed"], "action")
     quoted = shlex.quote(str(run.path))
     console = open_console()
@@ -191,10 +188,7 @@ def _print_results(run: Run) -> None:
         ],
     )  # fmt: skip
     console.print("")
-    print_table(console, ("", ""), _account_rows(summary))
-    for fluent in summary["model"]["fluents"]:
-        if not fluent["adapted"]:
-            console.print(f"  {visible(fluent['fluent'])} as written: {fluent['why']}")
+    print_account(console, summary, summary["sight"])
     console.print("\nNext:")
     print_table(
         console,
@@ -205,21 +199,3 @@ def _print_results(run: Run) -> None:
             (f"  {run.path / 'report.md'}", "the whole run on one page, with its learning curve"),
         ],
     )
-
-
-def _account_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return what the agent says of itself: its trained policy, the planner's sight, its model."""
-    rows = [("trained policy", summary["trained_policy"])]
-    if summary["evidence"] is not None:
-        rows.append(("evidence", summary["evidence"]["sentence"]))
-    sight = summary["sight"]
-    if sight["saw_all"] is not None:
-        shares = [percent(share) for name, share in sight.items() if name != "mean_depth"]
-        said = (
-            "everything in {} of the steps, beyond its layers by cells in {}, cut short in {}, "
-            "indifferent in {}".format(*shares)
-        )
-        if sight["mean_depth"] is not None:
-            said += f"; otherwise {readable(sight['mean_depth'], 2)} layers of states"
-        rows.append(("planner saw", said))
-    return [*rows, ("model", summary["model"]["sentence"])]

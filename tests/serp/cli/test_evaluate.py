@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from serp._util.number_format import percent
 from serp.training.account import account_of
 from serp.training.run import load_run
 from tests.serp.cli.conftest import Run
@@ -34,6 +35,9 @@ def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:
     low, high = shown["confidence_interval"]
     assert f"Measured: {shown['meaning']}." in text
     assert f"{shown['mean']:.4g}, 95 % interval {low:.4g} to {high:.4g}" in text
+    assert f"trained policy  {shown['trained_policy']}" in text
+    assert f"everything in {percent(shown['sight']['saw_all'])} of the steps" in text
+    assert shown["model"]["sentence"] in text
     assert f"deviation {shown['std']:.4g}, {shown['min']:.4g} to {shown['max']:.4g}" in text
     assert f"{shown['terminated']} of 3 episodes" in text
     assert shown["warning"] in text

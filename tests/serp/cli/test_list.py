@@ -21,6 +21,7 @@ def test_everything_installed_is_listed(run: Run) -> None:
         assert load_task(name).description in shown
     for name in (*KNOWN, *OWN, *algorithm_entries(), *strategy_names(), "lookahead", "dqn"):
         assert f"\n{name} " in shown
+    assert "\nfar-sight              the planner that sees to the end of a finite task" in shown
 
 
 def test_a_domain_of_the_working_directory_is_named(run: Run) -> None:

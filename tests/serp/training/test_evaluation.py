@@ -92,7 +92,7 @@ def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None
 
 
 def result_of(*returns: float) -> EvaluationResult:
-    return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0)
+    return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0, {})
 
 
 @pytest.mark.parametrize(

@@ -92,8 +92,8 @@ def test_a_refresh_comes_every_five_seconds_on_a_pipe_and_five_times_a_second_on
     if kind is io.StringIO:
         assert stream.getvalue() == shown(stream) and "\r" not in stream.getvalue()
         assert stream.getvalue().splitlines()[-1] == (
-            "episode 42, step 2,100, return 23.0, mean of last 20 21.4, planner 21.0 ± 1.5, "
-            "rho 0.12, model adapted, saw all 75%, by cells 0%, cut short 1%, indifferent 5%, "
+            "episode 42, step 2,100, return 23, mean of last 2 21.4, planner 21.0 ± 1.5, "
+            "rho 0.12, model adapted, saw all 75 %, by cells 0 %, cut short 1 %, indifferent 5 %, "
             "vetoes 3, unsafe executed 0, steps/s 100"
         )
 
@@ -149,7 +149,7 @@ def test_a_terminal_gets_a_panel_with_every_number(
         training.to(10, 1000, 10.0, units=7)
     last = shown(stream).split("╭")[-1]
     assert "[cart] → runs/x" in last
-    numbers = ("game 7/28", "episode 10", "step 1,000", "return 23.0", "mean of last 20 21.4")
+    numbers = ("game 7/28", "episode 10", "step 1,000", "return 23", "mean of last 2 21.4")
     for text in (*numbers, "rho 0.12", "vetoes 3", "unsafe executed 0", "steps/s 100", "30.0 s"):
         assert text in last
     assert stream.getvalue().count("\x1b[?25l") == stream.getvalue().count("\x1b[?25h") == 1

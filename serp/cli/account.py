@@ -1,0 +1,37 @@
+"""What an agent says of itself, for people: its trained policy, the planner's sight, its model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from serp._util.number_format import percent, readable
+from serp.cli.output import print_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def print_account(
+    console: Console, account: Mapping[str, Any], sight: Mapping[str, float | None]
+) -> None:
+    """Print what `serp.training.account.account_of` and `sight_of` return."""
+    rows = [("trained policy", account["trained_policy"])]
+    if account["evidence"] is not None:
+        rows.append(("evidence", account["evidence"]["sentence"]))
+    if sight["saw_all"] is not None:
+        shares = [percent(share or 0.0) for what, share in sight.items() if what != "mean_depth"]
+        said = (
+            "everything in {} of the steps, beyond its layers by cells in {}, cut short in {}, "
+            "indifferent in {}".format(*shares)
+        )
+        if sight["mean_depth"] is not None:
+            said += f"; otherwise {readable(sight['mean_depth'])} layers of states"
+        rows.append(("planner saw", said))
+    rows.append(("model", account["model"]["sentence"]))
+    rows += [
+        ("", f"{fluent['fluent']} as written: {fluent['why']}")
+        for fluent in account["model"]["fluents"]
+        if not fluent["adapted"]
+    ]
+    print_table(console, ("", ""), rows)
