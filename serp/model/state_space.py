@@ -123,7 +123,8 @@ class StateSpace:
         if len(state) < wanted:
             what = f"none for {listed(names[len(state) :])}"
         else:
-            what = f"{len(state) - wanted} more than the fluents {listed(names)}"
+            what = f"{len(state) - wanted} more than the fluents {listed(names)}; declare what is "
+            what += "missing, in the order in which it is given"
         raise StateError(f"{size} in the order of its fluents, found {len(state)}: {what}")
 
     def action_index(self, action: int | str) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError
@@ -31,6 +32,8 @@ _EFFECTS = {
     **{"=": "assign", "set": "assign", ":=": "assign", "<-": "assign", "if": "when"},
     **{"+=": "increase", "-=": "decrease", "*=": "scale-up", "/=": "scale-down"},
 }
+_CONDITION_WORDS = ("and", "or", "not", "imply", "exists", "forall")
+_EFFECT_WORDS = ("and", "not", "when", "forall", "assign", "increase", "decrease")
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 _MATH = {
     "abs": "write two conditions, or two effects under `when`: one where it is negative",
@@ -80,6 +83,7 @@ def in_condition(group: Group, declared: Declared) -> DomainError | None:
         or _with_truth(group, ("=", "=="), "a condition", declared)
         or _other_word(group, _CONDITIONS, "a condition", declared)
         or _missing_and(group, "conditions")
+        or _misspelt(group, _CONDITION_WORDS, declared)
     )
 
 
@@ -90,6 +94,7 @@ def in_effect(group: Group, declared: Declared) -> DomainError | None:
         or _with_truth(group, (*_EFFECTS, "assign"), "an effect", declared)
         or _other_word(group, _EFFECTS, "an effect", declared)
         or _missing_and(group, "effects")
+        or _misspelt(group, _EFFECT_WORDS, declared)
     )
 
 
@@ -150,6 +155,17 @@ def _other_word(
         group.place,
         write=_prefix(words[head], group.items[1:], declared),
     )
+
+
+def _misspelt(group: Group, words: Sequence[str], declared: Declared) -> DomainError | None:
+    """Recognise a word of PDDL that is misspelt, before anything that can stand behind it."""
+    head = group.head
+    if head in declared or head in words or not any(isinstance(n, Group) for n in group.items):
+        return None
+    close = get_close_matches(head, [*words, *declared], n=1, cutoff=0.7)
+    if not close or close[0] not in words:
+        return None
+    return DomainError(f"`{head}` is no word of PDDL", group.items[0].place, write=close[0])
 
 
 def _prefix(word: str, operands: Sequence[Node], declared: Declared) -> str:

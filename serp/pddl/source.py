@@ -48,7 +48,9 @@ class Source:
         path = Path(path)
         try:
             found = path.stat()
-            if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
+            if stat.S_ISDIR(found.st_mode):
+                raise DomainError(f"{path}: cannot be read (it is a folder)")
+            if not stat.S_ISREG(found.st_mode):
                 raise DomainError(f"{path}: cannot be read (it is not a regular file)")
             if found.st_size > _LARGEST:
                 raise DomainError(

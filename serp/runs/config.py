@@ -80,6 +80,8 @@ def config_text(
 
 def read_config(folder: Path) -> dict[str, Any]:
     """Read the ``config.json`` of a run: the keys that `config_text` writes."""
+    if os.path.isfile(folder):
+        raise RunError(f"{folder} is a file; a run is given by its folder.")
     if not os.path.isdir(folder):
         raise RunError(f"there is no run {folder}: no such folder.")
     file = folder / CONFIG

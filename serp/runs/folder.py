@@ -42,7 +42,7 @@ COPIES: Final = ("domain.pddl", "problem.pddl")
 _TABLES: Final = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
 _BEGUN_WITH: Final = (*COPIES, *_TABLES)
 """Files that are written before ``config.json``, which makes the folder a run."""
-_TRACES: Final = (*_BEGUN_WITH, *(aside_of(Path(n)).name for n in (*_BEGUN_WITH, CONFIG)))
+TRACES: Final = (*_BEGUN_WITH, *(aside_of(Path(n)).name for n in (*_BEGUN_WITH, CONFIG)))
 _POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
 
 
@@ -94,7 +94,7 @@ class RunFolder(Closing):
         copies = dict(zip(COPIES, domain_files, strict=False))
         names = {copy: name for copy, (name, _) in copies.items()}
         text = config_text(config, names, command, now or datetime.datetime.now())
-        make_empty(path, _TRACES)
+        make_empty(path, TRACES)
         run = cls(path, json.loads(text), RunLock(path))
         try:
             # Another process may have begun a run since the folder was checked.

@@ -27,15 +27,25 @@ def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path
 
 
 def make_empty(path: Path, traces: Collection[str]) -> None:
-    """Create the folder of a new run, unless it exists and is empty.
+    """Create the folder of a new run, unless it exists and is empty; see `refuse_occupied`."""
+    refuse_occupied(path, traces)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(path, error, "Nothing was made.") from error
+
+
+def refuse_occupied(path: Path, traces: Collection[str]) -> None:
+    """Raise a RunError if a new run cannot have a folder, because there is something in it.
 
     The files that a run stopped before its beginning may have left (`traces`) are ignored.
     """
     if path.is_file():
         raise RunError(f"{path} is a file. Give another folder with --out.")
     try:
-        path.mkdir(parents=True, exist_ok=True)
         names = set(os.listdir(path))
+    except FileNotFoundError:
+        return
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
     # The lock file shows that a run left the other files. Without it, a domain.pddl may be the

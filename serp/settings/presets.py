@@ -76,9 +76,11 @@ def resolve(
     of_task = {} if task_settings is None else task_settings
     for key, _ in entries(of_task, "the task's settings", '{"*": {"planner": {"depth": 5}}}'):
         if key != "*" and key not in PRESETS:
+            advice = did_you_mean(str(key), ["*", *PRESETS])
+            if key in Settings.model_fields:
+                advice = f'settings of every preset are written {{"*": {{{key!r}: ...}}}}'
             raise SettingsError(
-                f"the task changes settings of a preset `{key}`, which does not exist; "
-                f"{did_you_mean(str(key), ['*', *PRESETS])}"
+                f"the task changes settings of a preset `{key}`, which does not exist; {advice}"
             )
     settings = Settings().replace(PRESETS[preset])
     for key in ("*", preset):

@@ -95,7 +95,10 @@ class BoundTask(Closing):
         if isinstance(given, Mapping):  # observed fluents are not constant, even if in :init
             self.domain = self.domain.observed(map(str, given))
             self.model = self.domain.model.replace(dt=self.model.dt)
-        self.actions = ActionMap(self.model, int(space.n), task.actions)
+        try:
+            self.actions = ActionMap(self.model, int(space.n), task.actions)
+        except TaskError as error:
+            raise TaskError(f"task {self.name}, {self.domain.source.name}: {error}") from None
         self.rewarded_by = declared_reward(task, self.model)
         if self.rewarded_by == "domain" and not self.model.rewarding:
             raise TaskError(

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 from serp._util.numbers import seed_of
 from serp.control.registry import refuse_unknown_names
 from serp.errors import RunError, SettingsError, TaskError
-from serp.runs.config import CONFIG
-from serp.runs.folder import RunFolder
-from serp.runs.new_folder import default_path, occupied
+from serp.runs.folder import TRACES, RunFolder
+from serp.runs.new_folder import default_path, refuse_occupied
 from serp.runs.tensorboard import require_tensorboard
 from serp.settings import resolve
 from serp.tasks.registry import find_task, load_task
@@ -90,8 +89,8 @@ def plan_and_learn(
     refuse_unknown_names(resolved)
     if resolved.training.tensorboard:
         require_tensorboard()
-    if out is not None and os.path.lexists(Path(out) / CONFIG):
-        raise occupied(Path(out))
+    if out is not None:
+        refuse_occupied(Path(out), TRACES)
     with task.bind() as bound:
         path = Path(out) if out is not None else default_path(bound.name, begun)
         config = {

@@ -35,7 +35,7 @@ def test_numbers_that_a_task_never_observes_are_warned_of(run: Run, folder: Path
     assert "task cartpole: environment, grounding and actions fit together" in shown
     (line,) = (line for line in shown.splitlines() if "warning" in line)
     assert "`(> (pole-angle) 12)`: the observations of the task give `pole-angle` values" in line
-    assert "from -0.52" in line and "is 12 in the same unit?" in line
+    assert "from −0.52" in line and "is 12 in the same unit?" in line
 
 
 def test_a_fluent_that_the_task_does_not_ground_is_named(run: Run, folder: Path) -> None:

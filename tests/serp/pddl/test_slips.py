@@ -62,6 +62,7 @@ SLIPS = [
      "`:effect` takes one form, found 2"),
     ("(and (held) (not (near)))", "((held) (not (near)))", "(and (held) (not (near)))",
      "effects stand in a list without `and`"),
+    (EFFECT, "(increse (x) 1)", EFFECT, "`increse` is no word of PDDL"),
     # Numbers
     (EFFECT, "(increase (x) 0,5)", "(increase (x) 0.5)", "decimals have a point"),
     (EFFECT, "(increase (x) ((speed) + 1))", "(+ (speed) 1)", "`+` stands between"),
@@ -74,6 +75,7 @@ SLIPS = [
     (CONDITION, "(!= (x) 9.5)", "(not (= (x) 9.5))", "`!=` is not supported in a condition"),
     (CONDITION, "(= (held) true)", "(held)", "a predicate is a condition by itself"),
     (CONDITION, "(when (near) (held))", "(imply (near) (held))", "`when` is not supported"),
+    (BOTH, "(annd (near) (< (x) 9.5))", BOTH, "`annd` is no word of PDDL"),
     (BOTH, "(near) (< (x) 9.5)", BOTH, "`:precondition` takes one form, found 2"),
     (BOTH, "((near))", "(near)", "one pair of parentheses too many"),
     (BOTH, "(near && held)", "(and (near) (held))", "`&&` stands between"),
