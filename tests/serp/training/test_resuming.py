@@ -268,4 +268,4 @@ def test_environment_and_events_are_closed_however_a_training_ends(
     assert closed == ["events", "environment"] * 2
     with pytest.raises(RunError):
         train(task(10**6), tmp_path / "3", episodes=2)  # there is a run already
-    assert closed[4:] == ["environment"]
+    assert len(closed) == 4  # no environment is made for a run that cannot begin
