@@ -52,8 +52,8 @@ class CellValues(NamedTuple):
         states: Flat `[N * F]`, a state in every cell.
         value: `[N + 1]` of the cells, then of states that are not known; empty without any cells.
         table, digest: Hash table of the cells, and their digests.
-        area_table, area_digest, area_value: The same of the areas that they lie in, and the mean of
-            the values there.
+        area_table, area_digest, area_value: The same of the areas that they lie in, and the least
+            value in each.
     """
 
     low: Floats
@@ -83,8 +83,15 @@ class CellValues(NamedTuple):
         area_table, area_digest, place = distinct(_digests(states, low, area, False))
         if len(digest) != cells:
             raise ValueError("two states in one cell")
-        mean = np.bincount(place, value[:cells]) / np.bincount(place)
-        return cls(low, scale, area, states, value, table, digest, area_table, area_digest, mean)
+        least = np.full(len(area_digest), np.inf)
+        np.minimum.at(least, place, value[:cells])
+        return cls(low, scale, area, states, value, table, digest, area_table, area_digest, least)
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """`[F]` ends of the part of the state space that a graph may enter, see `in_range`."""
+        unit = np.divide(1.0, self.area, out=np.full(len(self.area), np.inf), where=self.area > 0.0)
+        return self.low - MARGIN * unit, self.low + (AREAS + MARGIN) * unit
 
     def state_dict(self) -> Arrays:
         """Return arrays that `restored` takes."""
@@ -172,7 +179,8 @@ def nearness(row, at, states, other, scale):
 def value_at(values, states, at):
     """Return the value of a state, interpolated between its cell and those beside it.
 
-    Where its cell is not there, it is the mean of the cells in its area.
+    Where its cell is not there, it is the least of those in its area: a plan looks for the best of
+    many states, and would find the one of which the least is known.
 
     Args:
         values: `CellValues`, of one cell or more.

@@ -16,6 +16,7 @@ from serp.planning.far_sight.cell_kernels import UNKNOWN
 from serp.planning.far_sight.cell_values import NO_CELLS, CellValues
 from serp.planning.far_sight.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.far_sight.goal_search import GoalSearch
+from serp.planning.far_sight.rollouts import Rollouts
 from serp.planning.forecast import Forecast, score_of
 from serp.planning.limits import Bound, lookahead_nodes
 from serp.planning.lookahead import Lookahead
@@ -33,6 +34,9 @@ _SMALL_GRAPH: Final = 20_000
 """Most edges of a closed graph at the first attempt. After a failure it is twice as many, and the
 next attempt comes when `_PATIENCE` times as many decisions were made."""
 _PATIENCE: Final = 4
+_FIRST_TRIAL: Final = 250
+"""Visited states after which the cells are first tried everywhere, and again whenever they are
+twice as many."""
 _GROWN: Final = 1.1
 """The cells are found again when so many times as many states were visited."""
 
@@ -41,8 +45,8 @@ class FarSightPlanner:
     """Plans on the closed graph where the best policy stays inside it, else by a lookahead.
 
     Where the lookahead sees the costs of actions alone, in a continuous domain, it is asked again
-    with values of cells at its leaves. They come from interpolation, so they do not decide against
-    what else it sees.
+    with values of cells at its leaves. They come from interpolation, so they decide against what
+    else it sees only where they have proven better in episodes that were played in the model.
     Every decision earns a fraction of the steps of the model that a lookahead predicts, or more
     where graphs close. Graph and cells are paid for with what was saved: so the mean cost of a
     decision is bounded, and what is built grows with experience. They are kept until the model has
@@ -75,7 +79,9 @@ class FarSightPlanner:
         self._revision = model.revision
         self._saved = self._decisions = self._attempt_at = self._cells_at = 0
         self._limit, self._price = _SMALL_GRAPH, 1
-        self._closes = False
+        self._closes = self._favoured = False
+        self._trial_at = _FIRST_TRIAL
+        self._rollouts = Rollouts(self._near)
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
@@ -142,21 +148,37 @@ class FarSightPlanner:
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         near, visited, cells = self._near, self.visited, self.cells
+        if visited is not None and (self._favoured or visited.seen >= self._trial_at):
+            self._try_cells(state, visited)
         near.leaves = NO_CELLS
-        found = near.forecast(state)
-        self._ahead = near.followed
-        if visited is None or not found.sees_costs_alone(self._periods):
-            return found
+        if visited is None or cells.explores or not self._favoured:
+            found = near.forecast(state)
+            self._ahead = near.followed
+            if visited is None or not found.sees_costs_alone(self._periods):
+                return found
+            if not self._find_cells(state, visited):
+                return found
+        near.leaves = cells.values
+        found = near.forecast(state)._replace(bound=Bound.CELLS)
+        return self._to_the_unknown(state, found) if cells.explores else found
+
+    def _find_cells(self, state: Vector, visited: Visited) -> bool:
+        """Find the cells again where that is due and paid for; return whether there are any."""
+        cells = self.cells
         if visited.seen >= self._cells_at and self._saved >= self._price:
             there_are = cells.build(state, visited.next_states, self._saved)
             self._price = min(_SAVED, cells.needed if there_are else 2 * self._saved)
             self._saved -= cells.steps
             self._cells_at = 1 + int(_GROWN * visited.seen)
-        if not cells.values.value.size:
-            return found
-        near.leaves = cells.values
-        found = near.forecast(state)._replace(bound=Bound.CELLS)
-        return self._to_the_unknown(state, found) if cells.explores else found
+        return cells.values.value.size > 0
+
+    def _try_cells(self, state: Vector, visited: Visited) -> None:
+        """Keep the cells up to date, and find out, where that is due, whether to favour them."""
+        if self._find_cells(state, visited) and visited.seen >= self._trial_at:
+            self._trial_at = 2 * visited.seen
+            self._favoured = not self.cells.explores and self._rollouts.favour(
+                self.cells.values, visited.next_states
+            )
 
     def _to_the_unknown(self, state: Vector, found: Forecast) -> Forecast:
         """Return the forecast in which an unknown action has the value of the unknown."""
@@ -182,6 +204,8 @@ class FarSightPlanner:
             "ahead": self._ahead,
             "price": self._price,
             "closes": self._closes,
+            "trial_at": self._trial_at,
+            "favoured": self._favoured,
             "revision": self._revision,
             "bins": cells.bins,
             "explores": cells.explores,
@@ -200,6 +224,7 @@ class FarSightPlanner:
         self._attempt_at, self._cells_at = saved.whole("attempt_at"), saved.whole("cells_at")
         self._limit, self._ahead = saved.whole("limit", 1, MAX_EDGES), saved.whole("ahead")
         self._price, self._closes = saved.whole("price", 0, _SAVED), saved.truth("closes")
+        self._trial_at, self._favoured = saved.whole("trial_at"), saved.truth("favoured")
         cells = self.cells
         cells.bins, cells.explores = saved.real("bins", 0.0, FINEST), saved.truth("explores")
         if 0.0 < cells.bins < COARSEST:
