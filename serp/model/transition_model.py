@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +48,10 @@ class Judgement(NamedTuple):
     reward: float
     unsafe: bool
     terminal: bool
+
+
+UNKNOWN: Final = 0.5
+"""Uncertainty from which on nothing is known of a step: the data say less than the prior."""
 
 
 class TransitionModel(StateSpace):
@@ -238,7 +242,7 @@ class TransitionModel(StateSpace):
         """Return the compiled C callback that says what is known of a step; None: everything.
 
         It has the arguments of `native_step`. The last number of `out` receives a distance to data,
-        from 0 where much is known to 1 where nothing is.
+        from 0 where much is known to 1 where nothing is; see `UNKNOWN`.
         """
         return None
 

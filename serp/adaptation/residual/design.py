@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp.adaptation.residual import parameters as r
-from serp.adaptation.residual.prediction import features_of
+from serp.adaptation.residual.features import features_of
 from serp.model.native import advanced, pointer_to
 from serp.model.transition_model import Vector
 

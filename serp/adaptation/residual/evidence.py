@@ -18,8 +18,8 @@ import numpy as np
 from serp._util.compilation import cached_njit
 from serp.adaptation.moving_average import rate_of
 from serp.adaptation.residual import parameters as r
-from serp.adaptation.residual.prediction import dot_chunk, features_of, linear_of
-from serp.adaptation.residual.uncertainty import columns_in_use, leverage
+from serp.adaptation.residual.features import dot_chunk, features_of, linear_of
+from serp.adaptation.residual.leverage import columns_in_use, leverage
 from serp.model.native import advanced, pointer_to
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"

@@ -1,17 +1,23 @@
 """Evaluation of the residual in a predicted step; the same loops for every domain.
 
-`buffer` is the memory of `serp.adaptation.parameter_buffer` as a pointer, `part` the position of a
-regression in it, see `serp.adaptation.residual.parameters`.
+`buffer` is the memory of `serp.adaptation.parameter_buffer` as a pointer.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.residual import parameters as r
+from serp.adaptation.residual.features import (
+    dot_chunk,
+    features_of,
+    linear_of,
+    normalise,
+    row_of,
+)
+from serp.adaptation.residual.leverage import leverage_at
 from serp.model.native import STACK, advanced, stack_room
+from serp.model.transition_model import UNKNOWN
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -19,76 +25,11 @@ _CHUNK = r.SMOOTH
 
 
 @cached_njit(nogil=True, forceinline=True)
-def row_of(buffer, part, head, inputs, state):
-    """Return the row of a head in a state: that of its mode, or its own."""
-    bits = int(buffer[part + r.R_BITS])
-    if bits == 0:
-        return head
-    positions, codes = int(buffer[part + r.R_POSITIONS]), int(buffer[part + r.R_CODES])
-    heads = int(buffer[part + r.R_HEADS])
-    code, weight = float(r.CODES * head), 1.0
-    for k in range(bits):
-        if state[int(buffer[inputs + int(buffer[positions + k])])] != 0.0:
-            code += weight
-        weight *= 2.0
-    for row in range(heads, heads + int(buffer[part + r.R_MODES])):
-        if buffer[codes + row] == code:
-            return row
-    return head
-
-
-@cached_njit(nogil=True, forceinline=True)
-def features_of(frequency, phase, u, depth, first, z):
-    """Write a chunk of random features of normalised inputs, from position `first`, to `z`.
-
-    A fast approximation of the cosine, accurate to 0.001, in loops that become vector code.
-    """
-    for k in range(_CHUNK):
-        z[k] = phase[first + k]
-    for i in range(depth):
-        x, at = u[i], i * r.FEATURES + first
-        for k in range(_CHUNK):
-            z[k] += frequency[at + k] * x
-    for k in range(_CHUNK):
-        turns = z[k] * 0.15915494309189535 + 0.25
-        turns -= np.floor(turns + 0.5)
-        y = 8.0 * turns - 16.0 * turns * abs(turns)
-        z[k] = 0.225 * (y * abs(y) - y) + y
-
-
-@cached_njit(nogil=True, forceinline=True)
-def dot_chunk(weights, z, scratch):
-    """Return the product of two chunks, summed pairwise: in vector code, the same bits always."""
-    for k in range(_CHUNK):
-        scratch[k] = weights[k] * z[k]
-    width = _CHUNK
-    while width > 1:
-        width //= 2
-        for k in range(width):
-            scratch[k] += scratch[k + width]
-    return scratch[0]
-
-
-@cached_njit(nogil=True, forceinline=True)
-def linear_of(weights, u, depth):
-    """Return a linear function of the normalised inputs."""
-    total = weights[0]
-    for i in range(depth):
-        total += weights[1 + i] * u[i]
-    return total
-
-
-@cached_njit(nogil=True, forceinline=True)
-def normalise(buffer, part, inputs, depth, state, u):
-    """Write the normalised inputs of a state."""
-    centre, shrink = int(buffer[part + r.R_CENTRE]), int(buffer[part + r.R_SHRINK])
-    for i in range(depth):
-        u[i] = (state[int(buffer[inputs + i])] - buffer[centre + i]) * buffer[shrink + i]
-
-
-@cached_njit(nogil=True, forceinline=True)
 def add_residual(buffer, action, state, out):
-    """Add the residual to `out`, the fluents after effects and processes."""
+    """Add the residual to `out`, the fluents after effects and processes.
+
+    Beyond the range of the data, where these say less than the prior, the file alone predicts.
+    """
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
     u = stack_room(STACK)
@@ -106,8 +47,16 @@ def add_residual(buffer, action, state, out):
             most = 0
             for t in range(count):
                 most = max(most, int(buffer[kinds + t]))
-            if most != r.FILE:
+            known = most != r.FILE
+            if known:
                 normalise(buffer, part, inputs, depth, state, u)
+                inside = True
+                for i in range(depth):
+                    inside = inside and abs(u[i]) <= r.RANGE
+                known = inside or leverage_at(buffer, part, row, head, most, u, depth, z) < UNKNOWN
+            if not known:
+                group += b.GROUP
+                continue
             for t in range(count):
                 kind = int(buffer[kinds + t])
                 if kind != r.FILE:

@@ -1,7 +1,4 @@
-"""How far a step is from the data that a model was adapted to: the leverage of the regression.
-
-A planner knows what it knows (KWIK: Li, Littman & Walsh, ICML 2008).
-"""
+"""How far a step is from the data that a model was adapted to."""
 
 from __future__ import annotations
 
@@ -11,7 +8,8 @@ from typing import Any
 from serp._util.compilation import cached_cfunc, cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.residual import parameters as r
-from serp.adaptation.residual.prediction import features_of, normalise, row_of
+from serp.adaptation.residual.features import normalise, row_of
+from serp.adaptation.residual.leverage import leverage_at
 from serp.model.native import STACK, STEP_SIGNATURE, advanced, pointer_to, stack_room
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -19,48 +17,6 @@ from serp.model.native import STACK, STEP_SIGNATURE, advanced, pointer_to, stack
 _PREDICTED = 0.5
 """What the file predicts is known everywhere: typical errors of no more than this part of the
 change."""
-
-
-@cached_njit(nogil=True, forceinline=True)
-def columns_in_use(known, columns, most):
-    """Return how many columns of the regression tell what is known.
-
-    Where no target is predicted from features (`most` is the largest of the kinds in use), what the
-    linear model knows is known.
-    """
-    return min(known, columns) if most <= r.LINEAR else known
-
-
-@cached_njit(nogil=True, forceinline=True)
-def leverage(inverse, stride, known, columns, heads, row, head, u, depth, z):
-    """Return the leverage of an input: 0 where much is known, 1 where nothing is.
-
-    It is q / (1 + q), where q is the posterior variance of the smooth model in units of that of an
-    observation. `inverse` is that of the Cholesky factor, of `known` columns; `z` are the features.
-    """
-    if known == 0:
-        return 1.0
-    q = 0.0
-    block = 1 + depth
-    for i in range(known):
-        total, at = 0.0, i * stride
-        for place in range(3):
-            start = 0
-            if place == 1:
-                start = (1 + head) * block
-            elif place == 2:
-                if row < heads:
-                    break
-                start = (1 + row) * block
-            if start > i:
-                break
-            total += inverse[at + start]
-            for k in range(min(depth, i - start)):
-                total += inverse[at + start + 1 + k] * u[k]
-        for k in range(i + 1 - columns):
-            total += inverse[at + columns + k] * z[k]
-        q += total * total
-    return q / (1.0 + q)
 
 
 @cached_njit(nogil=True)
@@ -76,9 +32,8 @@ def uncertainty_of(buffer, action, state):
         if part != 0:
             inputs, count = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_COUNT])
             depth = int(buffer[group + b.G_DEPTH])
-            head, heads = int(buffer[shared + b.S_HEAD]), int(buffer[part + r.R_HEADS])
+            head = int(buffer[shared + b.S_HEAD])
             row = row_of(buffer, part, head, inputs, state)
-            columns = (1 + int(buffer[part + r.R_ROWS])) * (1 + depth)
             known, kinds = int(buffer[part + r.R_KNOWN]), int(buffer[part + r.R_KINDS])
             rows, typical = int(buffer[part + r.R_ROWS]), int(buffer[part + r.R_TYPICAL])
             change = int(buffer[part + r.R_SCALE]) + count
@@ -90,17 +45,7 @@ def uncertainty_of(buffer, action, state):
                         written = False
             if not (written and most == r.FILE):
                 normalise(buffer, part, inputs, depth, state, u)
-                known = columns_in_use(known, columns, most)
-                if known > columns:
-                    features_of(
-                        advanced(buffer, int(buffer[part + r.R_FREQUENCY])),
-                        advanced(buffer, int(buffer[part + r.R_PHASE])), u, depth, 0, z,
-                    )  # fmt: skip
-                inverse = advanced(buffer, int(buffer[part + r.R_INVERSE]))
-                share = leverage(
-                    inverse, columns + r.SMOOTH, known, columns, heads, row, head, u, depth, z
-                )
-                unknown = max(unknown, share)
+                unknown = max(unknown, leverage_at(buffer, part, row, head, most, u, depth, z))
         group += b.GROUP
     return unknown
 

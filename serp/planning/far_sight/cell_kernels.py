@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import OUTCOMES, call_step, pointer_to
+from serp.model.transition_model import UNKNOWN
 from serp.planning.far_sight.array_graph import DONE, ENDED, FULL, Counters, GraphArrays
 from serp.planning.far_sight.cell_values import Cells, digest_of, in_range, nearness
 from serp.planning.hash_table import key_slot
@@ -25,9 +26,6 @@ from serp.planning.preference import compiled_joined, hazard, marked
 
 MOVED = 1.0
 """Widths of a cell that an edge leads away from where it began, unless it ends by `HOLD`."""
-UNKNOWN = 0.5
-"""A step is unknown where the leverage is at least this: the data say less of it than the prior.
-"""
 HOLD = 16
 """Most control periods for which an edge holds its action."""
 SMALL = 0.01

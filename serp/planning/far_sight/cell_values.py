@@ -52,8 +52,8 @@ class CellValues(NamedTuple):
         states: Flat `[N * F]`, a state in every cell.
         value: `[N + 1]` of the cells, then of states that are not known; empty without any cells.
         table, digest: Hash table of the cells, and their digests.
-        area_table, area_digest, area_value: The same of the areas that they lie in, and the least
-            value in each.
+        area_table, area_digest, area_value: The same of the A areas that they lie in, and `[A + 1]`
+            the least value in each, then of all.
     """
 
     low: Floats
@@ -83,8 +83,9 @@ class CellValues(NamedTuple):
         area_table, area_digest, place = distinct(_digests(states, low, area, False))
         if len(digest) != cells:
             raise ValueError("two states in one cell")
-        least = np.full(len(area_digest), np.inf)
+        least = np.full(len(area_digest) + 1, np.inf)
         np.minimum.at(least, place, value[:cells])
+        least[-1] = least.min()
         return cls(low, scale, area, states, value, table, digest, area_table, area_digest, least)
 
     @property
@@ -179,8 +180,8 @@ def nearness(row, at, states, other, scale):
 def value_at(values, states, at):
     """Return the value of a state, interpolated between its cell and those beside it.
 
-    Where its cell is not there, it is the least of those in its area: a plan looks for the best of
-    many states, and would find the one of which the least is known.
+    Where its cell is not there, it is the least of those in its area, or of all: a plan looks for
+    the best of many states, and would find the one of which the least is known.
 
     Args:
         values: `CellValues`, of one cell or more.
@@ -205,7 +206,9 @@ def value_at(values, states, at):
         return total / weights
     digest = digest_of(row, low, values.area, False, -1, 0)
     area = values.area_table[key_slot(values.area_table, values.area_digest, digest)]
-    return values.area_value[area] if area >= 0 else values.value[values.value.shape[0] - 1]
+    if area < 0 and not in_range(values, row, width):
+        return values.value[values.value.shape[0] - 1]
+    return values.area_value[area]  # -1: the last one
 
 
 _NONE: Final = np.zeros(0)

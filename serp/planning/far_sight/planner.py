@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.model.flags import APPLICABLE
-from serp.model.transition_model import TransitionModel, Vector
+from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import COARSEST, FINEST, CellGraph, Visited
-from serp.planning.far_sight.cell_kernels import UNKNOWN
 from serp.planning.far_sight.cell_values import NO_CELLS, CellValues
 from serp.planning.far_sight.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.far_sight.goal_search import GoalSearch

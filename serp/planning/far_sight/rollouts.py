@@ -12,8 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from serp.model.flags import TERMINAL
-from serp.model.transition_model import Vector
-from serp.planning.far_sight.cell_kernels import UNKNOWN
+from serp.model.transition_model import UNKNOWN, Vector
 from serp.planning.far_sight.cell_values import NO_CELLS, CellValues
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import hazard
