@@ -53,7 +53,7 @@ class CellValues(NamedTuple):
         value: `[N + 1]` of the cells, then of states that are not known; empty without any cells.
         table, digest: Hash table of the cells, and their digests.
         area_table, area_digest, area_value: The same of the A areas that they lie in, and `[A + 1]`
-            the least value in each, then of all.
+            the least value in each, then of all, when the cells were found.
     """
 
     low: Floats
@@ -85,7 +85,7 @@ class CellValues(NamedTuple):
             raise ValueError("two states in one cell")
         least = np.full(len(area_digest) + 1, np.inf)
         np.minimum.at(least, place, value[:cells])
-        least[-1] = least.min()
+        least[-1] = value[:cells].min() if cells else 0.0
         return cls(low, scale, area, states, value, table, digest, area_table, area_digest, least)
 
     @property
@@ -96,7 +96,7 @@ class CellValues(NamedTuple):
 
     def state_dict(self) -> Arrays:
         """Return arrays that `restored` takes."""
-        return dict(zip(_SAVED, (column.copy() for column in self), strict=False))
+        return {name: getattr(self, name).copy() for name in _SAVED}
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]], width: int) -> CellValues:
@@ -108,17 +108,20 @@ class CellValues(NamedTuple):
             RunError: It is damaged.
         """
         saved = Saved("values of cells", arrays, {})
-        columns = [saved.array(name, np.float64, (-1,)).copy() for name in _SAVED]
+        *columns, least = (saved.array(name, np.float64, (-1,)).copy() for name in _SAVED)
         if len(columns[0]) != width and len(columns[-1]):
             raise saved.wrong(f"low has {len(columns[0])} numbers for {width} fluents")
         try:
-            return cls.of(*columns)
+            made = cls.of(*columns)
         except ValueError as error:
             raise saved.wrong(str(error)) from None
+        if least.shape != made.area_value.shape:
+            raise saved.wrong(f"area_value has {len(least)} numbers, not {len(made.area_value)}")
+        return made._replace(area_value=least)
 
 
-_SAVED = CellValues._fields[:5]
-"""The others follow from these."""
+_SAVED = (*CellValues._fields[:5], "area_value")
+"""The others follow from these; values of areas are those of when the cells were found."""
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -211,7 +214,16 @@ def value_at(values, states, at):
     return values.area_value[area]  # -1: the last one
 
 
+@cached_njit(nogil=True)
+def set_value(values, state, value):
+    """Set the value of the cell of a state `[F]`, if it is there."""
+    digest = digest_of(state, values.low, values.scale, True, -1, 0)
+    cell = values.table[key_slot(values.table, values.digest, digest)]
+    if cell >= 0:
+        values.value[cell] = value
+
+
 _NONE: Final = np.zeros(0)
 _TABLE: Final = np.full(2, -1, dtype=np.int32), np.zeros(0, dtype=np.uint64)
-NO_CELLS: Final = CellValues(_NONE, _NONE, _NONE, _NONE, _NONE, *_TABLE, *_TABLE, _NONE)
+NO_CELLS: Final = CellValues(_NONE, _NONE, _NONE, _NONE, _NONE, *_TABLE, *_TABLE, np.zeros(1))
 """No values."""

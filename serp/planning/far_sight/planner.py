@@ -12,7 +12,7 @@ from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import COARSEST, FINEST, CellGraph, Visited
-from serp.planning.far_sight.cell_values import NO_CELLS, CellValues
+from serp.planning.far_sight.cell_values import NO_CELLS, CellValues, set_value
 from serp.planning.far_sight.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.far_sight.goal_search import GoalSearch
 from serp.planning.far_sight.rollouts import Rollouts
@@ -159,7 +159,11 @@ class FarSightPlanner:
                 return found
         near.leaves = cells.values
         found = near.forecast(state)._replace(bound=Bound.CELLS)
-        return self._to_the_unknown(state, found) if cells.explores else found
+        if cells.explores:
+            return self._to_the_unknown(state, found)
+        if found.safe:
+            set_value(cells.values, state, found.value[found.choice])
+        return found
 
     def _find_cells(self, state: Vector, visited: Visited) -> bool:
         """Find the cells again where that is due and paid for; return whether there are any."""
