@@ -13,9 +13,10 @@ from serp.control.planners import far_sight
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import CellGraph
-from serp.planning.far_sight.cell_values import CellValues, digest_of, value_at
+from serp.planning.far_sight.cell_values import AREAS, CellValues, digest_of, set_value, value_at
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.planning.limits import Bound
+from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from serp.sysid.transitions import TransitionMemory
 from tests.serp.planning.worlds import load
@@ -45,9 +46,11 @@ def along(low: float, high: float) -> Vector:
     return np.linspace(low, high, 200)[:, None] + 0.001
 
 
-def planner_after(states: Vector, saved: int = 50_000) -> FarSightPlanner:
+def planner_after(
+    states: Vector, saved: int = 50_000, model: TransitionModel | None = None
+) -> FarSightPlanner:
     """Return a planner that has saved so many steps, after experience."""
-    planner = far_sight(track(), SETTINGS)
+    planner = far_sight(model or track(), SETTINGS)
     assert isinstance(planner, FarSightPlanner)
     planner.visited = memory = TransitionMemory(1_000, 1, 3)
     for state in states:
@@ -63,6 +66,20 @@ def test_an_end_far_beyond_the_lookahead_is_seen_where_it_is_known() -> None:
     assert not planner.cells.explores
     assert far.choice == near.choice == 1
     assert far.value[1] < near.value[1]
+
+
+@pytest.mark.parametrize(("prize", "choice"), [(9.0, 1), (-90.0, 0)], ids=["prize", "fine"])
+def test_cells_decide_against_what_the_lookahead_sees_where_they_act_better_in_the_model(
+    prize: float, choice: int
+) -> None:
+    # Beyond 1 a step costs twice as much, so the lookahead turns back; the end is far beyond.
+    dear = "(when (and (> (x) 1.0)) (decrease (reward) 1))"
+    world = TRACK.replace("(decrease (reward) 1)", f"(decrease (reward) 1) {dear}")
+    world = world.replace("(and (terminal))", f"(and (increase (reward) {prize}) (terminal))")
+    planner = planner_after(np.linspace(0.0, 4.999, 400)[:, None], model=load(world))
+    turn = np.array([0.95])
+    assert Lookahead(planner.model, SETTINGS).forecast(turn).choice == 0
+    assert planner.forecast(turn).choice == choice
 
 
 @pytest.mark.parametrize(("at", "choice"), [(0.4, 0), (1.7, 1)])
@@ -140,17 +157,25 @@ def test_a_graph_keeps_within_its_budget(most: int) -> None:
         assert not graph.values.value.size
 
 
+def test_a_value_that_was_set_is_that_of_its_cell_alone() -> None:
+    one = np.ones(1)
+    values = CellValues.of(0.0 * one, one, one, np.array([0.5, 5.5]), np.array([1.0, 2.0, -7.0]))
+    set_value(values, np.array([0.2]), 4.0)
+    set_value(values, np.array([2.5]), 9.0)  # no cell is there
+    assert values.value.tolist() == [4.0, 2.0, -7.0]
+
+
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=20), st.floats(-9, 9))
 @settings(max_examples=50, deadline=None)
-def test_a_value_lies_between_those_of_cells_or_is_that_of_the_unknown(
+def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the_unknown(
     visited: list[float], at: float
 ) -> None:
-    low, scale, area = np.array([-3.0]), np.array([2.0]), np.array([1.0])
+    low, scale, area = np.array([-3.0]), np.array([2.0]), np.array([AREAS / 6.0])
     by_cell = {int(np.floor(2.0 * (x + 3.0))): x for x in visited}
     states = np.array(list(by_cell.values()))
     values = CellValues.of(low, scale, area, states, np.append(states**2, -7.0))
     found = value_at(values, np.array([at]), 0)
-    if (np.floor(states + 3.0) == np.floor(at + 3.0)).any():
+    if -4.5 <= at <= 4.5:  # the range and a quarter of it
         assert (states**2).min() - 1e-9 <= found <= (states**2).max() + 1e-9
     else:
         assert found == -7.0
