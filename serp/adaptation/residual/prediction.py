@@ -28,7 +28,8 @@ _CHUNK = r.SMOOTH
 def add_residual(buffer, action, state, out):
     """Add the residual to `out`, the fluents after effects and processes.
 
-    Beyond the range of the data, where these say less than the prior, the file alone predicts.
+    Beyond the range of the data, where these say less than the prior, the linear model replaces one
+    with features, as in a Gaussian process whose mean is linear: waves say nothing of far away.
     """
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
@@ -47,18 +48,17 @@ def add_residual(buffer, action, state, out):
             most = 0
             for t in range(count):
                 most = max(most, int(buffer[kinds + t]))
-            known = most != r.FILE
-            if known:
+            if most != r.FILE:
                 normalise(buffer, part, inputs, depth, state, u)
+            if most > r.LINEAR:
                 inside = True
                 for i in range(depth):
                     inside = inside and abs(u[i]) <= r.RANGE
-                known = inside or leverage_at(buffer, part, row, head, most, u, depth, z) < UNKNOWN
-            if not known:
-                group += b.GROUP
-                continue
+                if not inside:
+                    far = leverage_at(buffer, part, row, head, most, u, depth, z) >= UNKNOWN
+                    most = r.LINEAR if far else most
             for t in range(count):
-                kind = int(buffer[kinds + t])
+                kind = min(int(buffer[kinds + t]), most)
                 if kind != r.FILE:
                     weights = linear + ((kind - 1) * count + t) * (1 + depth)
                     out[int(buffer[targets + t])] += linear_of(advanced(buffer, weights), u, depth)
