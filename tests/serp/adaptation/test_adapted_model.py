@@ -10,9 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.residual.parameters import CODES, CURVED, FEATURES, FILE, FULL, LINEAR, SMOOTH
+from serp.adaptation.residual.parameters import (
+    CODES,
+    CURVED,
+    FEATURES,
+    FILE,
+    FULL,
+    LINEAR,
+    RANGE,
+    SMOOTH,
+)
 from serp.model.flags import APPLICABLE, UNSAFE
-from serp.model.transition_model import TransitionModel, Vector
+from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.generated import random_states
@@ -115,7 +124,7 @@ def test_what_the_file_flags_unsafe_stays_flagged_whatever_is_learned(
 
 @pytest.mark.parametrize("text", [worlds.PLANE, worlds.ICE], ids=["plane", "ice"])
 @pytest.mark.parametrize("seed", range(10))
-def test_the_residual_of_each_predictor_is_added_to_what_the_file_says(
+def test_the_residual_is_added_to_what_the_file_says_and_far_from_the_data_the_linear_one(
     text: str, seed: int
 ) -> None:
     model, rng = AdaptedModel(from_text(text).model.replace(dt=0.5)), np.random.default_rng(seed)
@@ -133,7 +142,9 @@ def test_the_residual_of_each_predictor_is_added_to_what_the_file_says(
             row = part.heads + known.index(code) if group.bits and code in known else head
             away = (inputs - part.centre) * part.shrink
             features = np.cos(part.phase + away @ part.frequency)
-            for t, (target, kind) in enumerate(zip(group.targets, part.kinds, strict=True)):
+            far = (abs(away) > RANGE).any() and model.uncertainty(state)[action] >= UNKNOWN
+            kinds = np.minimum(part.kinds, LINEAR if far else FULL)
+            for t, (target, kind) in enumerate(zip(group.targets, kinds, strict=True)):
                 if kind != FILE:
                     expected[target] += part.linear[row, int(kind) - 1, t] @ [1.0, *away]
                 used = {CURVED: SMOOTH, FULL: FEATURES}.get(int(kind), 0)
