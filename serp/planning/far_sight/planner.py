@@ -19,6 +19,7 @@ from serp.planning.far_sight.rollouts import Rollouts
 from serp.planning.forecast import Forecast, score_of
 from serp.planning.limits import Bound, lookahead_nodes
 from serp.planning.lookahead import Lookahead
+from serp.planning.preference import free_of_risk
 from serp.settings import PlannerSettings
 
 _SHARE: Final = 0.25
@@ -117,13 +118,14 @@ class FarSightPlanner:
             if found is not None or before == 0:
                 break
             graph.clear()
+        full = graph.edges >= self._limit
         if self.search.goal and not (graph.complete or graph.spreads or graph.ends(state)):
             found = self._search(state)
             edges += self.search.steps + self.graph.edges
         self._saved -= edges
         self._closes = found is not None and graph.complete
         if found is None:
-            if graph.edges >= self._limit:
+            if full:
                 self._limit = min(2 * self._limit, MAX_EDGES)
             self._attempt_at = _PATIENCE * self._decisions
         return found
@@ -185,7 +187,7 @@ class FarSightPlanner:
 
     def _to_the_unknown(self, state: Vector, found: Forecast) -> Forecast:
         """Return the forecast in which an unknown action has the value of the unknown."""
-        unknown = (self.model.uncertainty(state) >= UNKNOWN) & (found.flags == APPLICABLE)
+        unknown = (self.model.uncertainty(state) >= UNKNOWN) & free_of_risk(found.flags)
         if not unknown.any():
             return found
         hoped = found.reward + self._settings.discount * self.cells.values.value[-1]
