@@ -18,7 +18,7 @@ from serp.planning.far_sight import cell_kernels as kernels
 from serp.planning.far_sight.array_graph import DONE, ENDED, ArrayGraph, GraphArrays
 from serp.planning.far_sight.cell_kernels import CellArrays
 from serp.planning.far_sight.cell_solution import begin_values, solve_cells
-from serp.planning.far_sight.cell_values import AREAS, NO_CELLS, Cells, CellValues
+from serp.planning.far_sight.cell_values import AREAS, NO_CELLS, Cells, CellValues, set_value
 from serp.planning.far_sight.inert import inert_fluents
 from serp.settings import PlannerSettings
 
@@ -87,6 +87,7 @@ class CellGraph(ArrayGraph):
         cells = Cells(zeros, zeros, zeros)
         self._expand(zeros, cells, 1)
         self._solve(cells)
+        set_value(self.values, zeros, 0.0)
         self.values, self.explores, self.steps = NO_CELLS, False, 0
 
     def build(self, state: Vector, states: Vector, limit: int) -> bool:
