@@ -103,6 +103,7 @@ class AdaptedModel(TransitionModel):
         kernels.step_row(self.data, 0, row, self.dt, out)
         kernels.weigh_row(self.data, 0, row, self.dt, 0)
         kernels.adapt_row(self.data, 0, row, self.dt, out, 0, 0)
+        self.uncertainty(row)
 
     def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
         """Return which precondition failed, or which effects, rates and events took part.
