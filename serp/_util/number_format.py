@@ -36,7 +36,7 @@ def rounded(value: float, error: float) -> str:
     if decimals is None:
         return _minus(plain(value))
     if round(value, decimals) == 0.0:
-        return f"{value:.1g}"
+        return _minus(f"{value:.1g}")
     return _minus(_fixed(value, decimals))
 
 

@@ -74,7 +74,11 @@ class RunPlanner(MonitorReplanner):
         return super().plan(state)
 
     def plan(self, state: ArrayLike) -> Plan:
-        """Plan from an observed state `[F]`."""
+        """Plan from an observed state `[F]`; the planner of the run is then as it was before."""
+        with self._agent.undisturbed():
+            return self._plan(state)
+
+    def _plan(self, state: ArrayLike) -> Plan:
         lookahead, planner = self.lookahead(state), self._agent.arbiter.planner
         now = self.model.check_state(state)
         found = planner.forecast(now)
@@ -83,7 +87,7 @@ class RunPlanner(MonitorReplanner):
             lookahead,
             action=chosen,
             name=None if chosen is None else self.model.actions[chosen].name,
-            path=self._path(now),
+            path=self._path(now, found.choice),
             reward=0.0 if chosen is None else float(found.value[chosen]),
             safe=found.safe,
             indifferent=found.indifferent,
@@ -92,18 +96,16 @@ class RunPlanner(MonitorReplanner):
             forecast=found,
         )
 
-    def _path(self, state: Vector) -> tuple[PlannedStep, ...]:
+    def _path(self, state: Vector, choice: int) -> tuple[PlannedStep, ...]:
         path: list[PlannedStep] = []
-        while len(path) < self.settings.depth:
-            choice = self._agent.arbiter.planner.forecast(state).choice
-            if choice < 0:
-                break
+        while choice >= 0 and len(path) < self.settings.depth:
             step = self.model.step(state, choice)
             state, name = step.state, self.model.actions[choice].name
             end = tuple(state.tolist())
             path.append(PlannedStep(name, step.reward, step.unsafe, step.risk, end))
             if step.terminal:
                 break
+            choice = self._agent.arbiter.planner.forecast(state).choice
         return tuple(path)
 
     def sight(self, plan: Plan) -> str:

@@ -27,7 +27,7 @@ from serp.model.transition_model import Vector
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step
 _MIN_SAMPLES: Final = 5
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
-is smaller than the file's by this factor."""
+is smaller than `BETTER` times the file's."""
 _MAX_STRAY, _STRAY_FROM = 0.2, 50
 """Fraction of outcomes that are not distinguished at which counting ends, and the samples needed to
 determine it."""

@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from serp._util.compilation import cached_njit
+from serp.adaptation.adoption import BETTER
 from serp.adaptation.moving_average import rate_of
 from serp.adaptation.residual import parameters as r
 from serp.adaptation.residual.features import dot_chunk, features_of, linear_of
@@ -36,8 +37,6 @@ Little & Taylor, Journal of the American Statistical Association 84, 1989)."""
 _NOTICED, _RECENT, _LASTING = 0.1, 0.85, 0.7
 """A surprise is such an error of more than this fraction of the change. The world
 may have changed if this fraction of recent steps are surprises."""
-_BETTER = 0.95
-"""Fraction of the loss of a simpler predictor to which another one must reduce it to replace it."""
 _FINE = 1e-2  # the least that features have to explain, as a fraction of the change
 
 
@@ -157,7 +156,7 @@ def choose(statistics, features, kinds, enabled):
         if enabled[t] and seen[t] >= 2.0:
             now, least = int(kinds[t]), loss[r.FILE, t]
             for kind in range(1, 4 if features else 2):
-                factor = 1.0 if kind == now else _BETTER
+                factor = 1.0 if kind == now else BETTER
                 fine = 0.0 if best == r.FILE else _FINE * spread[t]
                 if loss[kind, t] < factor * least - fine:
                     best, least = kind, loss[kind, t]

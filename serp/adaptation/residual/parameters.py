@@ -19,7 +19,8 @@ from serp.model.transition_model import Vector
 MODES: Final = 8
 """Most combinations of a head and values of the group's predicates with their own linear part."""
 RANGE: Final = 1.3
-"""Normalised inputs of samples are no larger; when they are, they are normalised anew."""
+"""Normalised inputs larger than this are outside of the range of the data; if samples have them,
+all are normalised anew."""
 SMOOTH, FEATURES = 64, 256
 """Numbers of random Fourier features: of a smooth model and of a full one."""
 CODES: Final = 64

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from serp.adaptation.residual.parameters import RANGE
 from serp.model.transition_model import Vector
 
 _FEW, _SETTLED = 5, 30
@@ -14,7 +15,6 @@ _FAR, _EXTREME = 8.0, 100.0
 """An input is an outlier so many half ranges from the middle of its range."""
 _PATIENCE: Final = 3
 """After more successive outliers the environment is assumed to have changed."""
-_GROWN: Final = 1.3  # growth of a range at which inputs are normalised anew
 
 
 class Ranges:
@@ -60,4 +60,4 @@ class Ranges:
     def beyond(self, centre: Vector, shrink: Vector) -> bool:
         """Return whether a range is much wider than the one that inputs are normalised by."""
         ends = np.maximum(self.high - centre, centre - self.low) * shrink
-        return not shrink.all() or bool((ends > _GROWN).any())
+        return not shrink.all() or bool((ends > RANGE).any())

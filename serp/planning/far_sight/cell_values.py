@@ -88,12 +88,6 @@ class CellValues(NamedTuple):
         least[-1] = value[:cells].min() if cells else 0.0
         return cls(low, scale, area, states, value, table, digest, area_table, area_digest, least)
 
-    @property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """`[F]` ends of the part of the state space that a graph may enter, see `in_range`."""
-        unit = np.divide(1.0, self.area, out=np.full(len(self.area), np.inf), where=self.area > 0.0)
-        return self.low - MARGIN * unit, self.low + (AREAS + MARGIN) * unit
-
     def state_dict(self) -> Arrays:
         """Return arrays that `restored` takes."""
         return {name: getattr(self, name).copy() for name in _SAVED}
@@ -109,7 +103,9 @@ class CellValues(NamedTuple):
         """
         saved = Saved("values of cells", arrays, {})
         *columns, least = (saved.array(name, np.float64, (-1,)).copy() for name in _SAVED)
-        if len(columns[0]) != width and len(columns[-1]):
+        if not len(columns[-1]):
+            return NO_CELLS
+        if len(columns[0]) != width:
             raise saved.wrong(f"low has {len(columns[0])} numbers for {width} fluents")
         try:
             made = cls.of(*columns)

@@ -46,7 +46,7 @@ class FarSightPlanner:
 
     Where the lookahead sees the costs of actions alone, in a continuous domain, it is asked again
     with values of cells at its leaves. They come from interpolation, so they decide against what
-    else it sees only where they have proven better in episodes that were played in the model.
+    else it sees only where they were better in episodes that were played in the model.
     Every decision earns a fraction of the steps of the model that a lookahead predicts, or more
     where graphs close. Graph and cells are paid for with what was saved: so the mean cost of a
     decision is bounded, and what is built grows with experience. They are kept until the model has
@@ -160,10 +160,12 @@ class FarSightPlanner:
             if not self._find_cells(state, visited):
                 return found
         near.leaves = cells.values
-        found = near.forecast(state)._replace(bound=Bound.CELLS)
+        found = near.forecast(state)
+        if found.bound is Bound.DEPTH:  # else no leaf had a value of cells
+            found = found._replace(bound=Bound.CELLS)
         if cells.explores:
             return self._to_the_unknown(state, found)
-        if found.safe:
+        if found.safe and found.bound is not Bound.NODES:
             set_value(cells.values, state, found.value[found.choice])
         return found
 
@@ -235,3 +237,5 @@ class FarSightPlanner:
         if 0.0 < cells.bins < COARSEST:
             raise saved.wrong(f"bins is {cells.bins}")
         cells.values = CellValues.restored(part_of(arrays, "cells"), len(self.model.fluents))
+        if self._favoured and not cells.values.value.size:
+            raise saved.wrong("favoured is true, and there are no cells")

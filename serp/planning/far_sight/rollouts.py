@@ -13,7 +13,7 @@ import numpy as np
 
 from serp.model.flags import TERMINAL
 from serp.model.transition_model import UNKNOWN, Vector
-from serp.planning.far_sight.cell_values import NO_CELLS, CellValues
+from serp.planning.far_sight.cell_values import NO_CELLS, CellValues, in_range
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import hazard
 
@@ -52,14 +52,15 @@ class Rollouts:
         """Return whether the lookahead acts better with these values at its leaves than without.
 
         Pairs of episodes begin in the same states, from all over `states` `[N, F]`, those that were
-        visited. A pair counts if both episodes stay within what the model knows. The mean of their
-        differences decides: less risk, or with equal risk more reward.
+        visited. A pair counts if both episodes stay within what the model knows; with fewer than
+        four the answer is no. The mean of their differences decides: less risk, or with equal risk
+        more reward.
         """
         starts = np.linspace(0, len(states) - 1, _MOST + 2).astype(np.intp)[1:-1]
         gains, risks = [], []
         for start in states[starts]:
-            without = self._play(start, NO_CELLS, cells.bounds)
-            found = without and self._play(start, cells, cells.bounds)
+            without = self._play(start, NO_CELLS, cells)
+            found = without and self._play(start, cells, cells)
             if not (without and found):
                 continue
             gains.append(found.value - without.value)
@@ -74,14 +75,11 @@ class Rollouts:
         risk = float(np.mean(risks))
         return risk < 0.0 or (risk == 0.0 and float(np.mean(gains)) > 0.0)
 
-    def _play(
-        self, state: Vector, leaves: CellValues, bounds: tuple[Vector, Vector]
-    ) -> Played | None:
-        """Play an episode; return None if it left what the model knows."""
+    def _play(self, state: Vector, leaves: CellValues, cells: CellValues) -> Played | None:
+        """Play an episode; return None if it left what the model knows, or the range of `cells`."""
         lookahead, model = self._lookahead, self._model
         discount, accepted = lookahead.settings.discount, lookahead.settings.accepted_risk
         lookahead.leaves = leaves
-        low, high = bounds
         value = risk = 0.0
         weight = 1.0
         for _ in range(_PERIODS):
@@ -95,6 +93,6 @@ class Rollouts:
                 break
             weight *= discount
             state = np.array(row)
-            if not ((low <= state) & (state <= high)).all():
+            if not in_range(cells, state, len(state)):
                 return None
         return Played(value, risk)

@@ -184,7 +184,7 @@ def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the
 
 
 @given(
-    st.sampled_from(["low", "scale", "area", "states", "value"]),
+    st.sampled_from(["low", "scale", "area", "states", "value", "area_value"]),
     st.integers(0, 20),
     st.floats(allow_nan=True),
 )
@@ -199,6 +199,25 @@ def test_values_of_cells_that_were_forged_are_refused_or_do_no_harm(
     saved[name][place % len(saved[name])] = number
     with contextlib.suppress(RunError):
         value_at(CellValues.restored(saved, 1), np.array([1.0]), 0)
+
+
+def test_cells_are_not_favoured_where_there_are_none() -> None:
+    planner = planner_after(along(-1.0, 4.999))
+    arrays, meta = planner.state_dict()
+    with pytest.raises(RunError, match="favoured"):
+        planner.load_state_dict(arrays, meta | {"favoured": True})
+
+
+def test_what_was_cut_short_sets_no_value() -> None:
+    planner = planner_after(along(-1.0, 4.999))
+    cut = far_sight(planner.model, SETTINGS.replace(max_nodes=2))
+    assert isinstance(cut, FarSightPlanner)
+    planner.forecast(np.array([0.1]))
+    cut.load_state_dict(*planner.state_dict())
+    cut.visited = planner.visited
+    before = cut.cells.values.value.tolist()
+    assert cut.forecast(np.array([0.1])).bound is Bound.NODES
+    assert cut.cells.values.value.tolist() == before
 
 
 def test_numbers_that_are_not_finite_have_a_cell() -> None:
