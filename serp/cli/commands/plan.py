@@ -63,7 +63,7 @@ _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
               show_default=True, metavar="S", help="Most seconds to look ahead.")  # fmt: skip
 @settings_option
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw the planning graph there.")  # fmt: skip
+              help="Draw the planning graph there; of a run, its lookahead's alone.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def command(
     run: Path | None,
@@ -118,10 +118,13 @@ def command(
         with needs_extra("plots", "a picture of the planning graph"):
             from serp.viz.plan_drawing import draw_plan, svg_bytes
 
-        drawn = planner.lookahead(state) if isinstance(planner, RunPlanner) else plan
+        drawn, what = plan, "The planning graph"
+        if isinstance(planner, RunPlanner):  # what it sees beyond cannot be drawn
+            drawn, what = planner.lookahead(state), "What the lookahead alone would choose"
+            origin += ": the lookahead alone"
         figure = draw_plan(drawn, planner, title=f"{domain.name}, {origin}")
         write_durably(svg, svg_bytes(figure))
-        say(f"The planning graph is drawn in {svg}")
+        say(f"{what} is drawn in {svg}")
 
 
 def _asked(
