@@ -50,7 +50,10 @@ def find_strategy(name: str) -> type[Strategy]:
 
 
 def make_planner(model: TransitionModel, settings: PlannerSettings) -> Planner:
-    """Return the planner that `planner.name` names, or raise a SettingsError."""
+    """Return the planner that `planner.name` names, or raise a SettingsError.
+
+    What follows the first colon of the name is for the planner itself, such as an engine.
+    """
     make = cast("MakePlanner", _load(PLANNERS, settings.name))
     return make(model, settings)
 
@@ -78,4 +81,6 @@ def _load(group: str, name: str) -> Any:
 
 def _entry(group: str, name: str) -> EntryPoint:
     what, setting = KINDS[group]
+    if group == PLANNERS:
+        name = name.partition(":")[0]
     return plugins.find(plugins.offered(group), name, what, SettingsError, setting=setting)

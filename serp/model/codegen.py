@@ -24,7 +24,10 @@ transition:
     judged_action(s, theta, dt, out) -> flags
     judged_aftermath(s, n, flags, theta, dt, out) -> flags
 
-`n` is the observed next state; the caller passes `out` as a copy of it.
+`n` is the observed next state; the caller passes `out` as a copy of it. And one tells by TERMINAL
+whether a state is one of the goal:
+
+    goal(s, theta, dt, out) -> flags
 
 Every identifier is generated here and every number is read from `theta`, so nothing of a domain
 file becomes program text. Two domains that differ only in numbers share one compiled `step`. numba
@@ -42,7 +45,9 @@ from serp.model.emit import Site, block, joined
 from serp.model.emit_effects import EffectEmitter, conjunction
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 
-Part = Literal["step", "flow", "action", "drift", "settle", "judged_action", "judged_aftermath"]
+Part = Literal[
+    "step", "flow", "action", "drift", "settle", "judged_action", "judged_aftermath", "goal"
+]
 _ARGUMENTS: dict[Part, str] = {
     "step": "s a theta dt out",
     "flow": "s a theta dt out",
@@ -51,6 +56,7 @@ _ARGUMENTS: dict[Part, str] = {
     "settle": "s flags theta dt out",
     "judged_action": "s theta dt out",
     "judged_aftermath": "s n flags theta dt out",
+    "goal": "s theta dt out",
 }
 _BITS = (("unsafe", UNSAFE), ("terminal", TERMINAL))
 
@@ -114,6 +120,9 @@ class _Generator(EffectEmitter):
                 self.act(model.actions[action])
             case "judged_action":
                 self._judged_effects(model.actions[action])
+            case "goal" if model.goal is not None:
+                with self.under(self.truth(model.goal, "s", None)):
+                    self.body.append("terminal = True")
         if part in ("flow", "drift"):
             self.rates(model.processes, "out", rewards=False)
         elif part == "judged_aftermath":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from serp.model.codegen import Part, generate_code, load_function
 from serp.model.emit import Site
-from serp.model.flags import APPLICABLE
+from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground import GroundModel, SetNumber, Test, Value, fluents_of
 
 if TYPE_CHECKING:
@@ -112,6 +112,11 @@ class Program:
         if flags & APPLICABLE:
             flags = functions["judged_aftermath", -1](state, next_state, flags, theta, dt, out)
         return flags
+
+    def at_goal(self, state: list[float], theta: list[float], dt: float) -> bool:
+        """Return whether the goal holds in a state; False where there is none."""
+        flags = self.functions["goal", -1](state, theta, dt, [*state, 0.0])
+        return flags & TERMINAL != 0
 
     def traced(self, sites: list[Site]) -> Functions:
         """Return the functions that add the sites they pass to a list, in order."""

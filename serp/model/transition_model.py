@@ -172,6 +172,11 @@ class TransitionModel(StateSpace):
         out = [*state, 0.0]
         return out, self._program.step(state, action, self._theta_list, self.dt, out)
 
+    def at_goal(self, state: Vector) -> bool:
+        """Return whether the problem's goal holds in a state `[F]`; False where there is none."""
+        values: list[float] = state.tolist()
+        return self._program.at_goal(values, self._theta_list, self.dt)
+
     def _step_batch(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
         batch, width = states.shape
         from serp.model.native import step_batch

@@ -1,0 +1,167 @@
+"""Monitor-replanning for planners that return whole plans: a plan is kept while it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.saved_state import MOST, Arrays, Saved, nested
+from serp.model.flags import APPLICABLE, TERMINAL, risk_of
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.advice import advised
+from serp.planning.far_sight.cell_graph import Visited
+from serp.planning.far_sight.planner import FarSightPlanner
+from serp.planning.forecast import Forecast
+from serp.planning.lookahead import Lookahead
+from serp.settings import PlannerSettings
+
+FindPlan = Callable[[Vector], Sequence[int] | None]
+"""State `[F]` → positions of the ground actions of a plan to the goal; None where none is found."""
+
+
+class PlanFollower:
+    """Follows a plan to the goal, and asks for another one where it does not hold any more.
+
+    Nothing is believed unchecked. A plan is followed only if, by the model, each of its actions is
+    applicable and of accepted risk, none before the last ends the task, and the goal holds at its
+    end. While the observed state is one of those that were predicted, the plan goes on from there,
+    so an action that failed is repeated. In any other state the shortest rest of the plan that
+    still leads to the goal is followed (the triangle tables of Fikes, Hart & Nilsson, "Learning
+    and executing generalized robot plans", 1972). Without a plan the planner
+    `far-sight` decides, and the next plan is asked for after twice as many decisions as before.
+
+    While a plan is followed the other actions are predicted one step ahead: they need not be
+    compared with it, and a symbolic domain has thousands of them.
+
+    Args:
+        model: The transition model.
+        settings: The settings of the planner.
+        find_plan: Finds a plan.
+
+    Attributes:
+        searches: How often a plan was asked for.
+    """
+
+    def __init__(
+        self, model: TransitionModel, settings: PlannerSettings, find_plan: FindPlan
+    ) -> None:
+        self.model = model
+        self.searches = 0
+        self._accepted = settings.accepted_risk
+        self._find_plan = find_plan
+        self._near = Lookahead(model, settings.replace(depth=1, repeat=1))
+        self._fallback = FarSightPlanner(model, settings)
+        self._plan: list[int] = []
+        self._states: list[bytes] = []
+        self._position: dict[bytes, int] = {}
+        self._revision = model.revision
+        self._wait = self._patience = 0
+
+    @property
+    def visited(self) -> Visited | None:
+        """The visited states, which the planner `far-sight` uses."""
+        return self._fallback.visited
+
+    @visited.setter
+    def visited(self, visited: Visited | None) -> None:
+        self._fallback.visited = visited
+
+    @property
+    def plan(self) -> tuple[int, ...]:
+        """Positions of the ground actions of the plan that is followed; empty for none."""
+        return tuple(self._plan)
+
+    def forecast(self, state: Vector) -> Forecast:
+        """Return the forecast for a state `[F]`."""
+        action = self._next(state)
+        if action < 0:
+            return self._fallback.forecast(state)
+        return advised(self._near.forecast(state), action)
+
+    def _next(self, state: Vector) -> int:
+        """Return the action that the plan takes in a state; -1 if there is no plan."""
+        if self.model.at_goal(state):
+            return -1
+        if self.model.revision != self._revision:
+            self._revision = self.model.revision
+            self._position = {}  # the states were predicted by the model as it was
+        position = self._position.get(state.tobytes())
+        if position is None:
+            if not self._resume(state) and not self._replan(state):
+                return -1
+            position = 0
+        return self._plan[position]
+
+    def _resume(self, state: Vector) -> bool:
+        """Follow the shortest rest of the plan that leads from a state to the goal, if any does."""
+        length = len(self._plan)
+        return any(self._follow(state, self._plan[k:]) for k in range(length - 1, -1, -1))
+
+    def _replan(self, state: Vector) -> bool:
+        """Ask for a plan, unless that failed not long ago; return whether one is followed."""
+        self._set([], [])
+        if self._wait > 0:
+            self._wait -= 1
+            return False
+        self.searches += 1
+        found = self._find_plan(state)
+        if found is not None and self._follow(state, found):
+            self._patience = 0
+            return True
+        self._patience = min(2 * self._patience + 1, MOST)
+        self._wait = self._patience
+        return False
+
+    def _follow(self, state: Vector, plan: Sequence[int]) -> bool:
+        """Follow a plan from a state, if it holds there by the model; return whether it does."""
+        model, now = self.model, state.tolist()
+        states: list[bytes] = []
+        for action in plan:
+            states.append(np.array(now).tobytes())
+            out, flags = model.transition(now, action)
+            if not flags & APPLICABLE or risk_of(flags) > self._accepted:
+                return False
+            now = out[:-1]
+            if flags & TERMINAL and len(states) < len(plan):
+                return False
+        if not states or not model.at_goal(np.array(now)):
+            return False
+        self._set(list(plan), states)
+        return True
+
+    def _set(self, plan: list[int], states: list[bytes]) -> None:
+        self._plan, self._states = plan, states
+        self._position = {state: k for k, state in enumerate(states)}
+
+    # State -------------------------------------------------------------------------------------
+
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        width = len(self.model.fluents)
+        states = np.frombuffer(b"".join(self._states)).reshape(len(self._plan), width)
+        arrays: Arrays = {"plan": np.array(self._plan, dtype=np.int64), "states": states.copy()}
+        meta: dict[str, Any] = {
+            "searches": self.searches, "wait": self._wait, "patience": self._patience,
+            "revision": self._revision, "current": bool(self._position),
+        }  # fmt: skip
+        below, meta["fallback"] = self._fallback.state_dict()
+        return arrays | nested("fallback", below), meta
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("planner", arrays, meta)
+        plan = saved.array("plan", np.int64, (-1,), 0, len(self.model.actions) - 1)
+        states = saved.array("states", np.float64, (len(plan), len(self.model.fluents)))
+        self._set(plan.tolist(), [state.tobytes() for state in states])
+        if not saved.truth("current"):
+            self._position = {}
+        self.searches, self._wait = saved.whole("searches"), saved.whole("wait")
+        self._patience, self._revision = saved.whole("patience"), saved.whole("revision")
+        self._fallback.load_state_dict(*saved.part("fallback"))

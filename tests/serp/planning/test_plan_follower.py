@@ -1,0 +1,123 @@
+"""Plans of other planners: followed while they hold, never believed unchecked."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from serp.errors import RunError
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.advice import AdvisedPlanner
+from serp.planning.plan_follower import PlanFollower
+from serp.settings import PlannerSettings
+from tests.generated import Texts, load_texts
+
+FERRY = """
+(define (domain ferry)
+  (:requirements :strips :typing :negative-preconditions)
+  (:types place)
+  (:constants a b c d - place)
+  (:predicates (at ?p - place) (cargo ?p - place) (loaded) (wet) (unsafe)
+    (next ?p - place ?q - place))
+  (:action sail :parameters (?p - place ?q - place)
+    :precondition (and (at ?p) (next ?p ?q)) :effect (and (not (at ?p)) (at ?q)))
+  (:action jump :parameters () :precondition (and) :effect (and (wet) (unsafe)))
+  (:action load :parameters (?p - place) :precondition (and (at ?p) (cargo ?p))
+    :effect (and (not (cargo ?p)) (loaded)))
+  (:action unload :parameters (?p - place) :precondition (and (at ?p) (loaded))
+    :effect (and (cargo ?p) (not (loaded)))))
+"""
+CROSS = """
+(define (problem p) (:domain ferry)
+  (:init (at a) (cargo c) (next a b) (next b a) (next b c) (next c b) (next c d) (next d c))
+  (:goal (and (cargo a))))
+"""
+WAY = ("sail a b", "sail b c", "load c", "sail c b", "sail b a", "unload a")
+SETTINGS = PlannerSettings(depth=2)
+
+
+@functools.cache
+def ferry() -> TransitionModel:
+    return load_texts(Texts(FERRY, CROSS)).model
+
+
+def start() -> Vector:
+    state = ferry().initial_state
+    assert state is not None
+    return state
+
+
+def follower(*names: str) -> PlanFollower:
+    """A follower whose engine always returns the same plan; none where no action is named."""
+    plan = [ferry().action_index(name) for name in names]
+    return PlanFollower(ferry(), SETTINGS, lambda state: plan or None)
+
+
+def drive(planner: PlanFollower, moves: Sequence[bool], state: Vector) -> list[str]:
+    """Return the actions that are chosen; those for which `moves` is false do nothing."""
+    names = []
+    for works in moves:
+        choice = planner.forecast(state).choice
+        names.append(ferry().actions[choice].name)
+        if works:
+            state = ferry().step(state, choice).state
+    assert ferry().at_goal(state)
+    return names
+
+
+def test_an_action_that_failed_is_repeated_without_another_search() -> None:
+    planner = follower(*WAY)
+    moves = (True, False, False, True, True, False, True, True, True)
+    repeated = [WAY[0], *[WAY[1]] * 3, WAY[2], *[WAY[3]] * 2, WAY[4], WAY[5]]
+    assert drive(planner, moves, start()) == repeated
+    assert planner.searches == 1
+
+
+def test_the_shortest_rest_of_the_plan_that_holds_is_followed() -> None:
+    planner = follower(*WAY)
+    planner.forecast(start())
+    carried = ferry().state({**dict.fromkeys((f.name for f in ferry().fluents), False),
+                             "at c": True, "loaded": True, "wet": True})  # fmt: skip
+    assert drive(planner, [True] * 3, carried) == list(WAY[3:])
+    assert planner.searches == 1
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        (),
+        WAY[:-1],  # does not reach the goal
+        (WAY[0], *WAY[2:]),  # an action that is not applicable
+        ("jump", *WAY),  # flagged
+    ],
+)
+def test_no_plan_is_believed_unchecked(plan: tuple[str, ...]) -> None:
+    planner, alone = follower(*plan), follower()
+    for _ in range(7):
+        found, own = planner.forecast(start()), alone.forecast(start())
+        assert found.choice == own.choice and np.array_equal(found.value, own.value)
+        assert planner.plan == ()
+    assert planner.searches == 3  # at decisions 1, 3 and 7: less and less often
+
+
+def test_a_follower_continues_as_saved() -> None:
+    planner, other = follower(*WAY), follower()
+    planner.forecast(start())
+    other.load_state_dict(*planner.state_dict())
+    assert drive(other, [False] + [True] * 6, start()) == [WAY[0], *WAY]
+    arrays, meta = planner.state_dict()
+    with pytest.raises(RunError, match="plan has entries"):
+        other.load_state_dict(arrays | {"plan": arrays["plan"] + 99}, meta)
+
+
+@pytest.mark.parametrize(("advice", "chosen"), [("jump", False), ("sail a b", True)])
+def test_advice_never_prevails_over_risk(advice: str, chosen: bool) -> None:
+    model = ferry()
+    found = AdvisedPlanner(model, SETTINGS, lambda state: model.action_index(advice)).forecast(
+        start()
+    )
+    assert (model.actions[found.choice].name == advice) == chosen
+    assert not (chosen and found.indifferent)
