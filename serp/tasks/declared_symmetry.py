@@ -23,11 +23,20 @@ class Symmetry:
             observation_signs=(-1, -1, -1, -1),
         )
 
+    A file without objects, whose sides are predicates and functions of different names::
+
+        Symmetry(
+            fluents={"ball-left": "ball-right", "room-left": "room-right"},
+            actions={"go-left": "go-right"},
+        )
+
     An incomplete mapping is completed to a permutation: `{"left": "right"}` exchanges both,
     `{"a": "b", "b": "c"}` maps c to a.
 
     Attributes:
         objects: Object of the domain → its image.
+        fluents: Name of a predicate or function → that of its image, for all of their fluents. The
+            arguments of a fluent are exchanged as `objects` says.
         flip: Numeric fluents that change their signs.
         actions: Ground action → its image, by name. Needed if it does not follow from `objects`; an
             action that is not named is its own image. An environment action that the domain does
@@ -40,13 +49,15 @@ class Symmetry:
     """
 
     objects: Mapping[str, str] = field(default_factory=dict)
+    fluents: Mapping[str, str] = field(default_factory=dict)
     flip: Sequence[str] = ()
     actions: Mapping[str | int, str | int] = field(default_factory=dict)
     observation_signs: Sequence[float] | None = None
     observation_order: Sequence[int] | None = None
 
     def __str__(self) -> str:
-        parts = [cycles(as_permutation(self.objects)), cycles(as_permutation(self.actions))]
+        mappings = (self.objects, self.fluents, self.actions)
+        parts = [cycles(as_permutation(mapping)) for mapping in mappings]
         parts += [f"-{name}" for name in self.flip]
         return ", ".join(text for text in parts if text) or "of the observation only"
 

@@ -124,7 +124,11 @@ class _Unfit(_Wrong):
 
 def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
     objects, pairs = as_permutation(symmetry.objects), as_permutation(symmetry.actions)
-    model = _model_symmetry(task.model, objects, pairs, symmetry.flip)
+    model = ModelSymmetry(
+        _columns(task.model, objects, as_permutation(symmetry.fluents)),
+        _signs(task.model, symmetry.flip),
+        _ground_actions(task.model, objects, pairs),
+    )
     contradiction = violation(task.model, model)
     if contradiction is not None:
         raise _Unfit(f"the domain contradicts it: {contradiction}")
@@ -134,12 +138,10 @@ def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
     return TaskSymmetry(str(symmetry), model, actions, columns, signs)
 
 
-def _model_symmetry(
-    model: TransitionModel,
-    objects: Mapping[str, str],
-    pairs: Mapping[str | int, str | int],
-    flip: Sequence[str],
-) -> ModelSymmetry:
+def _columns(
+    model: TransitionModel, objects: Mapping[str, str], symbols: Mapping[str, str]
+) -> tuple[int, ...]:
+    """Return the column whose value each column of the mirrored state has."""
     known = {o for fluent in model.fluents for o in fluent.arguments}
     known.update(o for action in model.actions for o in action.arguments)
     for name in objects:
@@ -148,16 +150,32 @@ def _model_symmetry(
                 f"no fluent or action of the domain is about an object `{name}`; "
                 f"{did_you_mean(str(name), known) or 'none is about any object'}"
             )
+    numeric = {fluent.symbol: fluent.numeric for fluent in model.fluents}
+    for name, image in symbols.items():
+        if name not in numeric:
+            raise _Unfit(
+                f"no fluent of the domain is called `{name}`; {did_you_mean(str(name), numeric)}"
+            )
+        if numeric[name] and not numeric.get(image, True):
+            raise _Unfit(f"function `{name}` and predicate `{image}` cannot be exchanged")
     place = {fluent.key: fluent.index for fluent in model.fluents}
     columns = [0] * len(place)
     for fluent in model.fluents:
-        image = place.get((fluent.symbol, *_exchanged(fluent.arguments, objects)))
-        if image is None:
-            raise _Unfit(f"fluent `{fluent.name}` has no mirror image")
-        columns[image] = fluent.index
+        symbol = symbols.get(fluent.symbol, fluent.symbol)
+        key = (symbol, *_exchanged(fluent.arguments, objects))
+        if key not in place:
+            raise _Unfit(
+                f"fluent `{fluent.name}` has no mirror image, it would be `{' '.join(key)}`"
+            )
+        columns[place[key]] = fluent.index
+    return tuple(columns)
+
+
+def _signs(model: TransitionModel, flip: Sequence[str]) -> tuple[float, ...]:
+    """Return the factor of each column of the mirrored state."""
     if isinstance(flip, str) or not isinstance(flip, Sequence):
         raise _Wrong(f"flip must be names of fluents, not {flip!r}")
-    signs = [1.0] * len(columns)
+    signs = [1.0] * len(model.fluents)
     index = {fluent.name: fluent for fluent in model.fluents}
     for name in flip:
         if name not in index:
@@ -165,7 +183,7 @@ def _model_symmetry(
         if not index[name].numeric:
             raise _Wrong(f"`{name}` is true or false and has no sign")
         signs[index[name].index] = -1.0
-    return ModelSymmetry(tuple(columns), tuple(signs), _ground_actions(model, objects, pairs))
+    return tuple(signs)
 
 
 def _exchanged(arguments: tuple[str, ...], objects: Mapping[str, str]) -> tuple[str, ...]:

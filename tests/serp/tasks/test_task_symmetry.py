@@ -37,6 +37,23 @@ HALL = """(define (domain hall) (:types side) (:constants left right - side)
     :effect (and (increase (reward) 1) (terminal))))
 """
 
+SIDES_NAMED = """(define (domain hall)
+  (:predicates (wall-left) (wall-right) (tired) (unsafe) (terminal))
+  (:functions (x) (room-left) (room-right) (reward))
+  (:action go-left :parameters () :precondition (and (not (wall-left)))
+    :effect (and (decrease (room-left) 1) (tired)))
+  (:action go-right :parameters () :precondition (and (not (wall-right)))
+    :effect (and (decrease (room-right) 1) (tired)))
+  (:action west :parameters () :precondition (and) :effect (and (decrease (x) 1)))
+  (:action east :parameters () :precondition (and) :effect (and (increase (x) 1)))
+  (:action wait :parameters () :precondition (and) :effect (and (not (tired))))
+  (:event arrived-left :parameters () :precondition (and (< (room-left) 0.5))
+    :effect (and (increase (reward) 1) (terminal)))
+  (:event arrived-right :parameters () :precondition (and (< (room-right) 0.5))
+    :effect (and (increase (reward) 1) (terminal))))
+"""
+"""The hall without objects."""
+
 
 class Hall(gym.Env[Any, Any]):
     """A walk between two walls. Seen: x, room on the left, room on the right."""
@@ -132,6 +149,35 @@ def test_the_learner_sees_mirror_images_alike(hall: Callable[..., Task], inputs:
     q = agent.learner.q_values(x)
     assert np.ptp(q) > 0.0
     np.testing.assert_allclose(agent.learner.q_values(image), q[[1, 0, 3, 2, 4]], atol=1e-6)
+
+
+def test_sides_of_different_names_are_one_as_sides_that_are_objects_are(
+    hall: Callable[..., Task],
+) -> None:
+    def of_sides(seen: NDArray[Any]) -> dict[str, float]:
+        return {name.replace(" ", "-"): value for name, value in ground(seen).items()}
+
+    named = replace(
+        BOTH_SIDES,
+        objects={},
+        fluents={"wall-left": "wall-right", "room-left": "room-right"},
+        actions={"west": "east", "go-left": "go-right"},
+    )
+    numbers = {name.replace(" ", "-"): number for name, number in ACTIONS.items()}
+    plain = {"text": SIDES_NAMED, "ground": of_sides, "actions": numbers}
+    with hall().bind() as bound:
+        ((expected,), _) = declared_symmetries(bound)
+    with hall(**plain, symmetries=(named,)).bind() as bound:
+        ((found,), _) = declared_symmetries(bound)
+        assert (found.model, found.actions) == (expected.model, expected.actions)
+    for fluents, said in {
+        "room-left wall-right": "function `room-left` and predicate `wall-right`",
+        "room-left room-rihgt": "no fluent .* called `room-rihgt`; did you mean `room-right`",
+        "wall-left wall-right": "the domain contradicts it: after",
+    }.items():
+        wrong = replace(named, fluents=dict([fluents.split()]))
+        with hall(**plain, symmetries=(wrong,)).bind() as bound:
+            assert re.search(said, declared_symmetries(bound)[1][0])
 
 
 def test_a_dictionary_is_mirrored_in_the_order_of_its_space(hall: Callable[..., Task]) -> None:
