@@ -100,7 +100,7 @@ def observed_state(task: Task, planner: MonitorReplanner | None, seed: int) -> t
     deadline = time.monotonic() + _MOST_SECONDS
     origin = f"observed after a reset with seed {seed}"
     with task.bind() as bound:
-        state = first = bound.ground(bound.reset(seed)[0])
+        state = first = bound.ground(*bound.reset(seed), bound.env)
         for steps in range(_MOST_STEPS + 1):
             if planner is None:
                 break
@@ -111,10 +111,10 @@ def observed_state(task: Task, planner: MonitorReplanner | None, seed: int) -> t
             if plan.action is None or time.monotonic() > deadline:
                 break
             action = bound.actions.environment_action[plan.action]
-            raw, _, terminated, truncated, _ = bound.step(action)
+            raw, _, terminated, truncated, info = bound.step(action)
             if terminated or truncated:
-                raw, _ = bound.reset()
-            state = bound.ground(raw)
+                raw, info = bound.reset()
+            state = bound.ground(raw, info, bound.env)
     return first, origin
 
 

@@ -48,16 +48,18 @@ def _different(
     arbiter = Arbiter(make_planner(bound.model, settings.planner), bound.actions)
     everyone = {"": bound, **files}
 
-    def grounded(raw: Any) -> dict[str, Vector]:  # the order of fluents may differ
-        return {name: file.ground(raw) for name, file in everyone.items()}
+    def grounded(
+        raw: Any, info: Mapping[str, Any]
+    ) -> dict[str, Vector]:  # the order of fluents may differ
+        return {name: file.ground(raw, info, bound.env) for name, file in everyone.items()}
 
-    states = grounded(bound.reset(seed=_SEED)[0])
+    states = grounded(*bound.reset(seed=_SEED))
     for step in range(_STEPS):
         action = int(random.integers(bound.actions.size))
         ground = int(arbiter.forecast(states[""]).ground[action])
         named = bound.model.actions[ground].name if ground >= 0 else None
-        raw, _, terminated, truncated, _ = bound.step(action)
-        before, states = states, grounded(raw)
+        raw, _, terminated, truncated, info = bound.step(action)
+        before, states = states, grounded(raw, info)
         expected = _judged(bound.model, before[""], named, states[""])
         for name in files:
             if expected is None:
@@ -68,7 +70,7 @@ def _different(
             elif found is None or found[1] != expected[1]:
                 different.setdefault(name, "flags unsafe")
         if terminated or truncated:
-            states = grounded(bound.reset(seed=_SEED + 1 + step)[0])
+            states = grounded(*bound.reset(seed=_SEED + 1 + step))
     return different
 
 

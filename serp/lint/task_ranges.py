@@ -15,7 +15,7 @@ from serp.model import ground as g
 from serp.pddl.source import DomainWarning, Place
 from serp.pddl.syntax import Change
 from serp.tasks.bound_task import BoundTask
-from serp.tasks.grounding_samples import FAR, grounded
+from serp.tasks.grounding import FAR
 
 _SAMPLES = 256
 _OPEN = FAR / 1e3
@@ -47,7 +47,7 @@ def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
 def _ranges(bound: BoundTask) -> NDArray[np.float64]:
     """Return the least and greatest value of every fluent, `[F, 2]`; infinities for none known."""
     rows = []
-    for given in grounded(bound.task.ground, bound.env.observation_space, _SAMPLES):
+    for given in bound.grounding.on_samples(bound.env.observation_space, _SAMPLES):
         state = _state(bound, given)
         if state is not None:
             rows.append(state)

@@ -22,7 +22,7 @@ from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.action_map import ActionMap
 from serp.tasks import wrapper_state
 from serp.tasks.env_checks import reset_answer, step_answer
-from serp.tasks.grounding_samples import grounded
+from serp.tasks.grounding import Grounding
 from serp.tasks.observation import Observations
 from serp.tasks.task import Task, declared_reward
 
@@ -42,9 +42,9 @@ class BoundTask(Closing):
     """A task with an environment, its loaded domain and its resolved actions.
 
     As a context manager it closes its environment at the end. `rewarded_by` is the source of the
-    reward that the task declares, `domain` or `environment`; `call` the call of the environment
-    that has not returned yet; `on_notice`, if set, is called with each line that the user should
-    read.
+    reward that the task declares, `domain` or `environment`; `grounding` the task's function;
+    `call` the call of the environment that has not returned yet; `on_notice`, if set, is called
+    with each line that the user should read.
     """
 
     def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
@@ -52,7 +52,9 @@ class BoundTask(Closing):
         self.domain = task.load()
         self.name = str(task.name or self.domain.name)
         self._check_fields()
+        self.grounding = self._grounding()
         self.model: TransitionModel = self.domain.model.replace(dt=float(task.dt))
+        self.call: EnvironmentCall | None = None
         self.env = self._make_env(render_mode)
         try:
             self._check_environment()
@@ -60,7 +62,6 @@ class BoundTask(Closing):
             with contextlib.suppress(Exception):  # the first error is the one to report
                 self.env.close()
             raise
-        self.call: EnvironmentCall | None = None
         self.on_notice: Callable[[str], None] | None = None
 
     def _check_fields(self) -> None:
@@ -77,6 +78,12 @@ class BoundTask(Closing):
                 value = getattr(task, name.split()[0])
                 raise TaskError(f"task {self.name}: {name} must be {allowed}, not {value!r}")
 
+    def _grounding(self) -> Grounding:
+        try:
+            return Grounding(self.task.ground)
+        except TaskError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
+
     def _check_environment(self) -> None:
         task = self.task
         space = getattr(self.env, "action_space", None)
@@ -91,7 +98,7 @@ class BoundTask(Closing):
         except ValueError as error:
             raise TaskError(f"task {self.name}: {error}") from None
         self.observation_size = self.observations.size
-        given = next(grounded(task.ground, self.observations.space, _SAMPLES), None)
+        given = self._tried_grounding()
         if isinstance(given, Mapping):  # observed fluents are not constant, even if in :init
             self.domain = self.domain.observed(map(str, given))
             self.model = self.domain.model.replace(dt=self.model.dt)
@@ -114,6 +121,16 @@ class BoundTask(Closing):
             raise TaskError(
                 f"task {self.name}: the grounding does not fit {self.domain.source.name}: {error}"
             ) from None
+
+    def _tried_grounding(self) -> Any:
+        """Return what the grounding gives on a sampled observation; None if it fails on them all.
+
+        Of info and of states of the environment there are no samples: one that takes these is tried
+        on a reset.
+        """
+        if self.grounding.takes:
+            return self._grounded(*self.reset(seed=0), self.env)
+        return next(self.grounding.on_samples(self.observations.space, _SAMPLES), None)
 
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
         if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
@@ -143,20 +160,45 @@ class BoundTask(Closing):
         except ValueError as error:
             raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
 
-    def ground(self, raw: Any) -> Vector:
-        """Return the state `[F]` of an observation, or raise a TaskError."""
-        try:
-            grounded = self.task.ground(raw)
-        except Exception as error:
-            raise TaskError(
-                f"task {self.name}: the grounding failed on {raw}: {_short(error)}"
-            ) from error
+    def ground(
+        self,
+        raw: Any,
+        info: Mapping[str, Any] | None = None,
+        env: gym.Env[Any, Any] | None = None,
+    ) -> Vector:
+        """Return the state `[F]` of an observation.
+
+        Args:
+            raw: The observation.
+            info: What the environment returned beside it; needed if the grounding takes it.
+            env: The environment, which has just returned it; needed if the grounding takes it.
+
+        Raises:
+            TaskError: The grounding failed, or does not give the value of every fluent.
+        """
+        grounded = self._grounded(raw, info, env)
         try:
             if isinstance(grounded, Mapping):
                 return self.model.state(grounded)
             return np.array(self.model.check_state(grounded))
         except (StateError, TypeError, ValueError) as error:
             raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
+
+    def _grounded(
+        self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None
+    ) -> Any:
+        missing = self.grounding.missing(info, env)
+        if missing:
+            raise TaskError(
+                f"task {self.name}: the grounding takes `{missing}` beside the observation; give "
+                "it, too"
+            )
+        try:
+            return self.grounding(raw, info, env)
+        except Exception as error:
+            raise TaskError(
+                f"task {self.name}: the grounding failed on {raw}: {_short(error)}"
+            ) from error
 
     def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; return observation and info, or raise an EnvironmentFailure."""

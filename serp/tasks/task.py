@@ -34,7 +34,8 @@ class Task:
         ground: Observation → the value of every fluent, as a mapping (fluent name → number or
             truth value) or as an array in the order of `domain.observed().model.fluents`. Every
             name in the mapping is a fluent, even if the problem's `:init` states it and no effect
-            changes it.
+            changes it. Parameters called `info` and `env` get what the environment returned beside
+            the observation, and the environment.
         name: Name of the task; the domain's by default.
         problem: The problem file; by default `<name>-problem.pddl` beside the domain file.
         actions: Name of a ground action (or of a schema, for all its instances) → environment
@@ -53,7 +54,7 @@ class Task:
 
     make_env: Callable[..., gym.Env[Any, Any]]
     domain: str | Path | Domain
-    ground: Callable[[Any], Grounded]
+    ground: Callable[..., Grounded]
     name: str | None = None
     problem: str | Path | None = None
     actions: Mapping[str, int] | None = None

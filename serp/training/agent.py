@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -141,8 +142,15 @@ class Agent:
         """The strategy, which makes the proposals."""
         return self.arbiter.strategy
 
-    def perceive(self, raw: Any) -> tuple[Vector, Vector]:
+    def perceive(
+        self,
+        raw: Any,
+        info: Mapping[str, Any] | None = None,
+        env: gym.Env[Any, Any] | None = None,
+    ) -> tuple[Vector, Vector]:
         """Return the state `[F]` and the learner's input for an observation of the environment.
+
+        The environment's info and the environment are needed if the task's grounding takes them.
 
         Raises:
             EnvironmentFailure: The observation is not a member of the space, or holds a number that
@@ -150,7 +158,7 @@ class Agent:
             TaskError: The grounding failed, or gave such a number.
         """
         observation = self.task.observation(raw)
-        state = self.task.ground(raw)
+        state = self.task.ground(raw, info, env)
         inputs = self.settings.training.inputs
         place = _too_large(observation)
         if place >= 0 and inputs != "state":

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
+import gymnasium as gym
 import numpy as np
 
 from serp.control.decision import Decision
@@ -17,8 +18,8 @@ _TRAINING: Final = 1
 _EVALUATION: Final = 2
 """Spawn keys of the environment's seeds."""
 
-Perceive = Callable[[Any], tuple[Vector, Vector]]
-"""Observation of the environment → (state, input of the learner)."""
+Perceive = Callable[[Any, Mapping[str, Any], gym.Env[Any, Any]], tuple[Vector, Vector]]
+"""(observation, info, environment that gave them) → (state, input of the learner)."""
 Decide = Callable[[Vector, Vector], Decision]
 """(state, input of the learner) → decision."""
 
@@ -67,7 +68,7 @@ class Rollout:
         self._judge = judge
         self.totals = EpisodeTotals()
         self._observation, self.info = task.reset(seed=seed)
-        self.state, self.x = perceive(self._observation)
+        self.state, self.x = perceive(self._observation, self.info, task.env)
 
     @property
     def over(self) -> bool:
@@ -83,7 +84,7 @@ class Rollout:
             StateError: The domain file cannot judge the step, and its reward is learned from.
         """
         observation, env_reward, terminated, truncated, info = self._task.step(decision.action)
-        next_state, next_x = self._perceive(observation)
+        next_state, next_x = self._perceive(observation, info, self._task.env)
         if self._judge is None:
             judged = Judged(env_reward, 0.0, False)
         else:

@@ -6,10 +6,11 @@ import contextlib
 import dataclasses
 import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 from numpy.typing import NDArray
 
 from serp._util.numbers import whole
@@ -112,15 +113,22 @@ class Run:
     def _checkpoint(self) -> Checkpoint:
         return RunFolder.open(self.path).load_checkpoint()
 
-    def decide(self, observation: Any) -> Decision:
+    def decide(
+        self,
+        observation: Any,
+        info: Mapping[str, Any] | None = None,
+        env: gym.Env[Any, Any] | None = None,
+    ) -> Decision:
         """Decide by the trained agent for one observation of the environment.
+
+        The environment's info and the environment are needed if the task's grounding takes them.
 
         Raises:
             RunError: There is no intact checkpoint, or the run's files were changed since.
             EnvironmentFailure: The observation is not a member of the space, or holds NaN.
-            TaskError: The grounding failed.
+            TaskError: The grounding failed, or takes what is not given.
         """
-        return self.agent.decide_greedily(*self.agent.perceive(observation))
+        return self.agent.decide_greedily(*self.agent.perceive(observation, info, env))
 
     def evaluate(
         self,

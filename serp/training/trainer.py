@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -152,8 +153,10 @@ class Trainer:
                 self.on_step(step)
         return self._end_episode(rollout.totals, losses)
 
-    def _perceive(self, raw: Any) -> tuple[Vector, Vector]:
-        state, x = self.agent.perceive(raw)
+    def _perceive(
+        self, raw: Any, info: Mapping[str, Any], env: gym.Env[Any, Any]
+    ) -> tuple[Vector, Vector]:
+        state, x = self.agent.perceive(raw, info, env)
         if self._unchecked:
             self._unchecked -= 1
             for symmetry in self.agent.symmetries:
