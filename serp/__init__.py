@@ -29,6 +29,7 @@ _NAMES = {
     "serp.planning.forecast": ("Forecast",),
     "serp.planning.lookahead": ("Lookahead",),
     "serp.planning.replanner": ("MonitorReplanner", "Plan"),
+    "serp.runs.rows": ("MetricsRow",),
     "serp.settings": (
         "AdaptationSettings",
         "ArbiterSettings",
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
     from serp.planning.lookahead import Lookahead as Lookahead
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
     from serp.planning.replanner import Plan as Plan
+    from serp.runs.rows import MetricsRow as MetricsRow
     from serp.settings import AdaptationSettings as AdaptationSettings
     from serp.settings import ArbiterSettings as ArbiterSettings
     from serp.settings import GuideSettings as GuideSettings

@@ -21,7 +21,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import csv
-import importlib
+import importlib.util
 import io
 import itertools
 import os
@@ -171,6 +171,16 @@ def test_example_scripts_run(script: Path, tmp_path: Path) -> None:
     printed = done.stdout
     shown = re.findall(r"^# prints:\n((?:# .*\n)+)", script.read_text(encoding="utf-8"), re.M)
     assert printed if not shown else printed == re.sub(r"^# ", "", shown[0], flags=re.M)
+
+
+@pytest.mark.parametrize("library", ["mlflow", "wandb"])
+def test_examples_of_logging_run_where_their_library_is(library: str, tmp_path: Path) -> None:
+    if importlib.util.find_spec(library) is None:
+        pytest.skip(f"{library} is not installed")
+    subprocess.run(
+        [sys.executable, EXAMPLES / "logging" / f"{library}_run.py"],
+        cwd=tmp_path, env={**os.environ, "WANDB_MODE": "offline"}, check=True, timeout=300,
+    )  # fmt: skip
 
 
 def test_an_extension_is_found_by_its_entry_points(tmp_path: Path) -> None:

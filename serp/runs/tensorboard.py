@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from serp._util.closing import Closing
+from serp.control.decision import Actor
+from serp.control.step_record import StepRecord
 from serp.errors import MissingExtra, RunError
 from serp.runs.rows import METRICS_COLUMNS, MetricsRow
 
@@ -19,7 +22,10 @@ def require_tensorboard() -> None:
 
 
 class EventWriter(Closing):
-    """Writes every number of an episode's metrics as a scalar over env steps. A context manager.
+    """Writes numbers of a training as scalars over env steps. A context manager.
+
+    All numbers of an episode, or of a step, are one event: a scalar at a time costs many times as
+    much.
 
     Args:
         folder: The run; events go to `tensorboard/` in it. A continued run appends to them.
@@ -31,15 +37,45 @@ class EventWriter(Closing):
         events = folder / "tensorboard"
         if events.is_symlink():
             raise RunError(f"{events} is a link. Put a folder there, or remove it.")
-        from torch.utils.tensorboard import SummaryWriter
+        from tensorboard.compat.proto.event_pb2 import Event, SessionLog
+        from tensorboard.compat.proto.summary_pb2 import Summary
+        from torch.utils.tensorboard import FileWriter
 
-        self._writer: Any = SummaryWriter(str(events), purge_step=purge_step)
+        self._summary: Any = Summary
+        self._writer: Any = FileWriter(str(events))
+        if purge_step is not None:
+            begun = SessionLog(status=SessionLog.START)
+            self._writer.add_event(Event(session_log=begun), purge_step)
 
     def append(self, row: MetricsRow) -> None:
         """Write the metrics of one episode."""
-        for name, value in zip(METRICS_COLUMNS, row, strict=True):
-            if name != "env_steps" and value is not None and math.isfinite(value):
-                self._writer.add_scalar(f"episode/{name}", float(value), row.env_steps)
+        numbers = dict(zip(METRICS_COLUMNS, row, strict=True))
+        del numbers["env_steps"]
+        self._add("episode", numbers, row.env_steps)
+
+    def append_step(self, env_steps: int, step: StepRecord) -> None:
+        """Write the numbers of one env step; `env_steps` counts it."""
+        decision = step.decision
+        numbers = {
+            "reward": step.reward,
+            "env_reward": step.env_reward,
+            "domain_reward": step.domain_reward,
+            "predicted_reward": decision.predicted_reward,
+            "unsafe": step.unsafe,
+            "vetoed": decision.vetoed,
+            "planner": decision.executed_by is Actor.PLANNER,
+            "rho": decision.rho,
+        }
+        self._add("step", numbers, env_steps)
+
+    def _add(self, group: str, numbers: Mapping[str, float | None], env_steps: int) -> None:
+        value = self._summary.Value
+        values = [
+            value(tag=f"{group}/{name}", simple_value=float(number))
+            for name, number in numbers.items()
+            if number is not None and math.isfinite(number)
+        ]
+        self._writer.add_summary(self._summary(value=values), env_steps)
 
     def flush(self) -> None:
         """Flush all events to the disk."""

@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from serp._util.numbers import seed_of
 from serp.control.registry import refuse_unknown_names
@@ -23,6 +23,7 @@ from serp.tasks.registry import find_task, load_task
 from serp.tasks.reward import reward_source
 from serp.tasks.task import Task
 from serp.training.budget import Budget
+from serp.training.callbacks import Callbacks, TrainingCallbacks
 from serp.training.run_metadata import read_run_metadata
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def plan_and_learn(
     out: str | Path | None = None,
     resume: bool = False,
     quiet: bool = False,
+    **callbacks: Unpack[TrainingCallbacks],
 ) -> Run:
     """Train on a task: the planner acts from the first step, the learner takes over.
 
@@ -56,6 +58,10 @@ def plan_and_learn(
         resume: Continue the run in `out` with its own domain, settings and seed; the continued
             run equals one that was never interrupted.
         quiet: Show no progress.
+        **callbacks: `on_step`, a function that is called with the `serp.StepRecord` of every env
+            step, and `on_episode`, one that is called with the metrics of every episode
+            (`MetricsRow`). They must not change what they get. If one of them raises, the episode
+            is finished, the run is saved, and the error is raised.
 
     Returns:
         The finished run.
@@ -66,6 +72,7 @@ def plan_and_learn(
     """
     begun = datetime.datetime.now()
     budget = Budget(episodes=episodes, env_steps=env_steps)
+    called = Callbacks(callbacks)
     seed = seed_of(seed)
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
@@ -82,7 +89,7 @@ def plan_and_learn(
             from serp.training.saved_training import continue_training
 
             with task_of_run(folder, task).bind() as bound:
-                return continue_training(folder, bound, budget, quiet=quiet)
+                return continue_training(folder, bound, budget, called, quiet=quiet)
     if isinstance(task, str):
         task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
@@ -113,4 +120,4 @@ def plan_and_learn(
 
         trainer = compiled_trainer(bound, resolved, seed, quiet=quiet)
         with RunFolder.create(path, config, sources, command=sys.argv, now=begun) as folder:
-            return train(folder, trainer, budget, quiet=quiet)
+            return train(folder, trainer, budget, called, quiet=quiet)

@@ -22,6 +22,7 @@ from serp.tasks.reward import describe_source
 from serp.tasks.watchdog import Watchdog
 from serp.training.account import account_of
 from serp.training.budget import Budget
+from serp.training.callbacks import Callbacks
 from serp.training.compile_progress import show_compiling
 from serp.training.progress import Progress
 from serp.training.run import Run, reading
@@ -38,7 +39,9 @@ def compiled_trainer(task: BoundTask, settings: Settings, seed: int, *, quiet: b
     return trainer
 
 
-def continue_training(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool) -> Run:
+def continue_training(
+    folder: RunFolder, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
+) -> Run:
     """Continue a run from its newest checkpoint, as if it had not been interrupted."""
     made = read_run_metadata(folder)
     if made.settings.training.tensorboard:
@@ -59,7 +62,7 @@ def continue_training(folder: RunFolder, task: BoundTask, budget: Budget, *, qui
                 Notice,
                 stacklevel=3,
             )
-    return train(folder, trainer, budget if budget.limits else before, quiet=quiet)
+    return train(folder, trainer, budget if budget.limits else before, callbacks, quiet=quiet)
 
 
 def _has_checkpoint(folder: RunFolder) -> bool:
@@ -91,10 +94,11 @@ def train(
     folder: RunFolder,
     trainer: Trainer,
     budget: Budget,
+    callbacks: Callbacks,
     *,
     quiet: bool,
 ) -> Run:
-    """Train until the budget is spent or a signal is received."""
+    """Train until the budget is spent, a signal is received or a callback fails."""
     settings = trainer.settings.training
     trainer.decisions = folder.decisions
     if not budget.limits:
@@ -128,6 +132,9 @@ def train(
             )
             if answer is not None:
                 progress.answer(answer)
+            if events is not None and settings.tensorboard == "steps":
+                events.append_step(trainer.env_steps, step)
+            callbacks.step(step)
             progress.refresh()
 
         trainer.on_step = after_step
@@ -145,11 +152,12 @@ def train(
             else:
                 # A failure in the first episodes must not prevent a continuation.
                 due = save()
-            while not budget.spent_by(trainer) and not stopping.requested:
+            while not (budget.spent_by(trainer) or stopping.requested or callbacks.failure):
                 row = trainer.run_episode()
                 folder.metrics.append(row)
                 if events is not None:
                     events.append(row)
+                callbacks.episode(row)
                 if trainer.wall_time >= due:
                     due = save()
             if trainer.env_steps > before:
@@ -158,6 +166,8 @@ def train(
 
         account = account_of(trainer.agent)
         write_results(folder, compile_seconds=trainer.compile_seconds, account=account)
+        if callbacks.failure is not None:
+            raise callbacks.failure
         if stopping.signal is not None and not budget.spent_by(trainer):
             raise Interrupted(
                 f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; "
