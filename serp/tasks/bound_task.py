@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp._util.closing import Closing
@@ -21,6 +20,7 @@ from serp.errors import EnvironmentFailure, RunError, TaskError
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.action_map import ActionMap
 from serp.tasks import wrapper_state
+from serp.tasks.action_space import ActionSpace
 from serp.tasks.env_checks import reset_answer, step_answer
 from serp.tasks.grounding import Grounding
 from serp.tasks.observation import Observations
@@ -86,14 +86,8 @@ class BoundTask(Closing):
 
     def _check_environment(self) -> None:
         task = self.task
-        space = getattr(self.env, "action_space", None)
-        if not isinstance(space, spaces.Discrete):
-            raise TaskError(
-                f"task {self.name}: serp needs discrete actions, this environment has {space}; "
-                "offer a few (macro-)actions through a wrapper"
-            )
-        self._first_action = int(space.start)
         try:
+            self._action_space = ActionSpace(getattr(self.env, "action_space", None))
             self.observations = Observations(getattr(self.env, "observation_space", None))
         except ValueError as error:
             raise TaskError(f"task {self.name}: {error}") from None
@@ -103,7 +97,7 @@ class BoundTask(Closing):
             self.domain = self.domain.observed(map(str, given))
             self.model = self.domain.model.replace(dt=self.model.dt)
         try:
-            self.actions = ActionMap(self.model, int(space.n), task.actions)
+            self.actions = ActionMap(self.model, self._action_space.size, self._numbered_actions())
         except TaskError as error:
             raise TaskError(f"task {self.name}, {self.domain.source.name}: {error}") from None
         self.rewarded_by = declared_reward(task, self.model)
@@ -121,6 +115,19 @@ class BoundTask(Closing):
             raise TaskError(
                 f"task {self.name}: the grounding does not fit {self.domain.source.name}: {error}"
             ) from None
+
+    def _numbered_actions(self) -> Any:
+        """Return the task's `actions` with numbers in place of combinations."""
+        named = self.task.actions
+        if not isinstance(named, Mapping):
+            return named
+        numbered = {}
+        for name, action in named.items():
+            try:
+                numbered[name] = self._action_space.number(action)
+            except ValueError as error:
+                raise TaskError(f"actions: `{name}` is mapped to {action!r}: {error}") from None
+        return numbered
 
     def _tried_grounding(self) -> Any:
         """Return what the grounding gives on a sampled observation; None if it fails on them all.
@@ -215,7 +222,7 @@ class BoundTask(Closing):
             EnvironmentFailure: The environment raised, or did not return these.
         """
         with self._calling(f"step with action {self.actions.name(action)}"):
-            return step_answer(self.env.step(self._first_action + action))
+            return step_answer(self.env.step(self._action_space.action(action)))
 
     @contextlib.contextmanager
     def _calling(self, what: str) -> Iterator[None]:

@@ -28,8 +28,8 @@ class Task:
     """The declaration of a task.
 
     Attributes:
-        make_env: Returns a new Gymnasium environment with discrete actions; called with
-            `render_mode=...` if pictures are needed.
+        make_env: Returns a new Gymnasium environment with discrete actions (`Discrete`,
+            `MultiDiscrete` or `MultiBinary`); called with `render_mode=...` if pictures are needed.
         domain: The domain file, or a loaded domain.
         ground: Observation → the value of every fluent, as a mapping (fluent name → number or
             truth value) or as an array in the order of `domain.observed().model.fluents`. Every
@@ -39,7 +39,8 @@ class Task:
         name: Name of the task; the domain's by default.
         problem: The problem file; by default `<name>-problem.pddl` beside the domain file.
         actions: Name of a ground action (or of a schema, for all its instances) → environment
-            action. None: the n-th ground action is environment action n.
+            action, counted from 0; of a `MultiDiscrete` space its number or a tuple. None: the n-th
+            ground action is environment action n.
         dt: Control period in the time unit of the domain's rates, usually seconds.
         reward: The source of the reward that the learner learns from: the `domain`'s R(s') of
             observed transitions, or the `environment`'s. None: the domain's if it gives rewards.
@@ -57,7 +58,7 @@ class Task:
     ground: Callable[..., Grounded]
     name: str | None = None
     problem: str | Path | None = None
-    actions: Mapping[str, int] | None = None
+    actions: Mapping[str, int | Sequence[int]] | None = None
     dt: float = 1.0
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)

@@ -88,10 +88,8 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
         assert [bound.model.step(state, "wait").unsafe for state in (shut, opened)] == [False, True]
 
 
-@pytest.mark.parametrize("start", [0, 10])
-def test_everything_is_at_hand_once_bound(tmp_path: Path, start: int) -> None:
-    """Actions are counted from zero, wherever the environment begins."""
-    bound = corridor(tmp_path, lambda: Corridor(start=start)).bind()
+def test_everything_is_at_hand_once_bound(tmp_path: Path) -> None:
+    bound = corridor(tmp_path).bind()
     assert bound.name == bound.domain.name == "corridor"
     assert bound.actions.size == 4
     assert bound.observation_size == 2
