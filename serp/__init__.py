@@ -40,6 +40,7 @@ _NAMES = {
         "TrainingSettings",
     ),
     "serp.tasks.declared_symmetry": ("Symmetry",),
+    "serp.tasks.file_world": ("file_task",),
     "serp.tasks.registry": ("load_task",),
     "serp.tasks.task": ("Task",),
     "serp.training.plan_and_learn": ("plan_and_learn",),
@@ -88,6 +89,7 @@ if TYPE_CHECKING:
     from serp.settings import Settings as Settings
     from serp.settings import TrainingSettings as TrainingSettings
     from serp.tasks.declared_symmetry import Symmetry as Symmetry
+    from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
     from serp.tasks.task import Task as Task
     from serp.training.plan_and_learn import plan_and_learn as plan_and_learn

@@ -74,7 +74,7 @@ class Program:
 
         Args:
             state: `[F]`, not changed.
-            action: Position of the ground action.
+            action: Position of the ground action; -1 for none, while the world goes on.
             theta: Parameters, `[P]`.
             dt: Control period, seconds.
             out: A copy of the state and the reward 0; receives the next state and the reward.
@@ -83,7 +83,9 @@ class Program:
         """
         if functions is None:
             functions = self.functions
-        flags = functions["action", action](state, theta, dt, out)
+        flags = APPLICABLE
+        if action >= 0:
+            flags = functions["action", action](state, theta, dt, out)
         if flags & APPLICABLE:
             flags = functions["drift", -1](state, flags, theta, dt, out)
         if flags & APPLICABLE:

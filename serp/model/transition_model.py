@@ -163,7 +163,7 @@ class TransitionModel(StateSpace):
 
         Args:
             state: F floats; unchanged.
-            action: Position of a ground action.
+            action: Position of a ground action; -1 for none, in a model that is not adapted.
 
         Returns:
             F + 1 floats (the next state and the reward; meaningless where not applicable) and

@@ -1,0 +1,98 @@
+"""A world made of a file does what the file says, and nothing where an action fails."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import serp
+from serp.errors import SerpError
+from serp.model.loading import Domain
+from serp.pddl.source import Source
+from serp.tasks.file_world import FileWorld
+
+FERRY = """(define (domain ferry)
+  (:requirements :strips :fluents)
+  (:predicates (here) (there) (unsafe))
+  (:functions (reward) (clock) (load))
+  (:action cross :parameters () :precondition (here)
+    :effect (and (not (here)) (there) (increase (reward) 5)))
+  (:action dive :parameters () :precondition () :effect (unsafe))
+  (:action share :parameters () :precondition () :effect (assign (load) (/ 1 (load))))
+  (:process time :parameters () :precondition ()
+    :effect (and (increase (clock) (* #t 1)) (decrease (reward) (* #t 1)))))"""
+START = """(define (problem p) (:domain ferry)
+  (:init (here) (= (clock) 0) (= (load) {load})) (:goal (there)))"""
+
+
+def ferry(problem: str | None = START.format(load=2)) -> Domain:
+    given = None if problem is None else Source("ferry-problem.pddl", problem)
+    return Domain.parse(Source("ferry.pddl", FERRY), given)
+
+
+@pytest.mark.filterwarnings("ignore:.*infinity:UserWarning")  # numbers of a file have no bounds
+def test_a_step_is_that_of_the_file() -> None:
+    world = FileWorld(ferry(), dt=0.5)
+    check_env(world, skip_render_check=True)
+    state, _ = world.reset(seed=0)
+    for action, left in (("share", False), ("dive", False), ("cross", True)):
+        number = world.model.action_index(action)
+        expected = world.model.step(state, number)
+        state, reward, terminated, truncated, info = world.step(number)
+        assert (state == expected.state).all() and reward == expected.reward
+        assert (terminated, truncated) == (expected.terminal, False) == (left, False)
+        assert info == {"applied": True, "unsafe": action == "dive"}
+
+
+def test_what_fails_or_cannot_be_done_changes_nothing_while_the_world_goes_on() -> None:
+    world = FileWorld(ferry(), failure=0.25)
+    cross, waited = world.model.action_index("cross"), 0
+    for seed in range(400):
+        world.reset(seed=seed)
+        state, reward, terminated, _, info = world.step(cross)
+        values = world.model.values(state)
+        assert values["clock"] == 1.0
+        assert info["applied"] == values["there"] == terminated == (reward == 4.0)
+        waited += not info["applied"]
+    assert 75 < waited < 125
+    world = FileWorld(ferry())
+    world.reset()
+    world.step(cross)
+    state, reward, _, _, info = world.step(cross)
+    assert (world.model.values(state)["clock"], reward, info["applied"]) == (2.0, -1.0, False)
+
+
+def test_a_task_is_made_of_a_file_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "ferry.pddl").write_text(FERRY, encoding="utf-8")
+    (tmp_path / "ferry-problem.pddl").write_text(START.format(load=2), encoding="utf-8")
+    task = serp.file_task(tmp_path / "ferry.pddl", failure=0.5, max_steps=3)
+    with pickle.loads(pickle.dumps(task)).bind() as bound:
+        assert bound.rewarded_by == "environment"
+        observation, _ = bound.reset(seed=1)
+        assert (bound.ground(observation) == bound.model.initial_state).all()
+        dive = bound.model.action_index("dive")
+        assert [bound.step(dive)[3] for _ in range(3)] == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("problem", "message"),
+    [
+        (None, r"begins in the :init of a problem(?s:.*)write `\(:init"),
+        (START.replace("(= (load) {load})", ""), r"no value to `load`(?s:.*)`\(= \(load\) 0\)`"),
+    ],
+)
+def test_a_world_needs_a_start(problem: str | None, message: str) -> None:
+    with pytest.raises(serp.DomainError, match=message):
+        FileWorld(ferry(problem))
+
+
+def test_a_step_without_a_result_says_so() -> None:
+    with pytest.raises(SerpError, match="failure must be a probability"):
+        FileWorld(ferry(), failure=1.0)
+    world = FileWorld(ferry(START.format(load=0)))
+    world.reset()
+    with pytest.raises(SerpError, match="`share` has no result in .*divides by zero"):
+        world.step(world.model.action_index("share"))
