@@ -10,8 +10,8 @@ import numpy as np
 
 from serp.comparison.prepared import PreparedComparison
 from serp.control.arbiter import Arbiter
-from serp.control.registry import make_planner
 from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.planning.lookahead import Lookahead
 from serp.settings import Settings, resolve
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.reward import reward_source
@@ -45,7 +45,7 @@ def _different(
     different: dict[str, str] = {}
     by_file = reward_source(bound.rewarded_by, settings) != "environment"
     random = np.random.default_rng(_SEED)
-    arbiter = Arbiter(make_planner(bound.model, settings.planner), bound.actions)
+    arbiter = Arbiter(Lookahead(bound.model, settings.planner), bound.actions)
     everyone = {"": bound, **files}
 
     def grounded(

@@ -9,6 +9,7 @@ import numpy as np
 
 from serp._util.saved_state import Saved
 from serp.control.decision import Actor, Decision, Reason
+from serp.control.ensemble import Ensemble
 from serp.control.protocols import Planner, Proposer
 from serp.control.strategies.mixture import Mixture
 from serp.control.strategies.strategy import Situation, Strategy
@@ -34,7 +35,8 @@ class Arbiter:
     guarantee needs a `VetoPolicy`; with `NoVeto` it does not hold.
 
     Args:
-        planner: Makes the forecasts, usually a `Lookahead`.
+        planner: Makes the forecasts, usually a `Lookahead`; of an `Ensemble` the strategy says
+            which member makes them.
         actions: The map between ground and environment actions.
         settings: See `ArbiterSettings`.
         strategy: Makes the proposals; by default Algorithm 1 with these settings.
@@ -74,9 +76,16 @@ class Arbiter:
         """Return the planner's forecast for a state `[F]`, by environment action."""
         return self.actions.project(self.planner.forecast(state))
 
+    def _forecast(self, state: Vector, strategy: Strategy) -> Forecast:
+        """Return the forecast of the planner that acts in this episode of training."""
+        planner = self.planner
+        if isinstance(planner, Ensemble):
+            planner = planner.led_by(strategy.planner)
+        return planner.forecast(state)
+
     def decide(self, state: Vector, learner: Proposer) -> Decision:
         """Decide on the action in a monitored state `[F]`, as in training."""
-        planned = self.planner.forecast(state)
+        planned = self._forecast(state, self.strategy)
         situation = self._situation(self.actions.project(planned))
         proposal = self.strategy.propose(situation, learner)
         preferred = planned if proposal is not None else self._exploration_bonus(planned)
@@ -95,7 +104,7 @@ class Arbiter:
 
     def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
         """Decide as in training by a given strategy, without the exploration bonus."""
-        situation = self._situation(self.forecast(state))
+        situation = self._situation(self.actions.project(self._forecast(state, strategy)))
         return self._follow(situation, strategy.propose(situation, learner))
 
     def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:

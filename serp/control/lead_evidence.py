@@ -29,13 +29,22 @@ class LeadEvidence(NamedTuple):
     """The evidence on which the lead of an episode is given to planner or learner.
 
     Attributes:
-        planner, learner: What their episodes are worth; None for one that has not led any.
+        planner, learner: What their episodes are worth; None for one that has not led any. Of
+            several planners it is the best one.
         learner_better: Probability that the learner's are worth more.
+        planners: Name and worth of each of several planners; empty where there is one.
     """
 
     planner: Worth | None
     learner: Worth | None
     learner_better: float
+    planners: tuple[tuple[str, Worth | None], ...] = ()
+
+    @property
+    def leads(self) -> tuple[tuple[str, Worth | None], ...]:
+        """Name and worth of each planner, and of the learner."""
+        named = tuple((f"planner {name}", worth) for name, worth in self.planners)
+        return (*(named or (("planner", self.planner),)), ("learner", self.learner))
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -43,6 +52,9 @@ class LeadEvidence(NamedTuple):
             "planner": None if self.planner is None else self.planner._asdict(),
             "learner": None if self.learner is None else self.learner._asdict(),
             "learner_better": self.learner_better,
+            "planners": {
+                name: None if worth is None else worth._asdict() for name, worth in self.planners
+            },
             "sentence": str(self),
         }
 
@@ -52,7 +64,7 @@ class LeadEvidence(NamedTuple):
             if worth is None
             else f"an episode that the {name} leads is worth {worth} "
             f"({plural(worth.episodes, 'episode')})"
-            for name, worth in (("planner", self.planner), ("learner", self.learner))
+            for name, worth in self.leads
         ]
         better = f"the learner is better with a probability of {percent(self.learner_better)}"
         return "; ".join([*said, better])

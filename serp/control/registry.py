@@ -8,6 +8,7 @@ A package adds one by declaring it; serp needs no change::
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping
 from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -49,13 +50,39 @@ def find_strategy(name: str) -> type[Strategy]:
     return found
 
 
-def make_planner(model: TransitionModel, settings: PlannerSettings) -> Planner:
+def planner_names(name: str) -> tuple[str, ...]:
+    """Return the planners that `planner.name` names: `a+b` are two."""
+    return tuple(part.strip() for part in name.split("+"))
+
+
+def make_planner(
+    model: TransitionModel,
+    settings: PlannerSettings,
+    own: Mapping[str, MakePlanner] | None = None,
+    best: Callable[[], int] = lambda: 0,
+) -> Planner:
     """Return the planner that `planner.name` names, or raise a SettingsError.
 
-    What follows the first colon of the name is for the planner itself, such as an engine.
+    What follows the first colon of a name is for the planner itself, such as an engine.
+
+    Args:
+        model: The transition model.
+        settings: The settings of the planner.
+        own: Planners that the task brings along, by name.
+        best: Of several planners, the position of the one that is best by what is known.
     """
-    make = cast("MakePlanner", _load(PLANNERS, settings.name))
-    return make(model, settings)
+    makers = own or {}
+    members = [
+        (makers.get(name) or cast("MakePlanner", _load(PLANNERS, name)))(
+            model, settings.replace(name=name)
+        )
+        for name in planner_names(settings.name)
+    ]
+    if len(members) == 1:
+        return members[0]
+    from serp.control.ensemble import Ensemble
+
+    return Ensemble(members, best)
 
 
 def find_learner(name: str) -> MakeLearner:
@@ -63,12 +90,17 @@ def find_learner(name: str) -> MakeLearner:
     return cast("MakeLearner", _load(LEARNERS, name))
 
 
-def refuse_unknown_names(settings: Settings) -> None:
+def refuse_unknown_names(settings: Settings, own: Collection[str] = ()) -> None:
     """Raise a SettingsError for a planner, strategy or learner that is not installed.
 
-    Nothing is imported for that.
+    Nothing is imported for that. `own` are the names of the planners that the task brings along.
     """
-    _entry(PLANNERS, settings.planner.name)
+    names = planner_names(settings.planner.name)
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise SettingsError(f"planner.name: `{name}` is named twice")
+        if name not in own:
+            _entry(PLANNERS, name, own)
     _entry(STRATEGIES, settings.guide.strategy)
     _entry(LEARNERS, settings.learner.name)
 
@@ -79,8 +111,9 @@ def _load(group: str, name: str) -> Any:
         return entry.load()
 
 
-def _entry(group: str, name: str) -> EntryPoint:
+def _entry(group: str, name: str, own: Collection[str] = ()) -> EntryPoint:
     what, setting = KINDS[group]
     if group == PLANNERS:
         name = name.partition(":")[0]
-    return plugins.find(plugins.offered(group), name, what, SettingsError, setting=setting)
+    entries = plugins.offered(group)
+    return plugins.find(entries, name, what, SettingsError, known=own, setting=setting)

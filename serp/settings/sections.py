@@ -31,7 +31,9 @@ class PlannerSettings(Section):
     """Depth, budget and preferences of the planner."""
 
     name: str = "lookahead"
-    """The planner, by the name of its entry point in the group `serp.planners`."""
+    """The planner, by the name of its entry point in the group `serp.planners`, or of
+    `Task.planners`. `a+b` names several; the strategy `evidence` finds the better one. What follows
+    a colon is for the planner itself."""
     depth: Periods = 5
     """Lookahead in actions."""
     discount: Annotated[float, Field(gt=0, le=1)] = 0.99

@@ -19,6 +19,8 @@ from serp.tasks.declared_symmetry import Symmetry
 if TYPE_CHECKING:
     from serp.tasks.bound_task import BoundTask
 
+Advise = Callable[[Mapping[str, float | bool]], Any]
+"""Fluent → value, and returned: the name or position of a ground action, None for no advice."""
 Grounded = Mapping[str, float | bool] | NDArray[Any]
 Overrides = Mapping[str, Mapping[str, Any]]
 
@@ -49,6 +51,8 @@ class Task:
             key `*` stands for every preset.
         symmetries: Transformations that leave the task unchanged (`serp.Symmetry`); the learner
             uses them if `learner.symmetry` is set.
+        planners: Further planners by name, for the setting `planner.name`: a function (fluent →
+            value) → name of a ground action, None for no advice; or another domain file.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
         description: One line for `serp list`.
     """
@@ -63,6 +67,7 @@ class Task:
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)
     symmetries: Sequence[Symmetry] = ()
+    planners: Mapping[str, Advise | str | Path] = field(default_factory=dict)
     counters: Sequence[str] = ()
     description: str = ""
 

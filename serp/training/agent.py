@@ -16,6 +16,7 @@ from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.exploration_bonus import ExplorationBonus
 from serp.control.arbiter import Arbiter
 from serp.control.decision import Decision
+from serp.control.own_planners import own_planners
 from serp.control.proposers import LearnerProposer
 from serp.control.protocols import (
     ExperiencedPlanner,
@@ -23,11 +24,11 @@ from serp.control.protocols import (
     Proposer,
     StatefulPlanner,
 )
-from serp.control.registry import find_learner, find_strategy, make_planner
+from serp.control.registry import find_learner, find_strategy, make_planner, planner_names
 from serp.control.step_record import StepRecord
 from serp.control.strategies.strategy import Strategy
 from serp.control.veto import NoVeto, VetoPolicy
-from serp.errors import EnvironmentFailure, TaskError
+from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.settings import Settings
@@ -81,16 +82,24 @@ class Agent:
         # Wrong names are refused before anything is compiled.
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
         make_learner = find_learner(settings.learner.name)
+        several = len(planner_names(settings.planner.name)) > 1 and not baseline
+        if several and not make_strategy.chooses_planner:
+            raise SettingsError(
+                f"planner.name: the strategy `{settings.guide.strategy}` does not choose among "
+                f"several planners (`{settings.planner.name}`); set guide.strategy=evidence"
+            )
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)
         strategy_seed, learner_seed, random_seed, adaptation_seed = seeds
         self.adaptation = ModelAdaptation(task.model, settings.adaptation, adaptation_seed)
         model = self.adaptation.model
         actions = task.actions.over(model)
-        planner = make_planner(model, settings.planner)
+        strategy = make_strategy(settings, strategy_seed)
+        planner = make_planner(
+            model, settings.planner, own_planners(task.task.planners), lambda: strategy.best_planner
+        )
         if isinstance(planner, ExperiencedPlanner):
             planner.visited = self.adaptation.experience
-        strategy = make_strategy(settings, strategy_seed)
         horizon = settings.planner.depth * settings.planner.repeat
         self.guarded = Arbiter(
             planner,

@@ -93,7 +93,7 @@ def plan_and_learn(
     if isinstance(task, str):
         task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
-    refuse_unknown_names(resolved)
+    refuse_unknown_names(resolved, task.planners)
     if resolved.training.tensorboard:
         require_tensorboard()
     if out is not None:

@@ -33,6 +33,7 @@ _FIXED = {
     "preset": "--preset",
     "seed": "--seed",
     "adapt": "--adapt",
+    "planner": "--planner",
     "max_ground_schemas": "--max-ground-schemas",
     "settings": "--set",
 }
@@ -51,6 +52,7 @@ def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> 
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
         "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
         "serp plan-and-learn --domain cartpole --adapt off",
+        "serp plan-and-learn --domain taxi --planner far-sight+lookahead",
         "serp plan-and-learn --task my_robot.py",
         "serp plan-and-learn --resume runs/seven --episodes 500",
     ),
@@ -71,6 +73,11 @@ def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> 
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
+@click.option(
+    "--planner",
+    metavar="NAME[+NAME…]",
+    help="The planner; the better one of several is found.  [default: by the preset]",
+)
 @click.option("--correct", hidden=True, expose_value=False, callback=_renamed)
 @max_ground_schemas_option
 @settings_option
@@ -80,6 +87,7 @@ def command(
     out: Path | None,
     resume: str | None,
     adapt: str | None,
+    planner: str | None,
     max_ground_schemas: int | None,
     settings: dict[str, dict[str, Any]],
     quiet: bool,
@@ -94,10 +102,8 @@ def command(
     episode is finished first. A second one stops at once, and the run goes on from its last
     checkpoint.
     """
-    if adapt is not None:
-        if "mode" in settings.setdefault("adaptation", {}):
-            raise click.UsageError("give --adapt or --set adaptation.mode, not both")
-        settings["adaptation"]["mode"] = adapt
+    _set(settings, "adaptation", "mode", "--adapt", adapt)
+    _set(settings, "planner", "name", "--planner", planner)
     resuming = resume is not None
     path = out if resume is None else _run_to_resume(resume, out)
     task = asked_task(domain, max_ground_schemas)
@@ -125,6 +131,17 @@ def command(
     else:
         _print_results(run)
     return None
+
+
+def _set(
+    settings: dict[str, dict[str, Any]], section: str, name: str, option: str, value: str | None
+) -> None:
+    """Set what an option of its own says, unless `--set` says it, too."""
+    if value is None:
+        return
+    if name in settings.setdefault(section, {}):
+        raise click.UsageError(f"give {option} or --set {section}.{name}, not both")
+    settings[section][name] = value
 
 
 def _run_to_resume(given: str, out: Path | None) -> Path:

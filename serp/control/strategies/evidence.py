@@ -13,6 +13,7 @@ from scipy import special
 from serp._util.saved_state import Saved
 from serp.control.lead_evidence import LeadEvidence, Worth
 from serp.control.protocols import Proposer
+from serp.control.registry import planner_names
 from serp.control.strategies.strategy import Seed, Situation, Strategy
 from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
@@ -74,13 +75,20 @@ class Evidence(Strategy):
     planner leads, the learner acts, and explores, where all plans have the same value. It does not
     explore where it leads: its returns would say nothing of its trained policy. The trained policy
     is the lead that is more probably the better one.
+
+    Of several planners, the one leads whose draw from what its episodes are believed to be worth is
+    the largest (Thompson sampling); the trained policy is that of the largest mean.
     """
 
     imitates = True
+    chooses_planner = True
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
-        self.planner, self.learner = Returns(), Returns()
+        self.names = planner_names(settings.planner.name)
+        self.planners = [Returns() for _ in self.names]
+        self.learner = Returns()
+        self._planner = 0
         self._worst, self._best = math.inf, -math.inf
         self._steps = 0
         self._rho = 0.0
@@ -104,10 +112,23 @@ class Evidence(Strategy):
     @property
     def evidence(self) -> LeadEvidence:
         """What the two leads are worth."""
-        planner, learner = self._beliefs()
+        *planners, learner = self._beliefs()
+        worths = [self._worth(*pair) for pair in zip(self.planners, planners, strict=True)]
+        named = tuple(zip(self.names, worths, strict=True)) if len(worths) > 1 else ()
         return LeadEvidence(
-            self._worth(self.planner, planner), self._worth(self.learner, learner), self._rho
+            worths[self.best_planner], self._worth(self.learner, learner), self._rho, named
         )
+
+    @property
+    def planner(self) -> int:
+        """Position of the planner that leads this episode, or would if the learner did not."""
+        return self._planner
+
+    @property
+    def best_planner(self) -> int:
+        """Position of the planner whose episodes are believed to be worth most."""
+        means = [mean for mean, _ in self._beliefs()[:-1]]
+        return means.index(max(means))
 
     def _worth(self, led: Returns, belief: tuple[float, float]) -> Worth | None:
         if not led.episodes:
@@ -121,7 +142,8 @@ class Evidence(Strategy):
         """In words: what `propose_greedily` returns."""
         if self._rho > 0.5:
             return "the learner's choice"
-        return "the planner's choice, the learner's where all plans are worth the same"
+        whose = f" {self.names[self.best_planner]}" if len(self.names) > 1 else ""
+        return f"the planner{whose}'s choice, the learner's where all plans are worth the same"
 
     @property
     def turns(self) -> str:
@@ -133,40 +155,64 @@ class Evidence(Strategy):
         """Range of all returns."""
         return self._best - self._worst
 
-    def _beliefs(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return mean and variance of the expected return of planner and learner.
+    @property
+    def _leads_so_far(self) -> list[Returns]:
+        """The returns of each planner, and of the learner."""
+        return [*self.planners, self.learner]
+
+    def _beliefs(self) -> list[tuple[float, float]]:
+        """Return mean and variance of the expected return of each planner, and of the learner.
 
         The unit is the range of all returns, from 0 for the worst to 1 for the best. The prior has
         mean 0 and variance 1, and the range counts as one return's evidence on how much they vary.
         """
         span = self._span or 1.0
-        squares = (self.planner.squares + self.learner.squares) / span / span
-        noise = (squares + 1.0 / 12.0) / (self.planner.count + self.learner.count + 1.0)
+        squares = sum(led.squares for led in self._leads_so_far) / span / span
+        noise = (squares + 1.0 / 12.0) / self._freedom
 
         def belief(led: Returns) -> tuple[float, float]:
             share = led.count / (led.count + noise)
             return share * (led.mean - self._worst) / span, 1.0 - share
 
-        return belief(self.planner), belief(self.learner)
+        return [belief(led) for led in self._leads_so_far]
+
+    @property
+    def _freedom(self) -> float:
+        """Degrees of freedom: returns that say how much returns vary."""
+        return sum(led.count for led in self._leads_so_far) + 1.0
+
+    @property
+    def _episodes(self) -> int:
+        return sum(led.episodes for led in self._leads_so_far)
 
     def _probability(self) -> float:
         """Return the probability that the learner's lead is better."""
-        episodes = self.planner.episodes + self.learner.episodes
+        episodes = self._episodes
         if not episodes or self._steps <= self._settings.learner.learning_starts:
             return 0.0  # the learner has learned nothing yet
         if not self._span > 1e-9 * max(abs(self._best), abs(self._worst)):
             # All returns are equal. By Laplace's rule of succession the next one differs with
             # probability 1 / (n + 2), and is better as probably as worse.
             return 0.5 / (episodes + 2.0)
-        (mean, variance), (other, more) = self._beliefs()
-        freedom = self.planner.count + self.learner.count + 1.0
-        return float(special.stdtr(freedom, (other - mean) / math.sqrt(variance + more)))
+        *planners, (other, more) = self._beliefs()
+        mean, variance = planners[self.best_planner]
+        return float(special.stdtr(self._freedom, (other - mean) / math.sqrt(variance + more)))
+
+    def _draw(self) -> None:
+        """Draw who leads the next episode."""
+        self._leads = bool(self._random.random() < self._rho)
+        if len(self.planners) > 1:
+            drawn = [
+                mean + math.sqrt(variance) * self._random.standard_t(self._freedom)
+                for mean, variance in self._beliefs()[:-1]
+            ]
+            self._planner = drawn.index(max(drawn))
 
     def forked(self, seed: np.random.SeedSequence) -> Evidence:
         """Return a copy that draws its own lead."""
         forked = copy.copy(self)
         forked._random = np.random.default_rng(seed)
-        forked._leads = bool(forked._random.random() < self._rho)
+        forked._draw()
         return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
@@ -185,20 +231,21 @@ class Evidence(Strategy):
         """Add the return to the evidence, and draw who leads the next episode."""
         if abs(return_) <= _LARGEST:
             self._steps += length
-            before = self.planner.episodes + self.learner.episodes
+            before = self._episodes
             kept = (before / (before + 1)) ** _FORGETTING
-            self.planner.fade(kept)
-            self.learner.fade(kept)
+            for led in self._leads_so_far:
+                led.fade(kept)
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)
-            (self.learner if self._leads else self.planner).add(return_)
+            (self.learner if self._leads else self.planners[self._planner]).add(return_)
             self._rho = self._probability()
-        self._leads = bool(self._random.random() < self._rho)
+        self._draw()
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
         return {
-            "planner": vars(self.planner).copy(),
+            "planners": {str(k): vars(led).copy() for k, led in enumerate(self.planners)},
             "learner": vars(self.learner).copy(),
+            "planner": self._planner,
             "range": [self._worst, self._best] if self._worst <= self._best else None,
             "steps": self._steps,
             "leads": self._leads,
@@ -218,9 +265,14 @@ class Evidence(Strategy):
             if self._worst > self._best:
                 raise saved.wrong("range is empty")
         self._steps = saved.whole("steps")
-        for name, returns in (("planner", self.planner), ("learner", self.learner)):
-            returns.load(Saved(name, {}, saved.part(name)[1]), self._worst, self._best)
-        if (self.planner.episodes + self.learner.episodes > 0) != (meta.get("range") is not None):
+        planners = Saved("planners", {}, saved.part("planners")[1])
+        for k, led in enumerate(self.planners):
+            part = Saved("planner", {}, planners.part(str(k))[1])
+            led.load(part, self._worst, self._best)
+        learner = Saved("learner", {}, saved.part("learner")[1])
+        self.learner.load(learner, self._worst, self._best)
+        self._planner = saved.whole("planner", 0, len(self.planners) - 1)
+        if (self._episodes > 0) != (meta.get("range") is not None):
             raise saved.wrong("range is that of no episode, or of none")
         self._leads = saved.truth("leads")
         self._random.bit_generator.state = saved.generator_state("random", self._random)

@@ -46,10 +46,12 @@ class Strategy:
         reads: Settings that only this strategy reads, such as `arbiter.rho_max`.
         imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
             `imitation_weight`.
+        chooses_planner: Whether it chooses among several planners (`planner.name` is `a+b`).
     """
 
     reads: ClassVar[tuple[str, ...]] = ()
     imitates: ClassVar[bool] = False
+    chooses_planner: ClassVar[bool] = False
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
@@ -58,6 +60,16 @@ class Strategy:
     def rho(self) -> float:
         """The probability that the learner makes the next proposal."""
         return 1.0
+
+    @property
+    def planner(self) -> int:
+        """Position of the planner that acts in this episode of training."""
+        return 0
+
+    @property
+    def best_planner(self) -> int:
+        """Position of the planner that is best by what is known."""
+        return 0
 
     @property
     def choice(self) -> str:

@@ -1,0 +1,117 @@
+"""Planners that a task brings along: functions of a state, and further domain files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.saved_state import Arrays
+from serp._util.text import did_you_mean
+from serp.control.protocols import MakePlanner
+from serp.errors import TaskError
+from serp.model.loading import load_domain
+from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.planning.advice import AdvisedPlanner
+from serp.planning.far_sight.planner import FarSightPlanner
+from serp.settings import PlannerSettings
+
+Advise = Callable[[Mapping[str, float | bool]], Any]
+
+
+def own_planners(declared: Mapping[str, Advise | str | Path]) -> dict[str, MakePlanner]:
+    """Return what makes the planners of `serp.Task.planners`, by name.
+
+    Raises:
+        TaskError: A planner is neither a function nor a file, or its name cannot be a planner's.
+    """
+    made: dict[str, MakePlanner] = {}
+    for name, given in declared.items():
+        if not isinstance(name, str) or not name.strip() or set(name) & set("+:"):
+            raise TaskError(
+                f"planners: {name!r} cannot name a planner; take a word without `+` and `:`"
+            )
+        if callable(given):
+            made[name] = partial(_by_function, name, given)
+        elif isinstance(given, str | Path):
+            made[name] = partial(FilePlanner, name, given)
+        else:
+            raise TaskError(f"planners: `{name}` must be a function or a file, not {given!r}")
+    return made
+
+
+def _by_function(
+    name: str, advise: Advise, model: TransitionModel, settings: PlannerSettings
+) -> AdvisedPlanner:
+    """Return a planner that follows a function of the fluents' values."""
+
+    def advice(state: Vector) -> int:
+        try:
+            action = advise(model.values(state))
+            return -1 if action is None else model.action_index(action)
+        except StateError as error:
+            raise TaskError(f"planner `{name}` advises {action!r}: {error}") from None
+        except Exception as error:
+            raise TaskError(f"planner `{name}`: {type(error).__name__}: {error}") from error
+
+    return AdvisedPlanner(model, settings, advice)
+
+
+class FilePlanner(AdvisedPlanner):
+    """Follows what another domain file of the same task suggests.
+
+    The task's own file says what is unsafe. The other one may know fewer fluents and actions.
+
+    Args:
+        name: Name of the planner, for messages.
+        file: The other domain file.
+        model: The model of the task's own file.
+        settings: The settings of both planners.
+
+    Raises:
+        DomainError: The file is missing or wrong.
+        TaskError: It has a fluent or an action that the task's own file has not.
+    """
+
+    def __init__(
+        self, name: str, file: str | Path, model: TransitionModel, settings: PlannerSettings
+    ) -> None:
+        observed = [fluent.name for fluent in model.fluents]
+        other = load_domain(file, observed=True).observed(observed).model.replace(dt=model.dt)
+        self._fluents = _positions(name, "fluent", [f.name for f in other.fluents], observed)
+        self._actions = _positions(
+            name, "action", [a.name for a in other.actions], [a.name for a in model.actions]
+        )
+        self._other = FarSightPlanner(other, settings)
+        super().__init__(model, settings, self._suggest)
+
+    def _suggest(self, state: Vector) -> int:
+        choice = self._other.forecast(np.ascontiguousarray(state[self._fluents])).choice
+        return self._actions[choice] if choice >= 0 else -1
+
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        return self._other.state_dict()
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        self._other.load_state_dict(arrays, meta)
+
+
+def _positions(planner: str, what: str, names: list[str], known: list[str]) -> list[int]:
+    position = {name: k for k, name in enumerate(known)}
+    for name in names:
+        if name not in position:
+            raise TaskError(
+                f"planner `{planner}`: its file has the {what} `{name}`, which the task's own file "
+                f"does not have; {did_you_mean(name, known)}"
+            )
+    return [position[name] for name in names]

@@ -1,0 +1,74 @@
+"""Planners of a task's own, functions and other domain files, one at a time or several at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from serp.errors import SerpError, SettingsError, TaskError
+from serp.tasks.task import Task
+from serp.training.plan_and_learn import plan_and_learn
+from serp.training.run import Run
+from tests.serp.sample_tasks import CORRIDOR, corridor
+from tests.serp.training.runs import everything, resume, without_pictures
+
+
+def with_planners(folder: Path, **more: Any) -> Task:
+    """The corridor with a planner that walks right, and a file that believes the goal is left."""
+    other = folder / "mistaken.pddl"
+    other.write_text(CORRIDOR.replace("increase (reward) 5", "increase (reward) -9"))
+    planners = {"rightwards": lambda state: "right", "mistaken": other, **more}
+    return corridor(folder, planners=planners)
+
+
+@without_pictures()
+def train(task: Task, out: Path, planner: str, episodes: int, **settings: Any) -> Run:
+    chosen = {"planner": {"name": planner, "depth": 2}, **settings}
+    return plan_and_learn(task, settings=chosen, episodes=episodes, seed=3, out=out, quiet=True)
+
+
+def test_the_better_planner_is_found_and_a_resumed_run_equals_an_uninterrupted_one(
+    tmp_path: Path,
+) -> None:
+    task, names = with_planners(tmp_path), "mistaken+rightwards+far-sight"
+    leads = {"learner": {"learning_starts": 10_000}}  # planners alone lead
+    run = train(task, tmp_path / "whole", names, 30, **leads)
+    evidence = run.summary["evidence"]
+    assert set(evidence["planners"]) == {"mistaken", "rightwards", "far-sight"}
+    assert "mistaken" not in run.summary["trained_policy"]
+    assert evidence["planners"]["mistaken"]["mean"] < evidence["planner"]["mean"]
+    assert sum(worth["episodes"] for worth in evidence["planners"].values()) == 30
+    train(task, tmp_path / "half", names, 15, **leads)
+    resume(task, tmp_path / "half", episodes=30)
+    assert everything(tmp_path / "half") == everything(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("planner", "failure", "said"),
+    [
+        ("up-and-away", TaskError, "planner `up-and-away` advises 'up': unknown action `up`"),
+        ("blind", TaskError, "planner `blind`: KeyError: 'y'"),
+        ("rightward", SettingsError, "no planner `rightward`; did you mean `rightwards`"),
+        ("foreign", TaskError, "planner `foreign`: its file has the fluent `y`, which the task's"),
+        ("rightwards+rightwards", SettingsError, "`rightwards` is named twice"),
+        ("rightwards+", SettingsError, "there is no planner ``"),
+    ],
+)
+def test_a_planner_that_cannot_be_used_is_refused(
+    tmp_path: Path, planner: str, failure: type[SerpError], said: str
+) -> None:
+    foreign = tmp_path / "foreign.pddl"
+    foreign.write_text(CORRIDOR.replace("(x)", "(y)"))
+    task = with_planners(
+        tmp_path, foreign=foreign, blind=lambda state: state["y"], **{"up-and-away": lambda _: "up"}
+    )
+    with pytest.raises(failure, match=said):
+        train(task, tmp_path / "run", planner, 2)
+
+
+def test_several_planners_need_a_strategy_that_chooses(tmp_path: Path) -> None:
+    mixture = {"guide": {"strategy": "mixture"}}
+    with pytest.raises(SettingsError, match="`mixture` does not choose .* guide.strategy=evidence"):
+        train(with_planners(tmp_path), tmp_path / "run", "rightwards+mistaken", 2, **mixture)
