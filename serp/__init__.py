@@ -28,6 +28,7 @@ _NAMES = {
     "serp.pddl.source": ("DomainError",),
     "serp.planning.forecast": ("Forecast",),
     "serp.planning.lookahead": ("Lookahead",),
+    "serp.planning.plan_follower": ("PlanFollower",),
     "serp.planning.replanner": ("MonitorReplanner", "Plan"),
     "serp.runs.rows": ("MetricsRow",),
     "serp.settings": (
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
     from serp.pddl.source import DomainError as DomainError
     from serp.planning.forecast import Forecast as Forecast
     from serp.planning.lookahead import Lookahead as Lookahead
+    from serp.planning.plan_follower import PlanFollower as PlanFollower
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
     from serp.planning.replanner import Plan as Plan
     from serp.runs.rows import MetricsRow as MetricsRow
