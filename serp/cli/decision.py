@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from serp._util.number_format import percent, readable
 from serp._util.text import plural
+from serp.cli.chosen_planner import ChosenPlanner
 from serp.cli.output import print_table
-from serp.cli.run_planner import RunPlanner
 from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.planning.forecast import SAFE, score_of
@@ -124,7 +124,7 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
         )
     if not plan.safe and plan.action is not None:
         lines.append(_why_unsafe_chosen(plan, plan.action))
-    if isinstance(planner, RunPlanner):
+    if isinstance(planner, ChosenPlanner):
         return [*lines, planner.sight(plan)]
     settings = planner.settings
     each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""

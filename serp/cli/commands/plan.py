@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
 
 _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
+"""The settings of one decision, beside the name of the planner."""
 
 
 @click.command(
@@ -33,6 +34,7 @@ _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
         "serp plan --domain cartpole",
         "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
         "serp plan --domain my/world.pddl --problem my/world-problem.pddl --depth 4",
+        "serp plan --domain my/world.pddl --planner far-sight",
         "serp plan --domain cartpole --svg decision.svg",
         "serp plan runs/seven --seed 3",
     ),
@@ -51,6 +53,12 @@ _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
                    "different best returns; with --state, the one after a reset.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the reset.")  # fmt: skip
+@click.option(
+    "--planner",
+    "planner_name",
+    metavar="NAME",
+    help="Who plans.  [default: the lookahead, whose planning graph is shown]",
+)
 @click.option("--depth", type=click.IntRange(min=1), metavar="N",
               help="Actions to look ahead.  [default: the task's, else 5]")  # fmt: skip
 @click.option("--discount", type=click.FloatRange(0, 1, min_open=True), metavar="X",
@@ -87,6 +95,7 @@ def command(
     With RUN, the folder of a training, the decision is that of its planner, with the model that it
     plans with, whatever that has learned.
     """
+    from serp.cli.chosen_planner import ChosenPlanner
     from serp.cli.run_planner import RunPlanner, asked_run
 
     domain, task, make_planner = (
@@ -119,7 +128,7 @@ def command(
             from serp.viz.plan_drawing import draw_plan, svg_bytes
 
         drawn, what = plan, "The planning graph"
-        if isinstance(planner, RunPlanner):  # what it sees beyond cannot be drawn
+        if isinstance(planner, ChosenPlanner):  # what it sees beyond cannot be drawn
             drawn, what = planner.lookahead(state), "What the lookahead alone would choose"
             origin += ": the lookahead alone"
         figure = draw_plan(drawn, planner, title=f"{domain.name}, {origin}")
@@ -148,11 +157,15 @@ def _planning(
     settings: Changes,
     dt: float | None,
     time_budget: float,
+    planner_name: str | None,
     **options: float | None,
 ) -> MakePlanner:
     """Return a function that makes the planner of a domain, as task, settings and options say."""
+    from serp.cli.chosen_planner import ChosenPlanner
+    from serp.control.own_planners import own_planners
+    from serp.control.registry import make_planner, refuse_unknown_names
     from serp.planning.replanner import MonitorReplanner
-    from serp.settings import Settings, resolve
+    from serp.settings import PlannerSettings, Settings, resolve
 
     every = resolve("default", task.settings, settings) if task else Settings().replace(settings)
     for section, values in settings.items():
@@ -164,6 +177,17 @@ def _planning(
         name: options.get(name) or getattr(every.planner, name) for name in _USED
     }
     period = dt or (task.dt if task else 1.0)
-    return lambda domain: MonitorReplanner(
-        domain.model.replace(dt=period), time_budget=time_budget, **used
-    )
+    if planner_name is None:
+        return lambda domain: MonitorReplanner(
+            domain.model.replace(dt=period), time_budget=time_budget, **used
+        )
+    chosen = PlannerSettings(**used, name=planner_name)
+    own = own_planners(task.planners) if task is not None else {}
+    refuse_unknown_names(Settings(planner=chosen), own)
+
+    def chosen_planner(domain: Domain) -> MonitorReplanner:
+        model = domain.model.replace(dt=period)
+        planner = make_planner(model, chosen, own)
+        return ChosenPlanner(planner, model, chosen, time_budget, f"The planner {planner_name}")
+
+    return chosen_planner

@@ -44,6 +44,22 @@ def test_of_a_run_its_own_planner_and_model_are_shown(run: Run, trained: Path) -
     assert "--domain cartpole" in run("plan", "cartpole", expect=2).stderr
 
 
+def test_a_planner_is_chosen_by_its_name(run: Run, folder: Path) -> None:
+    hall = EDGE.replace("(> (x) 3)", "(> (x) 99)").replace(" (reward)", "")
+    (folder / "hall.pddl").write_text(hall)  # without a reward the goal is one
+    (folder / "hall-problem.pddl").write_text(
+        "(define (problem p) (:domain edge) (:init (= (x) 0)) (:goal (and (>= (x) 8))))"
+    )
+    near, far = (
+        planned(run, "--domain", "hall.pddl", "--depth", "2", *planner)
+        for planner in ((), ("--planner", "far-sight"))
+    )
+    assert (near["bound"], far["bound"]) == ("depth", "exhausted")
+    assert near["indifferent"] and far["action"] == "leap"
+    mistyped = run("plan", "--domain", "hall.pddl", "--planner", "far-sigt", expect=1)
+    assert "did you mean `far-sight`" in mistyped.stderr
+
+
 def test_a_given_state_adds_to_the_initial_one(run: Run, tmp_path: Path) -> None:
     Path("tank.pddl").write_text(
         "(define (domain tank) (:predicates (open) (on)) (:functions (level) (size))"

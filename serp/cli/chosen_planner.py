@@ -1,0 +1,114 @@
+"""A planner by its name, for `serp plan`."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from typing import TYPE_CHECKING
+
+from serp._util.number_format import readable
+from serp._util.text import plural
+from serp.planning.limits import Bound
+from serp.planning.plan_follower import PlanFollower
+from serp.planning.replanner import MonitorReplanner, PlannedStep
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
+    from serp.control.protocols import Planner
+    from serp.model.transition_model import TransitionModel, Vector
+    from serp.planning.replanner import Plan
+    from serp.settings import PlannerSettings
+
+
+class ChosenPlanner(MonitorReplanner):
+    """Any planner, in the form that `serp plan` shows.
+
+    Values and choices are the planner's own. The path is where they lead to by the model, a control
+    period a step; the graph is that of the lookahead alone.
+
+    Args:
+        planner: The planner.
+        model: The model that it plans with.
+        settings: Its settings.
+        time_budget: Seconds that the lookahead may take.
+        called: What it is called in messages.
+        undisturbed: Makes a context at whose end the planner is as it was before.
+    """
+
+    def __init__(
+        self,
+        planner: Planner,
+        model: TransitionModel,
+        settings: PlannerSettings,
+        time_budget: float,
+        called: str,
+        undisturbed: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
+    ) -> None:
+        super().__init__(
+            model,
+            depth=settings.depth,
+            discount=settings.discount,
+            repeat=settings.repeat,
+            max_nodes=settings.max_nodes,
+            accepted_risk=settings.accepted_risk,
+            time_budget=time_budget,
+        )
+        self._planner = planner
+        self._called = called
+        self._undisturbed = undisturbed
+
+    def lookahead(self, state: ArrayLike) -> Plan:
+        """Plan by the lookahead alone."""
+        return super().plan(state)
+
+    def plan(self, state: ArrayLike) -> Plan:
+        """Plan from an observed state `[F]`; the planner is then as it was before."""
+        with self._undisturbed():
+            return self._plan(state)
+
+    def _plan(self, state: ArrayLike) -> Plan:
+        lookahead, planner = self.lookahead(state), self._planner
+        now = self.model.check_state(state)
+        found = planner.forecast(now)
+        chosen = found.choice if found.choice >= 0 else None
+        return dataclasses.replace(
+            lookahead,
+            action=chosen,
+            name=None if chosen is None else self.model.actions[chosen].name,
+            path=self._path(now, found.choice),
+            reward=0.0 if chosen is None else float(found.value[chosen]),
+            safe=found.safe,
+            indifferent=found.indifferent,
+            depth=found.depth,
+            bound=found.bound,
+            forecast=found,
+        )
+
+    def _path(self, state: Vector, choice: int) -> tuple[PlannedStep, ...]:
+        path: list[PlannedStep] = []
+        followed = len(self._planner.plan) if isinstance(self._planner, PlanFollower) else 0
+        while choice >= 0 and len(path) < (followed or self.settings.depth):
+            step = self.model.step(state, choice)
+            state, name = step.state, self.model.actions[choice].name
+            end = tuple(state.tolist())
+            path.append(PlannedStep(name, step.reward, step.unsafe, step.risk, end))
+            if step.terminal:
+                break
+            choice = self._planner.forecast(state).choice
+        return tuple(path)
+
+    def sight(self, plan: Plan) -> str:
+        """Say how far the planner saw."""
+        discount = f"discount {readable(self.settings.discount)}"
+        if isinstance(self._planner, PlanFollower) and self._planner.plan:
+            length = plural(len(self._planner.plan), "action")
+            return f"{self._called} follows a plan of {length} to the goal."
+        if plan.bound is Bound.EXHAUSTED:
+            return f"{self._called} saw everything that can be reached, {discount}."
+        saw = f"{self._called} looked ahead {plural(plan.depth, 'action')}, {discount}."
+        if plan.bound is Bound.CELLS:
+            saw += " Values of cells stand for what lies beyond."
+        return saw if plan.bound in (Bound.CELLS, Bound.DEPTH) else f"{saw} Its budget ended there."
