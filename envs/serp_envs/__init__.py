@@ -16,6 +16,7 @@ from serp_envs import hill, landing, swing_up
 from serp_envs.cartpole import CartPole
 from serp_envs.hill import Hill
 from serp_envs.landing import Landing
+from serp_envs.macro_actions import MacroActions, Option, option
 from serp_envs.swing_up import SwingUp
 
 if TYPE_CHECKING:
@@ -26,8 +27,11 @@ __all__ = [
     "CornerKickDefender",
     "Hill",
     "Landing",
+    "MacroActions",
+    "Option",
     "SoccerDefender",
     "SwingUp",
+    "option",
 ]
 
 _ENVIRONMENTS: Final[dict[str, dict[str, Any]]] = {

@@ -35,7 +35,7 @@ class ActionSpace:
         else:
             raise ValueError(
                 f"serp needs discrete actions, this environment has {space}; offer a few "
-                "(macro-)actions through a wrapper"
+                "controllers as actions: serp_envs.MacroActions"
             )
         self.size = int(np.prod(self._shape, dtype=object))
         if self.size > MOST_COMBINATIONS:

@@ -180,7 +180,7 @@ def unplugged() -> gym.Env[Any, Any]:
         ({"make_env": Half}, "observations of None cannot be flattened"),
         (
             {"make_env": lambda: Odd(action_space=spaces.Box(-1.0, 1.0, (1,)))},
-            r"corridor.*discrete actions.*Box.*wrapper",
+            r"corridor.*discrete actions.*Box.*MacroActions",
         ),
         ({"make_env": lambda: Odd(observation_space="a space")}, "cannot be flattened"),
         # What the grounding leaves out is named before the environment is reset.

@@ -1,0 +1,124 @@
+"""Macro-actions: controllers that run for several steps make a discrete environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from typing import Any, TypeVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+Observation = TypeVar("Observation")
+Control = TypeVar("Control")
+Option = Callable[[Observation], Generator[Control, Observation, None]]
+"""A generator function: it is given the observation at which it begins, yields controls, is sent
+the observation after each, and returns when it is done."""
+
+
+def option(
+    control: Callable[[Observation], Control],
+    *,
+    steps: int,
+    until: Callable[[Observation], bool] | None = None,
+) -> Option[Observation, Control]:
+    """Return the option that runs a controller for a number of steps, or until a condition holds.
+
+    Args:
+        control: Observation → control, which the environment's `step` takes.
+        steps: Most steps, at least 1.
+        until: Observation → whether to end; asked after every step.
+
+    Raises:
+        ValueError: `steps` is not a number of steps.
+    """
+    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
+        raise ValueError(f"an option takes 1 step or more, not {steps!r}")
+
+    def run(observation: Observation) -> Generator[Control, Observation, None]:
+        for _ in range(steps):
+            observation = yield control(observation)
+            if until is not None and until(observation):
+                return
+
+    return run
+
+
+class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
+    """An environment whose actions are options (Sutton, Precup and Singh 1999) of another one.
+
+    Action k runs the k-th option to its end, or to the end of the episode. A step has the
+    observation, terminated, truncated and info of the last step that the option made, and the sum
+    of the rewards of all. Its info has one more entry, `steps`: their number::
+
+        MacroActions(
+            gymnasium.make("Pendulum-v1"),
+            {"left": option(lambda seen: [-1.0], steps=10), "right": ...},
+        )
+
+    Attributes:
+        options: The options by name, in the order of the actions.
+
+    Args:
+        env: The environment, with any action space.
+        options: The options by name; an option may be any generator function, see `Option`.
+
+    Raises:
+        ValueError: There are no options.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        options: Mapping[str, Option[Any, Any]],
+    ) -> None:
+        super().__init__(env)
+        if not options:
+            raise ValueError("MacroActions needs one option or more")
+        self.options = dict(options)
+        self.action_space = spaces.Discrete(len(self.options))
+        self._observation: Any = None
+        modes = env.metadata.get("render_modes") or []
+        if env.spec is not None and "rgb_array" in modes and "rgb_array_list" not in modes:
+            # `gymnasium.make` collects a picture of every step that an option makes.
+            self.metadata = {**env.metadata, "render_modes": [*modes, "rgb_array_list"]}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode."""
+        self._observation, info = super().reset(seed=seed, options=options)
+        return self._observation, info
+
+    def step(self, action: np.int64 | int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Run an option.
+
+        Raises:
+            gymnasium.error.ResetNeeded: `reset` comes before `step`.
+            gymnasium.error.InvalidAction: There is no such option.
+            ValueError: The option ended without a control.
+        """
+        if self._observation is None:
+            raise gym.error.ResetNeeded("reset comes before step")
+        if not self.action_space.contains(action):
+            raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
+        name = list(self.options)[int(action)]
+        running = self.options[name](self._observation)
+        total, steps = 0.0, 0
+        try:
+            control = next(running)
+            while True:
+                observation, reward, terminated, truncated, info = self.env.step(control)
+                total, steps = total + float(reward), steps + 1
+                self._observation = observation
+                if terminated or truncated:
+                    break
+                control = running.send(observation)
+        except StopIteration:
+            if not steps:
+                raise ValueError(
+                    f"option `{name}` ended without a control; let it make one step or more"
+                ) from None
+        finally:
+            running.close()
+        return observation, total, terminated, truncated, {**info, "steps": steps}

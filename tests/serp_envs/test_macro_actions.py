@@ -1,0 +1,120 @@
+"""Macro-actions: an option does what its controller would do step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
+
+from serp_envs import MacroActions, option
+
+
+def along(seen: Any) -> Any:
+    """Push in the direction of the motion: the last number of both observations is the speed."""
+    return np.array([1.0 if seen[-1] >= 0 else -1.0], dtype=np.float32)
+
+
+def against(seen: Any) -> Any:
+    return -along(seen)
+
+
+def there_and_back(seen: Any) -> Generator[Any, Any, None]:
+    """Two phases, the second until the speed is that of the beginning."""
+    begin = seen[-1]
+    for _ in range(3):
+        seen = yield along(seen)
+    while abs(seen[-1] - begin) > 0.02:
+        seen = yield against(seen)
+
+
+OPTIONS = {
+    "along": option(along, steps=7),
+    "against": option(against, steps=5, until=lambda seen: abs(seen[-1]) < 0.01),
+    "there-and-back": there_and_back,
+}
+
+
+@pytest.mark.parametrize("name", ["Pendulum-v1", "MountainCarContinuous-v0"])
+def test_an_option_is_its_controls_one_after_the_other(name: str) -> None:
+    """The same controls give the same episode: to the goal, and to the time limit."""
+    controls: list[Any] = []
+
+    class Recorded(gymnasium.Wrapper[Any, Any, Any, Any]):
+        def step(self, action: Any) -> Any:
+            controls.append(action)
+            return self.env.step(action)
+
+    env = MacroActions(Recorded(gymnasium.make(name, max_episode_steps=150)), OPTIONS)
+    plain = gymnasium.make(name, max_episode_steps=150)
+    random = np.random.default_rng(0)
+    ends = set()
+    for seed in range(6):
+        seen, _ = env.reset(seed=seed)
+        assert seen.tobytes() == plain.reset(seed=seed)[0].tobytes()
+        over = False
+        while not over:
+            controls.clear()
+            # The car reaches the goal where it is always pushed along.
+            action = random.integers(3) if seed % 2 else 0
+            seen, total, terminated, truncated, info = env.step(action)
+            assert info.pop("steps") == len(controls) > 0
+            by_hand = [plain.step(control) for control in controls]
+            assert seen.tobytes() == by_hand[-1][0].tobytes()
+            assert total == pytest.approx(sum(float(step[1]) for step in by_hand))
+            assert (terminated, truncated, info) == by_hand[-1][2:]
+            assert not any(step[2] or step[3] for step in by_hand[:-1])
+            if action == 1:
+                assert all(abs(step[0][-1]) >= 0.01 for step in by_hand[:-1])
+            over = terminated or truncated
+        ends.add((terminated, truncated))
+    assert (False, True) in ends
+    assert (True, False) in ends or name == "Pendulum-v1"
+
+
+def test_its_pictures_are_those_of_all_steps() -> None:
+    drawn = MacroActions(gymnasium.make("Pendulum-v1", render_mode="rgb_array_list"), OPTIONS)
+    assert "rgb_array_list" in drawn.metadata["render_modes"]
+    drawn.reset(seed=0)
+    drawn.step(0)
+    assert len(drawn.render()) == 1 + 7  # type: ignore[arg-type]
+    drawn.close()
+
+
+def test_an_episode_that_ends_closes_the_option_that_ran() -> None:
+    closed = []
+
+    def endless(seen: Any) -> Generator[Any, Any, None]:
+        try:
+            while True:
+                yield along(seen)
+        finally:
+            closed.append(True)
+
+    env = MacroActions(gymnasium.make("Pendulum-v1"), {"endless": endless})
+    env.reset(seed=0)
+    *_, truncated, info = env.step(0)
+    assert (truncated, info["steps"], closed) == (True, 200, [True])
+
+
+def test_what_is_wrong_is_named() -> None:
+    def nothing(seen: Any) -> Generator[Any, Any, None]:
+        yield from ()
+
+    pendulum = gymnasium.make("Pendulum-v1")
+    env = MacroActions(pendulum, {"rest": nothing})
+    with pytest.raises(ResetNeeded):
+        env.step(0)
+    env.reset()
+    with pytest.raises(ValueError, match="option `rest` ended without a control"):
+        env.step(0)
+    with pytest.raises(InvalidAction, match="1 is no action of Discrete"):
+        env.step(1)
+    with pytest.raises(ValueError, match="one option or more"):
+        MacroActions(pendulum, {})
+    for steps in (0, 1.5, True):
+        with pytest.raises(ValueError, match="1 step or more, not"):
+            option(along, steps=steps)  # type: ignore[arg-type]
