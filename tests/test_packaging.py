@@ -168,8 +168,8 @@ def test_nothing_heavy_is_imported_before_it_is_needed(script: str, tmp_path: Pa
 # Optional parts
 
 OPTIONAL = (
-    "Box2D", "PIL", "imageio_ffmpeg", "matplotlib", "minigrid", "pygame", "pymunk",
-    "stable_baselines3", "tensorboard", "unified_planning",
+    "Box2D", "PIL", "distributed", "imageio_ffmpeg", "matplotlib", "minigrid", "optuna", "pygame",
+    "pymunk", "ray", "stable_baselines3", "tensorboard", "unified_planning",
 )  # fmt: skip
 WITHOUT = f"""
 import shlex, sys

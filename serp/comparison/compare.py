@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,20 +12,21 @@ from typing import Any
 
 from serp._util.extras import needs_extra
 from serp.comparison.analysis.results import Results
-from serp.comparison.fairness import judges_alike
+from serp.comparison.engines import LOCAL, find_engine, run_jobs
+from serp.comparison.fairness import judges_alike, made_alike
 from serp.comparison.folder import writing
+from serp.comparison.merging import merge_into
 from serp.comparison.metadata import metadata_of
 from serp.comparison.plan import read_plan, write_plan
 from serp.comparison.prepared import PreparedComparison
 from serp.comparison.progress import Display
 from serp.comparison.report.tables import overview
 from serp.comparison.request import ComparisonRequest, prepare, requested_task
-from serp.comparison.trial_files import is_complete, read_trial
+from serp.comparison.trial_files import is_complete, read_trial, write_trial
 from serp.comparison.trial_records import Trial
-from serp.comparison.trials.characteristics import settings_in_use
 from serp.comparison.trials.contestant import make_contestant
-from serp.comparison.workers import Ended, Job, portable, run_here, run_in_processes
-from serp.errors import Interrupted, RunError
+from serp.comparison.workers import Ended, portable
+from serp.errors import Interrupted, Notice, RunError
 from serp.runs.new_folder import default_path
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
@@ -82,7 +86,11 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
             * `evaluation_episodes`: episodes of each such evaluation; 10 by default.
             * `final_episodes`: episodes of each evaluation at the end; 50 by default.
             * `out`: folder of the comparison; by default `runs/compare-<domain>-<time>`.
-            * `jobs`: number of processes; by default the number of cores.
+            * `engine`: what runs the trials: `local` (the default), `ray`, `dask`, or the name of
+              another entry point of the group `serp.engines`.
+            * `address`: the cluster that the engine is to use; by default it starts workers here.
+            * `jobs`: most trials at the same time; by default the number of cores.
+            * `merge`: folders of other comparisons whose trials are copied into `out` first.
             * `quiet`: show no progress.
 
     Raises:
@@ -93,6 +101,13 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     with needs_extra("report", "the report of a comparison"):
         from serp.comparison.report.report import write_report
     request = ComparisonRequest(**options)
+    if request.engine != LOCAL:
+        find_engine(request.engine)
+    if request.merge:
+        if request.out is None:
+            raise RunError("say which folder the others are merged into: out (--out)")
+        with writing(request.out):
+            merge_into(request.out, request.merge)
     before = None if request.out is None else read_plan(request.out)
     with requested_task(task, before, request.out).bind() as bound:
         folder = request.out or default_path(f"compare-{bound.name}")
@@ -110,7 +125,11 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
                 failed = _run(prepared, missing, stopping, request)
                 trials = prepared.plan.trials
                 done = [trial for trial in trials if is_complete(folder, trial)]
-                results = Results([read_trial(folder, trial) for trial in done], metadata)
+                records = [read_trial(folder, trial) for trial in done]
+                if mixed := made_alike(records):
+                    warnings.warn(mixed[0], Notice, stacklevel=2)
+                notes = [*metadata.notes, *mixed]
+                results = Results(records, dataclasses.replace(metadata, notes=notes))
                 write_report(folder, results)
     if stopping.signal is not None and len(done) + len(failed) < len(trials):
         raise Interrupted(
@@ -146,47 +165,46 @@ def _run(
     failed: list[Ended] = []
     if not missing:
         return failed
-    protocol = prepared.plan.protocol
-    jobs = [_job(prepared, trial) for trial in missing]
-    processes = min(request.jobs, len(jobs))
+    jobs = [prepared.job(trial) for trial in missing]
+    most, protocol = request.jobs or 0, prepared.plan.protocol
     with Display(missing, protocol.env_steps, quiet=request.quiet) as display:
-        if processes > 1 and not portable(jobs):
-            processes = 1
-            display.say(
-                "The trials run one after another: the task has functions that cannot be imported "
-                "from other processes (lambdas, or functions of a notebook or of __main__)."
-            )
+        if request.engine == LOCAL:
+            most = min(most or os.cpu_count() or 1, len(jobs))
+            if most > 1 and not portable(jobs):
+                most = 1
+                display.say(
+                    "The trials run one after another: the task has functions that cannot be "
+                    "imported from other processes (lambdas, or functions of a notebook or of "
+                    "__main__)."
+                )
 
         def stopped() -> bool:
-            return stopping.requested
-
-        def on_progress(trial: Trial, env_steps: int) -> None:
             answer = stopping.answer(
                 "the trials that run", "they are run again when the comparison goes on"
             )
             if answer is not None:
                 display.say(answer)
+            return stopping.requested
+
+        def on_progress(trial: Trial, env_steps: int) -> None:
+            stopped()
             display.notice(trial, env_steps)
 
-        if processes == 1:
-            ends = run_here(jobs, on_progress, stopped)
-        else:
-            ends = run_in_processes(jobs, processes, on_progress, stopped)
+        ends = run_jobs(jobs, request.engine, request.address, most, on_progress, stopped)
         for ended in ends:
-            display.end(ended.trial, ended.error)
-            if ended.error is not None:
-                failed.append(ended)
+            error = _keep(prepared, ended)
+            display.end(ended.trial, error)
+            if error is not None:
+                failed.append(ended._replace(error=error))
     return failed
 
 
-def _job(prepared: PreparedComparison, trial: Trial) -> Job:
-    """Return what a worker needs for one trial."""
-    algorithm, settings = prepared.algorithms[trial.algorithm], prepared.settings(trial)
-    metadata = {
-        "settings": settings_in_use(algorithm, settings),
-        "made_of": prepared.made_of(trial),
-    }
-    return Job(
-        prepared.folder, trial, algorithm, prepared.tasks[trial.variant], settings,
-        prepared.plan.protocol, metadata,
-    )  # fmt: skip
+def _keep(prepared: PreparedComparison, ended: Ended) -> str | None:
+    """Write a trial that was measured; return what went wrong, if anything did."""
+    if ended.measured is not None:
+        metadata = prepared.metadata(ended.trial)
+        try:
+            write_trial(prepared.folder, ended.trial, ended.measured, metadata)
+        except RunError as error:
+            return str(error)
+    return ended.error

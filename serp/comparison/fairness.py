@@ -1,14 +1,15 @@
-"""Check that all domain files of a comparison judge observed steps alike."""
+"""Check that the trials of a comparison can be compared: domain files, and versions."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from serp.comparison.prepared import PreparedComparison
+from serp.comparison.trial_records import Record
 from serp.control.arbiter import Arbiter
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
@@ -36,6 +37,25 @@ def judges_alike(prepared: PreparedComparison, bound: BoundTask) -> list[str]:
             "on it cannot be compared."
             for name, what in _different(bound, files, settings).items()
         ]
+
+
+def made_alike(records: Iterable[Record]) -> list[str]:
+    """Return a warning if trials were made with different versions of a package."""
+    found: dict[str, set[str]] = {}
+    for record in records:
+        for name, version in (record.metadata.get("versions") or {}).items():
+            found.setdefault(name, set()).add(version or "not installed")
+    differ = [
+        f"{name} ({', '.join(sorted(several))})"
+        for name, several in found.items()
+        if len(several) > 1
+    ]
+    if not differ:
+        return []
+    return [
+        f"The trials were made with different versions of {', '.join(differ)}: equal seeds need "
+        "not give equal numbers."
+    ]
 
 
 def _different(

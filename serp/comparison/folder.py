@@ -70,13 +70,18 @@ def kept_file(folder: Path, variant: str) -> Path:
     return folder / _DOMAINS / f"{file_name(variant)}.pddl"
 
 
+def kept_files(folder: Path, variant: str) -> tuple[Path, Path]:
+    """Return where a comparison keeps the domain file of a variant, and its problem file if any."""
+    domain = kept_file(folder, variant)
+    return domain, domain.with_name(f"{domain.stem}-problem.pddl")
+
+
 def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
     """Return a task with the comparison's copy of its domain file.
 
     The file is copied into the folder at the beginning, so that later edits have no effect.
     """
-    place = kept_file(folder, variant)
-    beside = place.with_name(f"{place.stem}-problem.pddl")
+    place, beside = kept_files(folder, variant)
     texts = {place: domain.source.text}
     if domain.problem_source is not None:
         texts[beside] = domain.problem_source.text

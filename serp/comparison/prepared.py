@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +12,8 @@ from serp.comparison.algorithms import Algorithm, find_algorithm
 from serp.comparison.plan import ComparisonPlan
 from serp.comparison.trial_files import digest, is_complete, read_metadata
 from serp.comparison.trial_records import Trial
+from serp.comparison.trials.characteristics import settings_in_use
+from serp.comparison.workers import Job
 from serp.errors import RunError, SettingsError
 from serp.settings import Changes, Settings
 from serp.tasks.task import Task
@@ -38,6 +41,9 @@ class PreparedComparison:
     plan: ComparisonPlan
     tasks: Mapping[str, Task]
     algorithms: Mapping[str, Algorithm]
+    _known: dict[tuple[str, str], tuple[Job, dict[str, str]]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def settings(self, trial: Trial) -> Settings:
         """Return the settings of a trial."""
@@ -45,17 +51,38 @@ class PreparedComparison:
         return self.algorithms[trial.algorithm].settings(task, self.plan.changes)
 
     def made_of(self, trial: Trial) -> dict[str, str]:
-        """Return digests of everything that the result of a trial depends on."""
-        algorithm = self.algorithms[trial.algorithm]
-        domain = self.tasks[trial.variant].load()
-        texts = [s.text for s in (domain.source, domain.problem_source) if s is not None]
-        parts: dict[str, dict[str, Any]] = {
-            "settings": self.settings(trial).as_dict(),
-            "domain": {"texts": texts},
-            "protocol": self.plan.protocol.model_dump(),
-            "algorithm": {"kind": algorithm.kind, "preset": algorithm.preset},
+        """Return digests of everything that the result of a trial depends on but its seed."""
+        return self._specified(trial)[1]
+
+    def job(self, trial: Trial) -> Job:
+        """Return what a worker needs for a trial."""
+        return dataclasses.replace(self._specified(trial)[0], trial=trial)
+
+    def metadata(self, trial: Trial) -> dict[str, Any]:
+        """Return what `trial.json` says of a trial beside its results."""
+        job = self._specified(trial)[0]
+        return {
+            "settings": settings_in_use(job.algorithm, job.settings),
+            "made_of": self.made_of(trial),
         }
-        return {name: digest(part) for name, part in parts.items()}
+
+    def _specified(self, trial: Trial) -> tuple[Job, dict[str, str]]:
+        """Return job and digests of a trial; those of other seeds are the same but for the seed."""
+        key = (trial.algorithm, trial.variant)
+        if key not in self._known:
+            algorithm, settings = self.algorithms[trial.algorithm], self.settings(trial)
+            domain = self.tasks[trial.variant].load()
+            task = dataclasses.replace(self.tasks[trial.variant], domain=domain, problem=None)
+            job = Job(trial, algorithm, task, settings, self.plan.protocol)
+            texts = [s.text for s in (domain.source, domain.problem_source) if s is not None]
+            parts: dict[str, dict[str, Any]] = {
+                "settings": settings.as_dict(),
+                "domain": {"texts": texts},
+                "protocol": self.plan.protocol.model_dump(),
+                "algorithm": {"kind": algorithm.kind, "preset": algorithm.preset},
+            }
+            self._known[key] = job, {name: digest(part) for name, part in parts.items()}
+        return self._known[key]
 
     def missing(self) -> list[Trial]:
         """Return the trials that are not complete, seed by seed.

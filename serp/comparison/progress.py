@@ -21,6 +21,7 @@ class Display:
     def __init__(self, trials: Iterable[Trial], env_steps: int, *, quiet: bool) -> None:
         self._env_steps = env_steps
         self._done = dict.fromkeys(trials, 0)
+        self._steps = 0  # of all trials; a sum over 100,000 of them takes too long
         self._ended = 0
         self._quiet = quiet
         self._begin = time.monotonic()
@@ -46,6 +47,7 @@ class Display:
 
     def notice(self, trial: Trial, env_steps: int) -> None:
         """Show the env steps of a trial so far."""
+        self._steps += env_steps - self._done[trial]
         self._done[trial] = env_steps
         self._show()
 
@@ -64,12 +66,11 @@ class Display:
 
     def _show(self) -> None:
         where = f"{self._ended} of {len(self._done)} trials{self._left()}"
-        self._bar.update(self._task, completed=sum(self._done.values()), description=where)
+        self._bar.update(self._task, completed=self._steps, description=where)
 
     def _left(self) -> str:
         """Return the remaining time, if env steps of all trials take equally long."""
-        done = sum(self._done.values())
-        left = self._env_steps * len(self._done) - done
-        if not done or not left:
+        left = self._env_steps * len(self._done) - self._steps
+        if not self._steps or not left:
             return ""
-        return f", about {duration((time.monotonic() - self._begin) * left / done)} left"
+        return f", about {duration((time.monotonic() - self._begin) * left / self._steps)} left"

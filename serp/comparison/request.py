@@ -20,6 +20,7 @@ from pydantic import (
 from serp._util.numbers import whole
 from serp._util.text import did_you_mean
 from serp.comparison.algorithms import DQN, PLANNER, SERP
+from serp.comparison.engines import LOCAL
 from serp.comparison.folder import keep_domain, kept_file, with_domain
 from serp.comparison.plan import ComparisonPlan, ComparisonProtocol, SettingChanges
 from serp.comparison.prepared import PreparedComparison, named_algorithms, trials_of
@@ -50,7 +51,10 @@ class ComparisonRequest(Section):
     evaluation_episodes: PositiveInt | None = None
     final_episodes: PositiveInt | None = None
     out: Path | None = None
-    jobs: PositiveInt = os.cpu_count() or 1
+    engine: str = LOCAL
+    address: str | None = None
+    jobs: PositiveInt | None = None
+    merge: tuple[Path, ...] = ()
     quiet: bool = False
 
     @classmethod
@@ -62,6 +66,12 @@ class ComparisonRequest(Section):
     @classmethod
     def _given(cls, values: dict[str, Any]) -> dict[str, Any]:
         return {name: value for name, value in values.items() if value is not None}
+
+    @model_validator(mode="after")
+    def _addressed(self) -> ComparisonRequest:
+        if self.address is not None and self.engine == LOCAL:
+            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
+        return self
 
     @field_validator("algorithms", "model_variants", mode="before")
     @classmethod
@@ -81,12 +91,23 @@ class ComparisonRequest(Section):
             raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
         return tuple(dict.fromkeys(seeds))
 
+    @field_validator("merge", mode="before")
+    @classmethod
+    def _folders(cls, value: Any) -> Any:
+        if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
+            raise ValueError("must be a list of folders")
+        return tuple(map(_path, value))
+
     @field_validator("out", mode="before")
     @classmethod
     def _folder(cls, value: Any) -> Path:
-        if not isinstance(value, str | os.PathLike) or "\0" in str(value):
-            raise ValueError("must be the name of a folder")
-        return Path(value)
+        return _path(value)
+
+
+def _path(value: Any) -> Path:
+    if not isinstance(value, str | os.PathLike) or "\0" in str(value):
+        raise ValueError("must be the name of a folder")
+    return Path(value)
 
 
 def requested_task(

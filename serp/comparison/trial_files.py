@@ -63,13 +63,7 @@ def write_trial(
     folder: Path, trial: Trial, measured: Measured, metadata: Mapping[str, Any]
 ) -> None:
     """Write a complete trial, replacing files of an interrupted one."""
-    place = trial_folder(folder, trial)
-    try:
-        make_inside(folder, *place.parent.relative_to(folder).parts)
-        shutil.rmtree(place, ignore_errors=True)
-        place.mkdir()
-    except OSError as error:
-        raise cannot_write(place, error, "The trial is lost.") from error
+    place = _emptied(folder, trial)
     counters = measured.log.counters
     with Table(place / _EPISODES, [*EPISODE_COLUMNS, *_named(counters)]) as table:
         for row, counts in measured.log.rows:
@@ -82,10 +76,30 @@ def write_trial(
         **metadata,
         "characteristics": measured.characteristics,
         "seconds": measured.seconds,
+        "versions": measured.versions,
         "lead": measured.lead,
         "counters": counters,
     }
     write_durably(place / _DONE, json_text(finite(content)))
+
+
+def copy_trial(source: Path, folder: Path, trial: Trial) -> None:
+    """Copy a complete trial of another comparison, replacing an interrupted one."""
+    place = _emptied(folder, trial)
+    for name in (_EPISODES, _EVALUATIONS, _DONE):
+        write_durably(place / name, (trial_folder(source, trial) / name).read_bytes())
+
+
+def _emptied(folder: Path, trial: Trial) -> Path:
+    """Return the folder of a trial, made anew."""
+    place = trial_folder(folder, trial)
+    try:
+        make_inside(folder, *place.parent.relative_to(folder).parts)
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir()
+    except OSError as error:
+        raise cannot_write(place, error, "The trial is lost.") from error
+    return place
 
 
 def is_complete(folder: Path, trial: Trial) -> bool:

@@ -93,7 +93,7 @@ class Record:
         metadata: JSON values: `characteristics` (name → text: those of the algorithm), `settings`
             (section → setting → value; null for an external algorithm), `seconds` ({"training": …,
             "evaluation": …}), `lead` (who leads after training, see `Measured`), `made_of`
-            (digests, see `PreparedComparison.made_of`).
+            (digests, see `PreparedComparison.made_of`), `versions` (package → version).
     """
 
     trial: Trial

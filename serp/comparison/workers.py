@@ -1,4 +1,7 @@
-"""Running trials, one after another or in several processes."""
+"""Running trials: here one after another, in several processes, or wherever an executor runs them.
+
+A trial is a function of its job; whoever runs it returns what was measured, and writes nothing.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +12,19 @@ import pickle
 import signal
 import threading
 import traceback
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future
+from concurrent.futures import wait as wait_for
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, wait
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from serp.comparison.algorithms import Algorithm
 from serp.comparison.plan import ComparisonProtocol
-from serp.comparison.trial_files import is_complete, write_trial
 from serp.comparison.trial_records import Trial
-from serp.comparison.trials.trial import run_trial
+from serp.comparison.trials.trial import Measured, run_trial
 from serp.errors import SerpError
 from serp.settings import Settings
 from serp.tasks.task import Task
@@ -30,39 +33,53 @@ from serp.training.stopping import SIGNALS
 OnProgress = Callable[[Trial, int], None]
 """(trial, its env steps so far)."""
 _DIED: Final = "its process died; not enough memory?"
+_RETRIES: Final = 2
+"""How often a trial is begun again whose worker was lost."""
+
+
+def _silent(trial: Trial, env_steps: int) -> None:
+    """Tell nobody: nothing comes back from an executor before a trial has ended."""
 
 
 class Ended(NamedTuple):
-    """How a trial ended; without an error it is complete."""
+    """How a trial ended: with what it measured, or with an error."""
 
     trial: Trial
-    error: str | None
+    measured: Measured | None
+    error: str | None = None
+
+
+class Pool(NamedTuple):
+    """An executor, and how many trials it runs at the same time."""
+
+    executor: Executor
+    slots: int
 
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs to run one trial and write it with some metadata."""
+    """The specification of one trial: everything that its result depends on.
 
-    folder: Path
+    It is sent to other machines, so its task has the domain itself, not the name of a file.
+    """
+
     trial: Trial
     algorithm: Algorithm
     task: Task
     settings: Settings
     protocol: ComparisonProtocol
-    metadata: Mapping[str, Any]
 
     def run(self, on_progress: OnProgress) -> Ended:
-        """Run the trial, write its results, and return how it ended."""
+        """Run the trial, and return how it ended."""
         trial = self.trial
         try:
             measured = run_trial(
                 self.algorithm, self.task, self.settings, trial.seed, self.protocol,
                 partial(on_progress, trial),
             )  # fmt: skip
-            write_trial(self.folder, trial, measured, self.metadata)
         except SerpError as error:
-            return Ended(trial, "\n".join([str(error), *getattr(error, "__notes__", [])]))
-        return Ended(trial, None)
+            return Ended(trial, None, "\n".join([str(error), *getattr(error, "__notes__", [])]))
+        return Ended(trial, measured)
 
 
 def portable(jobs: Sequence[Job]) -> bool:
@@ -113,7 +130,7 @@ def run_in_processes(
                     continue
                 del running[pipe]
                 if said is None:
-                    said = Ended(job.trial, None if is_complete(job.folder, job.trial) else _DIED)
+                    said = Ended(job.trial, None, _DIED)
                 else:
                     idle.append(worker)
                 yield said
@@ -121,6 +138,48 @@ def run_in_processes(
         for worker in (*idle, *(worker for worker, _ in running.values())):
             worker.process.kill()
             worker.process.join()
+
+
+def run_in_executor(
+    jobs: Sequence[Job], pool: Pool, stopped: Callable[[], bool]
+) -> Iterator[Ended]:
+    """Run jobs in an executor, and yield how each trial ended.
+
+    Once `stopped`, those that run are finished and no more begin. An exception of the executor
+    means that the worker was lost: the trial is begun again, at most `_RETRIES` times.
+    """
+    waiting = deque(jobs)
+    losses: Counter[Trial] = Counter()
+    running: dict[Future[Ended | Exception], Job] = {}
+    while True:
+        while waiting and len(running) < pool.slots and not stopped():
+            job = waiting.popleft()
+            running[pool.executor.submit(_attempt, job)] = job
+        if not running:
+            return
+        for future in wait_for(running, timeout=0.2, return_when=FIRST_COMPLETED).done:
+            job = running.pop(future)
+            try:
+                said = future.result()
+            except Exception as error:
+                losses[job.trial] += 1
+                if losses[job.trial] <= _RETRIES:
+                    waiting.append(job)
+                    continue
+                said = Ended(job.trial, None, f"its worker was lost {losses[job.trial]} times, the "
+                             f"last time by {type(error).__name__}: {error}")  # fmt: skip
+            if isinstance(said, Exception):
+                raise said
+            yield said
+
+
+def _attempt(job: Job, on_progress: OnProgress = _silent) -> Ended | Exception:
+    """Run a job in a worker; any error but a `SerpError` is a bug: it keeps its traceback."""
+    try:
+        return job.run(on_progress)
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        return error
 
 
 class _Worker:
@@ -159,11 +218,7 @@ def _work(pipe: Connection) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
         job: Job = pipe.recv()
-        try:
-            pipe.send(job.run(lambda trial, env_steps: pipe.send(env_steps)))
-        except Exception as error:
-            error.add_note(traceback.format_exc())
-            pipe.send(error)
+        pipe.send(_attempt(job, lambda trial, env_steps: pipe.send(env_steps)))
 
 
 def _end_with_parent() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import importlib.metadata
 import os
 import platform
@@ -115,7 +116,8 @@ def read_config(folder: Path) -> dict[str, Any]:
     return about
 
 
-def versions() -> dict[str, str | None]:
+@functools.cache
+def versions() -> Mapping[str, str | None]:
     """Return distribution → installed version (None if not installed), without importing any."""
     found: dict[str, str | None] = {}
     for name in _PACKAGES:

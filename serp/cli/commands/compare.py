@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         "serp compare --domain cartpole --model-variants cartpole-reversed,cartpole-cart-only",
         "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
         "serp compare --out runs/soccer --algorithms ppo --seeds 10",
+        "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
     ),
 )
 @click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
@@ -63,7 +64,15 @@ if TYPE_CHECKING:
               help="Folder of the comparison; one that is there is continued.  "
                    "[default: runs/compare-<domain>-<time>]")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-              help="Processes.  [default: one a core]")  # fmt: skip
+              help="Trials at the same time.  [default: one a core]")  # fmt: skip
+@click.option("--engine", metavar="local|ray|dask", default="local", show_default=True,
+              help="What runs the trials: processes of this machine, or a cluster.")  # fmt: skip
+@click.option("--address", metavar="ADDRESS",
+              help="The cluster of the engine.  [default: the engine starts workers "
+                   "here]")  # fmt: skip
+@click.option("--merge", type=click.Path(path_type=Path), multiple=True, metavar="DIR",
+              help="Copy the trials of another comparison into --out first; may be "
+                   "repeated.")  # fmt: skip
 @max_ground_schemas_option
 @click.option("--quiet", is_flag=True, help="No display; print the folder alone.")
 @click.option("--list", "listing", is_flag=True, help="List the algorithms.")

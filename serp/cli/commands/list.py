@@ -20,6 +20,8 @@ def command() -> None:
     """List the installed tasks, with their domain files, and what the settings can name."""
     from serp._util.plugins import offered
     from serp.comparison.algorithms import GROUP, OWN
+    from serp.comparison.engines import GROUP as ENGINES
+    from serp.comparison.engines import LOCAL
     from serp.control.registry import KINDS
     from serp.tasks.registry import task_entries
 
@@ -37,6 +39,7 @@ def command() -> None:
     groups = {GROUP: ("algorithm", "algorithm (serp compare)", own)} | {
         group: (what, f"{setting} (--set)", {}) for group, (what, setting) in KINDS.items()
     }
+    groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes of this machine"}
     console.print("")
     print_table(console, ("preset", ""), list(PRESETS.items()))
     for group, (what, title, known) in groups.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import platform
 import time
 import warnings
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from serp.model.transition_model import Vector
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
 from serp.planning.limits import Bound
+from serp.runs.config import versions
 from serp.settings import Settings
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
@@ -50,6 +52,7 @@ class Measured:
         evaluations: The episodes of all evaluations.
         characteristics: Name → text.
         seconds: `training` and `evaluation` → their wall time.
+        versions: Package → version of what ran the trial, Python included.
         lead: JSON values on who leads after training: `rho`, and the `evidence` of the strategy, if
             it goes by any; None for algorithms without planner or learner.
     """
@@ -58,6 +61,7 @@ class Measured:
     evaluations: list[EvaluationRow]
     characteristics: dict[str, str]
     seconds: dict[str, float]
+    versions: dict[str, str | None]
     lead: dict[str, Any] | None
 
 
@@ -111,7 +115,8 @@ class _Trial:
         log = self._log
         seconds = {"training": log.seconds, "evaluation": log.pauses}
         characteristics = dict(self._contestant.characteristics)
-        return Measured(log, self._evaluations, characteristics, seconds, self._lead())
+        made_with = {**versions(), "python": platform.python_version()}
+        return Measured(log, self._evaluations, characteristics, seconds, made_with, self._lead())
 
     def _lead(self) -> dict[str, Any] | None:
         if self._algorithm.kind != "guided":

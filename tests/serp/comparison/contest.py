@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import multiprocessing
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ from serp.comparison.algorithms import GROUP, find_algorithm
 from serp.comparison.compare import Comparison, compare
 from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trials.trial import Measured, run_trial
+from serp.comparison.workers import Pool
 from serp.errors import RunError
 from serp.tasks.task import Task
 from serp.training.rollout import training_seed
@@ -154,6 +157,14 @@ def everything(folder: Path) -> dict[str, Any]:
             rows = [{**row, "seconds": ""} for row in csv.DictReader(file)]
         found[name] = (rows, (place / "evaluations.csv").read_bytes())
     return found
+
+
+@contextlib.contextmanager
+def threads(address: str | None, most: int | None) -> Iterator[Pool]:
+    """An engine."""
+    assert (address, most) == ("there:1", 2)
+    with ThreadPoolExecutor(1) as executor:
+        yield Pool(executor, 2)
 
 
 # External learners --------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shutil
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,7 @@ def test_other_processes_are_used_as_far_as_there_is_work(
         asked.append(({job.trial for job in jobs}, processes))
         return run_here(jobs, on_progress, stopped)
 
-    monkeypatch.setattr("serp.comparison.compare.run_in_processes", elsewhere)
+    monkeypatch.setattr("serp.comparison.engines.run_in_processes", elsewhere)
     again(copy, jobs=2)
     assert asked == []
     again(copy, seeds=3, jobs=9)
@@ -155,11 +156,25 @@ def test_what_cannot_be_sent_to_other_processes_runs_in_this_one_and_it_is_said(
 ) -> None:
     task = walk(tmp_path, ground=lambda seen: {"x": seen[0]})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.comparison.compare.run_in_processes", None)
+        patch.setattr("serp.comparison.engines.run_in_processes", None)
         small(task, tmp_path / "c", jobs=2, quiet=False, seeds=1)
     shown = capsys.readouterr().err
     assert "one after another: the task has functions that cannot be imported" in shown
     assert len(trials_in(tmp_path / "c")) == 2
+
+
+def test_an_engine_by_its_name_finds_what_this_process_finds(
+    tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entry = EntryPoint("threads", "tests.serp.comparison.contest:threads", "serp.engines")
+    monkeypatch.setattr("serp.comparison.engines.offered", lambda group: {"threads": entry})
+    small(walk(tmp_path), tmp_path / "c", engine="threads", address="there:1", jobs=2)
+    assert everything(tmp_path / "c") == everything(whole / "c")
+    here_only = walk(tmp_path, ground=lambda seen: {"x": seen[0]})
+    with pytest.raises(RunError, match="engine threads: the task has functions that cannot be"):
+        small(here_only, tmp_path / "d", engine="threads")
+    with pytest.raises(SettingsError, match="there is no engine `tread`; did you mean `threads`"):
+        small(walk(tmp_path), tmp_path / "d", engine="tread")
 
 
 def test_an_installed_task_by_its_name_and_continued_by_nothing_but_the_folder(
@@ -254,6 +269,8 @@ def test_another_task_or_one_with_other_settings_is_refused(copy: Path) -> None:
         ({"algorithms": ["absent"]}, RunError, "more memory than there is"),
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
         ({"settings": {"guide": {"strategy": "jump"}}}, SettingsError, "there is no strategy"),
+        ({"address": "a:1"}, SettingsError, "compare.address is for an engine of a cluster"),
+        ({"merge": "a"}, SettingsError, "compare.merge must be a list of folders"),
         ({"sedes": 3}, SettingsError, "no setting `compare.sedes`; did you mean `seeds`"),
         ({"env_steps": "many"}, SettingsError, "env_steps must be"),
         ({"model_variants": ["a/other.pddl", "b/other.pddl"]}, SettingsError,
@@ -312,7 +329,7 @@ def test_a_larger_domain_than_usual_stays_allowed(
         asked.append(portable(jobs))
         return run_here(jobs, on_progress, stopped)
 
-    monkeypatch.setattr("serp.comparison.compare.run_in_processes", elsewhere)
+    monkeypatch.setattr("serp.comparison.engines.run_in_processes", elsewhere)
     task = walk(tmp_path)
     domain = load_domain(task.load().source.name, observed=True, max_ground_schemas=70_000)
     large = dataclasses.replace(task, domain=domain)

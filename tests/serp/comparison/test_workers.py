@@ -4,24 +4,40 @@ from __future__ import annotations
 
 import os
 import pickle
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from serp.comparison.algorithms import find_algorithm
-from serp.comparison.trial_files import is_complete
 from serp.comparison.trial_records import Trial
-from serp.comparison.workers import Ended, Job, portable, run_here, run_in_processes
+from serp.comparison.workers import (
+    Ended,
+    Job,
+    Pool,
+    portable,
+    run_here,
+    run_in_executor,
+    run_in_processes,
+)
 from serp.tasks.task import Task
-from tests.serp.comparison.contest import PROTOCOL, Deadly, Pothole, Signalled, everything, walk
+from tests.serp.comparison.contest import PROTOCOL, Deadly, Pothole, Signalled, episodes_of, walk
 
 
-def job(folder: Path, task: Task, algorithm: str, seed: int) -> Job:
-    folder.mkdir(exist_ok=True)
+def job(task: Task, algorithm: str, seed: int) -> Job:
     trial = Trial(algorithm, "walk", seed)
     found = find_algorithm(algorithm)
-    return Job(folder, trial, found, task, found.settings(task, {}), PROTOCOL, {})
+    return Job(trial, found, task, found.settings(task, {}), PROTOCOL)
+
+
+def found_in(ended: list[Ended]) -> dict[Trial, Any]:
+    """What the complete trials have found, but for the time they took."""
+    return {
+        end.trial: (episodes_of(end.measured), end.measured.evaluations)
+        for end in ended
+        if end.measured is not None
+    }
 
 
 def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
@@ -30,12 +46,12 @@ def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
     """External algorithms too, trials that fail, processes that die, and signals."""
     good, bad, deadly = walk(tmp_path), walk(tmp_path, Pothole), walk(tmp_path, Deadly)
     todo = [
-        job(tmp_path / "there", good, "drawing", 0),
-        job(tmp_path / "there", bad, "mrp", 1),
-        job(tmp_path / "there", bad, "serp", 0),
-        job(tmp_path / "there", walk(tmp_path, Signalled), "serp", 7),
-        job(tmp_path / "there", deadly, "dqn", 1),  # kills its process
-        job(tmp_path / "there", deadly, "dqn", 0),
+        job(good, "drawing", 0),
+        job(bad, "mrp", 1),
+        job(bad, "serp", 0),
+        job(walk(tmp_path, Signalled), "serp", 7),
+        job(deadly, "dqn", 1),  # kills its process
+        job(deadly, "dqn", 0),
     ]
     assert portable(todo)
     told: set[Trial] = set()
@@ -43,7 +59,7 @@ def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
     def stopped() -> bool:
         return len(ended) == len(todo)
 
-    never = job(tmp_path / "there", good, "dqn", 9)  # the user has stopped before it begins
+    never = job(good, "dqn", 9)  # the user has stopped before it begins
     ended: list[Ended] = []
     ends = run_in_processes([*todo, never], 1, lambda trial, n: told.add(trial), stopped)
     for end in ends:
@@ -51,29 +67,59 @@ def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
     assert [end.trial for end in ended] == [one.trial for one in todo]
     errors = {end.trial: end.error or "" for end in ended}
     for trial, error in errors.items():
-        assert is_complete(tmp_path / "there", trial) == (error == "") == (trial.seed != 1)
+        assert (trial in found_in(ended)) == (error == "") == (trial.seed != 1)
     assert "ConnectionError: cable cut" in errors[Trial("mrp", "walk", 1)]
     assert "its process died" in errors[Trial("dqn", "walk", 1)]
     # What the process that died had to tell may be lost with it.
     assert told | {Trial("dqn", "walk", 1)} == {one.trial for one in todo}
     alone = [
-        job(tmp_path / "here", good, name, seed)
+        job(good, name, seed)
         for name, seed in (("dqn", 0), ("drawing", 0), ("serp", 0), ("serp", 7))
     ]
-    ended = list(run_here(alone, lambda trial, steps: None))
-    assert ended == [Ended(one.trial, None) for one in alone]
-    assert everything(tmp_path / "there") == everything(tmp_path / "here")
+    here = list(run_here(alone, lambda trial, steps: None))
+    assert [end.trial for end in here] == [one.trial for one in alone]
+    assert found_in(ended) == found_in(here)
 
 
 def test_when_the_user_stops_what_runs_comes_to_its_end_and_no_more_begins(
     tmp_path: Path,
 ) -> None:
-    todo = [job(tmp_path / "c", walk(tmp_path), "dqn", seed) for seed in range(3)]
+    todo = [job(walk(tmp_path), "dqn", seed) for seed in range(3)]
     pressed: list[int] = []
     ended = run_here(todo, lambda trial, n: pressed.append(n), lambda: bool(pressed))
-    assert list(ended) == [Ended(Trial("dqn", "walk", 0), None)]
-    assert len(everything(tmp_path / "c")) == 1
+    assert set(found_in(list(ended))) == {Trial("dqn", "walk", 0)}
     assert list(run_in_processes(todo, 2, lambda trial, steps: None, lambda: True)) == []
+
+
+class Losing(Executor):
+    """Runs at once what it is given, and loses workers: that of seed 0 once, of seed 1 always."""
+
+    def __init__(self) -> None:
+        self.begun: list[int] = []
+
+    def submit(self, function: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        (given,) = pickle.loads(pickle.dumps(args))  # as to another machine
+        self.begun.append(given.trial.seed)
+        lost = {0: 1, 1: 99}.get(given.trial.seed, 0)
+        future: Future[Any] = Future()
+        if self.begun.count(given.trial.seed) <= lost:
+            future.set_exception(ConnectionError("the node is gone"))
+        else:
+            future.set_result(pickle.loads(pickle.dumps(function(given, **kwargs))))
+        return future
+
+
+def test_a_lost_worker_costs_its_trial_only_which_is_begun_again(tmp_path: Path) -> None:
+    executor = Losing()
+    todo = [job(walk(tmp_path), "dqn", seed) for seed in range(4)]
+    ended = list(run_in_executor(todo, Pool(executor, 2), lambda: False))
+    assert sorted(executor.begun) == [0, 0, 1, 1, 1, 2, 3]
+    assert found_in(ended) == found_in(
+        list(run_here([todo[0], *todo[2:]], lambda trial, steps: None))
+    )
+    (error,) = (end.error for end in ended if end.error)
+    assert error.startswith("its worker was lost 3 times") and "the node is gone" in error
+    assert list(run_in_executor(todo, Pool(executor, 2), lambda: True)) == []
 
 
 def test_functions_that_cannot_be_imported_are_noticed(tmp_path: Path) -> None:
@@ -81,12 +127,12 @@ def test_functions_that_cannot_be_imported_are_noticed(tmp_path: Path) -> None:
         def __reduce__(self) -> Any:
             raise RuntimeError("not me")
 
-    good = job(tmp_path, walk(tmp_path), "serp", 0)
+    good = job(walk(tmp_path), "serp", 0)
     assert portable([good])
     here_only = walk(tmp_path, ground=lambda seen: {"x": seen[0]})
-    assert not portable([good, job(tmp_path, here_only, "serp", 0)])
+    assert not portable([good, job(here_only, "serp", 0)])
     odd: Any = Unpicklable()
-    assert not portable([job(tmp_path, walk(tmp_path, description=odd), "serp", 0)])
+    assert not portable([job(walk(tmp_path, description=odd), "serp", 0)])
     assert pickle.loads(pickle.dumps(good)) == good
 
 
@@ -95,6 +141,10 @@ def test_a_bug_keeps_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         raise ZeroDivisionError("a bug")
 
     monkeypatch.setattr("serp.comparison.workers.run_trial", fails)
+    todo = [job(walk(tmp_path), "serp", 2)]
     with pytest.raises(ZeroDivisionError, match="a bug"):
-        list(run_here([job(tmp_path, walk(tmp_path), "serp", 0)], lambda trial, steps: None))
+        list(run_here(todo, lambda trial, steps: None))
+    with pytest.raises(ZeroDivisionError) as found:
+        list(run_in_executor(todo, Pool(Losing(), 1), lambda: False))
+    assert "in fails" in "".join(found.value.__notes__)
     assert os.listdir(tmp_path) == ["corridor.pddl"]

@@ -1,0 +1,31 @@
+"""The engine `dask`: trials as tasks of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from serp._util.extras import needs_extra
+from serp.comparison.workers import Pool
+from serp.errors import RunError
+
+
+@contextmanager
+def engine(address: str | None, most: int | None) -> Iterator[Pool]:
+    """Run trials on a Dask cluster, one in each of its threads.
+
+    Without an address it is a cluster of processes on this machine, which ends with the comparison.
+    """
+    with needs_extra("dask", "the engine dask"):
+        from distributed import Client, LocalCluster
+    with ExitStack() as stack:
+        try:
+            there = address or stack.enter_context(
+                LocalCluster(n_workers=most, threads_per_worker=1, dashboard_address=None)
+            )
+            client = stack.enter_context(Client(there))
+        except (OSError, ValueError) as error:
+            raise RunError(
+                f"engine dask: there is no cluster {address or 'here'}: {error}"
+            ) from error
+        yield Pool(client.get_executor(), most or sum(client.nthreads().values()))

@@ -1,0 +1,104 @@
+"""What an engine costs: trials that sleep, of which one kills its worker, and many tiny ones.
+
+    python -m tests.benchmarks.study_engines kill ENGINE [TRIALS [SECONDS]]
+    python -m tests.benchmarks.study_engines tiny ENGINE [TRIALS]
+
+`kill`: TRIALS (64) of SECONDS (10) over 4 workers; the worker of one of them is killed once. The
+numbers of all trials are compared with those of the same trials in this process, which do not
+sleep. `tiny`: TRIALS (1,000) of 20 env steps; says what a trial costs the driver, and what the
+report costs.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from serp.comparison.compare import compare
+from serp.tasks.task import Task
+from serp.training.rollout import training_seed
+from tests.serp.comparison.contest import Walk, everything, walk
+
+WORKERS = 4
+STEPS = 20
+
+
+class Sleeping(Walk):
+    """Takes its time, and kills its process at the first step of seed 5, but only once."""
+
+    def __init__(self, seconds: float, killed: Path | None) -> None:
+        super().__init__()
+        self.pause, self.killed = seconds / STEPS, killed
+        self.training = False
+
+    def reset(self, *, seed: int | None = None, **options: Any) -> Any:
+        self.training |= seed in TRAINING
+        if seed == training_seed(5, 0) and self.killed is not None and not self.killed.exists():
+            self.killed.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().reset(seed=seed, **options)
+
+    def step(self, action: int) -> Any:
+        time.sleep(self.pause if self.training else 0.0)
+        return super().step(action)
+
+
+TRAINING = {training_seed(seed, 0) for seed in range(1_000)}
+
+
+def sleeping(folder: Path, seconds: float, killed: Path | None = None) -> Task:
+    return walk(folder, functools.partial(Sleeping, seconds, killed))
+
+
+def timed(task: Task, out: Path, trials: int, **options: Any) -> float:
+    """Compare, and return the seconds that it took."""
+    begun = time.monotonic()
+    compare(
+        task, algorithms=["dqn"], seeds=trials, env_steps=STEPS, evaluate_every=STEPS,
+        final_episodes=1, out=out, quiet=True, **options,
+    )  # fmt: skip
+    return time.monotonic() - begun
+
+
+def kill(engine: str, trials: int = 64, seconds: float = 10.0) -> None:
+    folder = Path(tempfile.mkdtemp())
+    # The engine `local` does not begin a trial again.
+    task = sleeping(folder, seconds, folder / "killed" if engine != "local" else None)
+    took = timed(task, folder / "c", trials, jobs=WORKERS, engine=engine)
+    timed(sleeping(folder, 0.0), folder / "here", trials, jobs=1)
+    found = everything(folder / "c")
+    ideal = -(-trials // WORKERS) * seconds
+    print(f"{engine}: {trials} trials of {seconds} s over {WORKERS} workers: {took:.1f} s, "
+          f"{took / ideal - 1:.1%} over {ideal:.0f} s; killed: {(folder / 'killed').exists()}; "
+          f"records {len(found)}, equal to local ones: {found == everything(folder / 'here')}"
+          )  # fmt: skip
+
+
+def tiny(engine: str, trials: int = 1_000) -> None:
+    folder = Path(tempfile.mkdtemp())
+    before = time.process_time()
+    took = timed(sleeping(folder, 0.0), folder / "c", trials, engine=engine)
+    driver = time.process_time() - before
+    again = timed(sleeping(folder, 0.0), folder / "c", trials, engine=engine)
+    files = sum(file.stat().st_blocks * 512 for file in (folder / "c" / "trials").rglob("*"))
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"{engine}: {trials} trials of {STEPS} env steps: {took:.1f} s, of which the driver "
+          f"computed {driver:.1f} s; checking and reporting what is complete: {again:.1f} s; "
+          f"{files / 2**20:.0f} MiB of files, {memory:.0f} MiB of memory")  # fmt: skip
+
+
+def main(what: str, engine: str, *numbers: str) -> None:
+    {"kill": kill, "tiny": tiny}[what](engine, *map(int, numbers))  # type: ignore[operator]
+
+
+if __name__ == "__main__":
+    from tests.benchmarks.study_engines import main as importable  # not `__main__`
+
+    importable(*sys.argv[1:])

@@ -1,0 +1,38 @@
+"""Engines of other libraries; tests/benchmarks/study_engines.py kills workers of real clusters."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import pytest
+
+from serp.errors import MissingExtra, RunError
+from serp_adapters.engines import dask, ray
+
+
+def test_dask_runs_a_function_in_every_thread_of_a_cluster() -> None:
+    distributed = pytest.importorskip("distributed")
+    given: Any = {"processes": False, "n_workers": 1, "threads_per_worker": 3}
+    with (
+        distributed.LocalCluster(dashboard_address=None, **given) as cluster,
+        dask.engine(cluster.scheduler_address, None) as pool,
+    ):
+        assert pool.slots == 3
+        futures = [pool.executor.submit(divmod, number, 2) for number in (7, 7)]
+        assert [future.result(timeout=30) for future in futures] == [(3, 1)] * 2
+        with pytest.raises(ZeroDivisionError):
+            pool.executor.submit(divmod, 7, 0).result(timeout=30)
+
+
+def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for library, made in (("ray", ray.engine), ("distributed", dask.engine)):
+        with monkeypatch.context() as patch, pytest.raises(MissingExtra, match="the engine"):
+            patch.setitem(sys.modules, library, None)
+            made(None, None).__enter__()
+
+
+def test_a_cluster_that_is_not_there_is_an_error() -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(RunError, match="engine dask: there is no cluster nowhere: "):
+        dask.engine("nowhere", None).__enter__()
