@@ -42,10 +42,15 @@ class Program:
 
     States and parameters are lists of floats. `out` is a copy of the state (for `judge`, of the
     next state) with one more entry, 0; it receives the next state and the reward.
+
+    Args:
+        ground: The model.
+        own_code: Whether a small model gets machine code of its own.
     """
 
-    def __init__(self, ground: GroundModel) -> None:
+    def __init__(self, ground: GroundModel, own_code: bool = True) -> None:
         self.ground = ground
+        self._own_code = own_code
         self.functions = Functions(self._load)
         self._traced_functions = functools.cache(self._load_traced)
         self._callbacks: dict[Part, Any] = {}
@@ -176,7 +181,7 @@ class Program:
     def has_own_code(self) -> bool:
         """Whether the model is small enough to be compiled to machine code in reasonable time."""
         size, most = self._sizes
-        return size <= MAX_NATIVE_SIZE and most <= MAX_NATIVE_TEST
+        return self._own_code and size <= MAX_NATIVE_SIZE and most <= MAX_NATIVE_TEST
 
     @functools.cached_property
     def _sizes(self) -> tuple[int, int]:

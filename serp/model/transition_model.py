@@ -65,6 +65,7 @@ class TransitionModel(StateSpace):
         ground: The model.
         dt: Control period Δt > 0 in the time unit of the domain's rates (seconds by custom).
         theta: Parameters `[P]`; None: as written.
+        own_code: Whether a small model is compiled; else it runs as bytecode, slower but at once.
 
     Attributes:
         ground: The model.
@@ -77,10 +78,11 @@ class TransitionModel(StateSpace):
     revision: int = 0
 
     def __init__(
-        self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None
-    ) -> None:
+        self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None,
+        own_code: bool = True,
+    ) -> None:  # fmt: skip
         super().__init__(ground)
-        self._program = Program(ground)
+        self._program = Program(ground, own_code)
         self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
         self.initial_state: Vector | None = (
             None if ground.initial is None else np.array(ground.initial, dtype=np.float64)

@@ -1,0 +1,97 @@
+"""Our planner as an engine of unified-planning, on the problems of its own tests."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import pytest
+from unified_planning.engines import (
+    PlanGenerationResult,
+    PlanGenerationResultStatus,
+    SequentialPlanValidator,
+)
+from unified_planning.engines.sequential_simulator import UPSequentialSimulator
+from unified_planning.exceptions import UPUsageError
+from unified_planning.model import InstantaneousAction, Problem
+from unified_planning.shortcuts import Equals, IntType, OneshotPlanner, RealType, get_environment
+from unified_planning.test.examples import get_example_problems
+
+from serp_adapters.unified_planning.engine import SErPEngine
+from serp_adapters.unified_planning.selector import SErPSelector
+
+Status = PlanGenerationResultStatus
+EXAMPLES: dict[str, Any] = get_example_problems()
+SUPPORTED = [name for name, case in EXAMPLES.items() if SErPEngine.supports(case.problem.kind)]
+
+
+def solved(problem: Problem) -> PlanGenerationResult:
+    return SErPEngine().solve(problem)
+
+
+def test_examples_of_unified_planning_that_are_supported_are_solved() -> None:
+    assert len(SUPPORTED) >= 35
+    for name in SUPPORTED:
+        case = EXAMPLES[name]
+        result = solved(case.problem)
+        if case.solvable:
+            assert result.status is Status.SOLVED_SATISFICING, name
+            assert SequentialPlanValidator().validate(case.problem, result.plan), name
+        else:
+            assert result.status is Status.UNSOLVABLE_PROVEN, name
+
+
+def test_the_engine_is_found_by_name_and_the_metric_decides() -> None:
+    environment = get_environment()
+    environment.credits_stream = None
+    environment.factory.add_engine("serp", SErPEngine.__module__, "SErPEngine")
+    problem = EXAMPLES["basic_with_costs"].problem
+    with OneshotPlanner(name="serp") as planner:
+        result = planner.solve(problem)
+    evaluations = SequentialPlanValidator().validate(problem, result.plan).metric_evaluations
+    assert list(evaluations.values()) == [EXAMPLES["basic_with_costs"].optimum]
+
+
+def counting(step: Fraction | int, to: Fraction | int, numbers: Any) -> Problem:
+    """A problem in which `(reward)`, a word of ours, is a fluent like any other."""
+    problem = Problem("counting")
+    reward = problem.add_fluent("reward", numbers, default_initial_value=0)
+    count = InstantaneousAction("count")
+    count.add_precondition(reward() < 6 if numbers.is_int_type() else reward() < Fraction(1, 2))
+    count.add_increase_effect(reward, step)
+    problem.add_action(count)
+    problem.add_goal(Equals(reward(), to))
+    return problem
+
+
+def test_unsolvable_is_said_to_be_proven_only_where_numbers_are_exact() -> None:
+    even = counting(2, 4, IntType())
+    assert [str(a) for a in solved(even).plan.actions] == ["count", "count"]
+    assert solved(counting(2, 3, IntType())).status is Status.UNSOLVABLE_PROVEN
+    # 0.1 + 0.1 + 0.1 is 0.3, and 0.30000000000000004 in floating point
+    tenths = counting(Fraction(1, 10), Fraction(3, 10), RealType())
+    assert solved(tenths).status is Status.UNSOLVABLE_INCOMPLETELY
+
+
+def test_no_time_is_no_plan() -> None:
+    result = SErPEngine().solve(EXAMPLES["robot_loader"].problem, timeout=0.0)
+    assert (result.status, result.plan) == (Status.TIMEOUT, None)
+
+
+@pytest.mark.parametrize("name", ["hierarchical_blocks_world", "robot_fluent_of_user_type"])
+def test_actions_are_chosen_by_what_is_observed(name: str) -> None:
+    problem = EXAMPLES[name].problem
+    selector, simulator = SErPSelector(problem), UPSequentialSimulator(problem)
+    state, steps = simulator.get_initial_state(), 0
+    while not simulator.is_goal(state):
+        action = selector.get_action()
+        if steps % 2:  # every other action fails, and this is observed
+            state = simulator.apply(state, action)
+        selector.update({fluent: state.get_value(fluent) for fluent in problem.initial_values})
+        steps += 1
+    assert steps == 2 * len(solved(problem).plan.actions)
+
+
+def test_a_selector_refuses_a_problem_that_is_not_supported() -> None:
+    with pytest.raises(UPUsageError, match="serp-selector"):
+        SErPSelector(EXAMPLES["matchcellar"].problem)
