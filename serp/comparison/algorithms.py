@@ -77,7 +77,13 @@ class Algorithm:
 
     def settings(self, task: Task, changes: Changes) -> Settings:
         """Return its settings on a task; its own changes override those of the user."""
-        return resolve(self.preset, task.settings, merged(changes, self.changes))
+        settings = resolve(self.preset, task.settings, merged(changes, self.changes))
+        if settings.training.num_envs > 1:
+            raise SettingsError(
+                f"training.num_envs is {settings.training.num_envs}, but a comparison steps one "
+                "environment in each trial; leave it out: trials run at the same time"
+            )
+        return settings
 
     @property
     def uses_model(self) -> bool:

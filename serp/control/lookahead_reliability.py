@@ -27,31 +27,33 @@ class LookaheadReliability:
         self._horizon = horizon
         self.failures = 0
         self.steps = 0
-        self._since: int | None = None
-        """Env steps since this episode's newest prediction of safety."""
+        self._since: dict[int, int] = {}
+        """Environment → env steps since the newest prediction of safety in its episode."""
 
     @property
     def reliable(self) -> bool:
         """Whether vetoes use the lookahead beyond the next step."""
         return self.failures <= _TOLERATED + _PER_STEP * self.steps
 
-    def observe(self, predicted_safe: bool | None, unsafe: bool, last: bool) -> bool:
+    def observe(self, predicted_safe: bool | None, unsafe: bool, last: bool, lane: int = 0) -> bool:
         """Process an env step; return whether the lookahead failed.
 
         `predicted_safe` is None for an action that the model does not know, which invalidates
-        earlier predictions; `unsafe` is what was observed; `last` the end of the episode.
+        earlier predictions; `unsafe` is what was observed; `last` the end of the episode; `lane`
+        the environment.
         """
         self.steps += 1
+        since = self._since.pop(lane, None)
         if predicted_safe is None:
-            self._since = None
+            since = None
         elif predicted_safe:
-            self._since = 0
-        elif self._since is not None:
-            self._since += 1
-        failed = unsafe and self._since is not None and self._since < self._horizon
+            since = 0
+        elif since is not None:
+            since += 1
+        failed = unsafe and since is not None and since < self._horizon
         self.failures += failed
-        if failed or last:
-            self._since = None
+        if since is not None and not (failed or last):
+            self._since[lane] = since
         return failed
 
     def state_dict(self) -> dict[str, Any]:
@@ -62,4 +64,4 @@ class LookaheadReliability:
         """Restore what `state_dict` returned."""
         saved = Saved("lookahead reliability", {}, meta)
         self.failures, self.steps = saved.whole("failures"), saved.whole("steps")
-        self._since = None
+        self._since.clear()

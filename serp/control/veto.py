@@ -35,6 +35,7 @@ class VetoPolicy:
 
     Attributes:
         available: `[E]` actions that the model does not know and that may be executed.
+        lane: Environment, from 0, that the next observed step comes from.
     """
 
     def __init__(self, actions: ActionMap, settings: ArbiterSettings, horizon: int = 1) -> None:
@@ -42,6 +43,7 @@ class VetoPolicy:
         self._settings = settings
         self._reliability = LookaheadReliability(horizon)
         self.available: Mask = ~actions.modelled & (settings.unmodelled == "allow")
+        self.lane = 0
 
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` which actions are not refused."""
@@ -91,7 +93,7 @@ class VetoPolicy:
         decision = step.decision
         known = bool(self._actions.modelled[decision.action])
         safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
-        return self._reliability.observe(safe if known else None, step.unsafe, step.last)
+        return self._reliability.observe(safe if known else None, step.unsafe, step.last, self.lane)
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
@@ -113,6 +115,7 @@ class NoVeto:
 
     Attributes:
         available: `[E]` actions that the model does not know.
+        lane: As in `VetoPolicy`; it does not matter.
     """
 
     lookahead_reliable = False
@@ -120,6 +123,7 @@ class NoVeto:
 
     def __init__(self, actions: ActionMap) -> None:
         self.available: Mask = ~actions.modelled
+        self.lane = 0
 
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` True."""

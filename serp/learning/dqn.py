@@ -93,6 +93,15 @@ class DQN:
         self._learn_calls = 0
 
     @property
+    def lane(self) -> int:
+        """Environment, from 0, that the next env steps to remember come from."""
+        return self.replay.lane
+
+    @lane.setter
+    def lane(self, lane: int) -> None:
+        self.replay.lane = lane
+
+    @property
     def updates(self) -> int:
         """Number of gradient updates, including those of `pretrain`."""
         return self.learning.updates

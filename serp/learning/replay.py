@@ -32,6 +32,7 @@ class ReplayBuffer:
 
     Attributes:
         size: Samples in the ring. A step becomes a sample when its n rewards are complete.
+        lane: Environment, from 0, that the next steps come from.
     """
 
     def __init__(
@@ -46,10 +47,18 @@ class ReplayBuffer:
         self.size = self._head = 0
         self._store = Samples.zeros(settings.buffer_size, spec)
         self._fields = self._store.arrays()
-        self._pending = PendingSteps(settings.n_step, settings.discount)
+        self.lane = 0
+        self._of_lane = {0: PendingSteps(settings.n_step, settings.discount)}
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
         shape = (settings.members, settings.batch_size)
         self._sampler = Sampler(self._store, spec, shape, rng, symmetry)
+
+    @property
+    def _pending(self) -> PendingSteps:
+        """The pending steps of the current environment."""
+        if self.lane not in self._of_lane:
+            self._of_lane[self.lane] = PendingSteps(self._settings.n_step, self._settings.discount)
+        return self._of_lane[self.lane]
 
     def add(
         self,
@@ -89,7 +98,8 @@ class ReplayBuffer:
             raise ValueError(f"an action must be in 0 ... {actions - 1}, not {action}")
         if not -1 <= imitated < (actions if self._spec.imitates else 0):
             raise ValueError(f"no action {imitated} can be imitated")
-        self._pending.push(PendingStep(np.array(observation, np.float32), action, imitated), reward)
+        pending = self._pending
+        pending.push(PendingStep(np.array(observation, np.float32), action, imitated), reward)
 
         if next_allowed is None:
             self._next_forbidden.fill(False)
@@ -99,16 +109,18 @@ class ReplayBuffer:
                 self._next_forbidden.fill(False)
 
         ended = terminated or truncated
-        while self._pending.steps and (ended or self._pending.complete):
-            self._emit(next_observation, terminated)
+        while pending.steps and (ended or pending.complete):
+            self._emit(pending, next_observation, terminated)
 
-    def _emit(self, next_observation: npt.NDArray[np.floating], terminated: bool) -> None:
+    def _emit(
+        self, pending: PendingSteps, next_observation: npt.NDArray[np.floating], terminated: bool
+    ) -> None:
         """Turn the oldest pending step into a sample."""
         row, store = self._head, self._store
         self._head = (row + 1) % self._settings.buffer_size
         self.size = min(self.size + 1, self._settings.buffer_size)
-        store.discount[row] = 0.0 if terminated else self._pending.discount
-        step = self._pending.steps.popleft()
+        store.discount[row] = 0.0 if terminated else pending.discount
+        step = pending.steps.popleft()
         store.observation[row] = step.observation
         store.action[row] = step.action
         store.reward[row] = step.reward
@@ -140,11 +152,15 @@ class ReplayBuffer:
         }
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-        """Return the complete state: arrays (rows in use only) and JSON values."""
+        """Return the complete state: arrays (rows in use only) and JSON values.
+
+        Of several environments, all episodes must have ended.
+        """
+        assert all(not lane.steps for k, lane in self._of_lane.items() if k > 0)
         arrays: dict[str, npt.NDArray[Any]] = {
             name: array[: self.size].copy() for name, array in self._fields.items()
         }
-        arrays["pending.observation"], pending = self._pending.state_dict(self._spec)
+        arrays["pending.observation"], pending = self._of_lane[0].state_dict(self._spec)
         meta = {
             "shapes": self._shapes(),
             "head": self._head,
@@ -165,13 +181,14 @@ class ReplayBuffer:
         saved = Saved("replay memory", arrays, meta)
         self._check_shapes(saved)
         size, head = self._saved_place(saved)
-        pending = self._pending.checked(saved, self._spec)
+        pending = self._of_lane[0].checked(saved, self._spec)
         state = saved.generator_state("rng", self._sampler.rng)
 
         self.size, self._head = size, head
         for name, array in self._fields.items():
             array[:size] = arrays[name]
-        self._pending.steps = pending
+        self._of_lane = {0: self._of_lane[0]}
+        self._of_lane[0].steps = pending
         self._sampler.rng.bit_generator.state = state
 
     def _check_shapes(self, saved: Saved) -> None:

@@ -193,6 +193,10 @@ class TrainingSettings(Section):
     planner always uses the domain file."""
     inputs: Literal["observation", "state", "both"] = "both"
     """The input of the learner: the `observation`, the grounded `state`, or `both`."""
+    num_envs: Annotated[int, Field(ge=1, le=1024)] = 1
+    """Environments that are stepped at the same time, each in a process of its own if there are
+    several. They share learner, model and budget. Runs are then saved and stopped only where no
+    episode is running in any of them."""
     random_steps: Count = 0
     """Size of D₀ in env steps: actions are drawn uniformly (vetoes apply), and the learner is
     pretrained on them before Algorithm 1 starts."""

@@ -59,6 +59,11 @@ def restore(
             raise ValueError(f"the saved one has a layer with `{name}`, this one has none")
 
 
+def has_statistics(env: gym.Env[Any, Any]) -> bool:
+    """Return whether a layer keeps running statistics that `save` finds."""
+    return any(part.kind == "statistics" for part in _parts(env))
+
+
 class _Part(NamedTuple):
     """An attribute of a layer that is saved."""
 

@@ -166,8 +166,13 @@ class Agent:
                 is not finite in float32.
             TaskError: The grounding failed, or gave such a number.
         """
-        observation = self.task.observation(raw)
-        state = self.task.ground(raw, info, env)
+        return self.take_in(self.task.observation(raw), self.task.ground(raw, info, env))
+
+    def take_in(self, observation: Vector, state: Vector) -> tuple[Vector, Vector]:
+        """Return the state and the learner's input for an observation and its state, checked.
+
+        Errors are those of `perceive`; the observation is a flat vector.
+        """
         inputs = self.settings.training.inputs
         place = _too_large(observation)
         if place >= 0 and inputs != "state":
@@ -182,6 +187,10 @@ class Agent:
                 f"is {state[place]:g}, {_FOR_LEARNER}"
             )
         return state, self._input(observation, state)
+
+    def turn_to(self, lane: int) -> None:
+        """Note from which of several environments, from 0, the next calls come."""
+        self.strategy.lane = self.arbiter.vetoes.lane = self.learner.lane = lane
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""

@@ -118,6 +118,8 @@ def plan_and_learn(
         sources = [(file.name, file.text) for file in files if file is not None]
         from serp.training.saved_training import compiled_trainer, train
 
-        trainer = compiled_trainer(bound, resolved, seed, quiet=quiet)
-        with RunFolder.create(path, config, sources, command=sys.argv, now=begun) as folder:
+        with (
+            compiled_trainer(bound, resolved, seed, quiet=quiet) as trainer,
+            RunFolder.create(path, config, sources, command=sys.argv, now=begun) as folder,
+        ):
             return train(folder, trainer, budget, called, quiet=quiet)

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-import gymnasium as gym
 import numpy as np
 
+from serp._util.saved_state import Saved
 from serp.control.decision import Decision
 from serp.control.step_record import EpisodeTotals, StepRecord
+from serp.errors import SettingsError
 from serp.model.transition_model import Vector
 from serp.tasks.bound_task import BoundTask
+from serp.tasks.env_checks import single
+from serp.tasks.remote_task import RemoteTask
 from serp.tasks.reward import Judge, Judged
 
 _TRAINING: Final = 1
 _EVALUATION: Final = 2
 """Spawn keys of the environment's seeds."""
 
-Perceive = Callable[[Any, Mapping[str, Any], gym.Env[Any, Any]], tuple[Vector, Vector]]
+Perceive = Callable[[Any, Mapping[str, Any], Any], tuple[Vector, Vector]]
 """(observation, info, environment that gave them) → (state, input of the learner)."""
 Decide = Callable[[Vector, Vector], Decision]
 """(state, input of the learner) → decision."""
@@ -38,6 +42,20 @@ def _seed(seed: int, use: int, episode: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(use, episode)).generate_state(1)[0])
 
 
+class Playable(Protocol):
+    """The part of a task that a rollout uses; `BoundTask` and `RemoteTask` have it."""
+
+    @property
+    def env(self) -> Any:
+        """The environment, for a grounding that takes it."""
+
+    def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; return observation and info."""
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Execute an action; return observation, reward, terminated, truncated and info."""
+
+
 class Rollout:
     """A running episode of a task, right after the reset of its environment.
 
@@ -55,7 +73,7 @@ class Rollout:
 
     def __init__(
         self,
-        task: BoundTask,
+        task: Playable,
         perceive: Perceive,
         *,
         seed: int,
@@ -116,3 +134,105 @@ class Rollout:
         """Yield the steps of a policy to the end of the episode; each is executed when needed."""
         while not self.over:
             yield self.step(decide(self.state, self.x))
+
+
+class Lane:
+    """One of the environments of a training, and the episode that runs in it.
+
+    Args:
+        number: Its number, from 0.
+        task: The task with this environment.
+
+    Attributes:
+        number, task: As given.
+        seed: The environment's seed in the episode.
+        episode: Number of the episode, from 0, in the order in which episodes begin.
+        random: Whether the episode is a part of the initial data D₀.
+        rollout: The episode; None until its reset is done.
+        decision: The decision that is executed next; None after the last one.
+        losses: Losses of the learner after steps of the episode.
+        unit_value: The newest value of the counter that `arbiter.rho_unit` names.
+    """
+
+    def __init__(self, number: int, task: BoundTask | RemoteTask) -> None:
+        self.number, self.task = number, task
+        self.episode, self.seed, self.random = 0, 0, False
+        self.rollout: Rollout | None = None
+        self.decision: Decision | None = None
+        self.losses: list[float] = []
+        self.unit_value: Any = None
+
+    def begin(self, episode: int, seed: int, *, random: bool) -> None:
+        """Begin an episode; an environment in another process begins its reset."""
+        self.episode, self.seed, self.random = episode, seed, random
+        self.rollout, self.decision, self.losses = None, None, []
+        if isinstance(self.task, RemoteTask):
+            self.task.begin_reset(seed)
+
+    def execute(self, decision: Decision) -> None:
+        """Take a decision; an environment in another process begins to execute it."""
+        self.decision = decision
+        if isinstance(self.task, RemoteTask):
+            self.task.begin_step(decision.action)
+
+    def unit_ended(self, unit: str, info: Mapping[str, Any], *, reset: bool = False) -> bool:
+        """Return whether the counter that `arbiter.rho_unit` names has changed.
+
+        Raises:
+            SettingsError: There is no such counter in `info`.
+        """
+        if unit in ("step", "episode"):
+            return False
+        if unit not in info:
+            if reset:  # many environments give more entries in `step` than in `reset`
+                return False
+            raise SettingsError(
+                f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
+                "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
+            )
+        value = single(info[unit])
+        if not isinstance(value, str | int | float) or value != value:  # NaN is never equal
+            raise SettingsError(
+                f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
+                "or a text is needed"
+            )
+        before, self.unit_value = self.unit_value, value
+        return before is not None and value != before
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {"unit_value": self.unit_value, "environment": self.task.environment_state()}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        saved = Saved("environment", {}, meta)
+        self.unit_value = saved.part("unit_value")[1]
+        if not isinstance(self.unit_value, str | int | float | None):
+            raise saved.wrong("unit_value is neither a number nor a text")
+        self.task.restore_environment(saved.part("environment")[1])
+
+
+@contextlib.contextmanager
+def lanes_of(task: BoundTask, count: int) -> Iterator[list[Lane]]:
+    """Yield the environments of a training: that of the task, or `count` in their own processes.
+
+    Those are closed at the end.
+
+    Raises:
+        SettingsError: The environments would normalise differently.
+        EnvironmentFailure: An environment cannot be made.
+    """
+    if count == 1:
+        yield [Lane(0, task)]
+        return
+    if task.has_statistics:
+        raise SettingsError(
+            f"training.num_envs is {count}, but a wrapper of the environment keeps running "
+            "statistics (as NormalizeObservation does), which would differ from one environment "
+            "to the other; use 1, or normalise by fixed numbers"
+        )
+    with contextlib.ExitStack() as stack:
+        tasks = [stack.enter_context(RemoteTask(task, k + 1)) for k in range(count)]
+        for remote in tasks:
+            remote.wait_until_made()
+        yield [Lane(k, remote) for k, remote in enumerate(tasks)]

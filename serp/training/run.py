@@ -175,7 +175,8 @@ class Run:
         """
         with self.task.bind(render_mode=render_mode) as task:
             with reading(self._checkpoint) as saved:
-                task.restore_environment(saved.part("environment")[1], statistics_only=True)
+                first = Saved("run", {}, Saved("run", {}, saved.part("lanes")[1]).part("0")[1])
+                task.restore_environment(first.part("environment")[1], statistics_only=True)
             yield task
 
 

@@ -46,8 +46,14 @@ def continue_training(
     made = read_run_metadata(folder)
     if made.settings.training.tensorboard:
         require_tensorboard()
-    trainer = compiled_trainer(task, made.settings, made.seed, quiet=quiet)
-    before = made.budget
+    with compiled_trainer(task, made.settings, made.seed, quiet=quiet) as trainer:
+        before = _restore(folder, trainer, made.budget)
+        limits = budget if budget.limits else before
+        return train(folder, trainer, limits, callbacks, quiet=quiet)
+
+
+def _restore(folder: RunFolder, trainer: Trainer, before: Budget) -> Budget:
+    """Restore the newest checkpoint, if there is one; return the budget of the run."""
     # A run without a checkpoint and without an episode was stopped before it began.
     if _has_checkpoint(folder) or len(read_metrics(folder.path / METRICS)["episode"]):
         checkpoint = folder.resume()
@@ -60,9 +66,9 @@ def continue_training(
                 f"{checkpoint.fallback} The run goes on from the previous checkpoint, after "
                 f"{plural(trainer.env_steps, 'env step')}; what came after it is done again.",
                 Notice,
-                stacklevel=3,
+                stacklevel=4,
             )
-    return train(folder, trainer, budget if budget.limits else before, callbacks, quiet=quiet)
+    return before
 
 
 def _has_checkpoint(folder: RunFolder) -> bool:
@@ -128,7 +134,8 @@ def train(
 
         def after_step(step: StepRecord) -> None:
             answer = stopping.answer(
-                "the episode", "the run then continues from its last checkpoint"
+                "the episode" if len(trainer.lanes) == 1 else "the episodes",
+                "the run then continues from its last checkpoint",
             )
             if answer is not None:
                 progress.answer(answer)
@@ -153,11 +160,11 @@ def train(
                 # A failure in the first episodes must not prevent a continuation.
                 due = save()
             while not (budget.spent_by(trainer) or stopping.requested or callbacks.failure):
-                row = trainer.run_episode()
-                folder.metrics.append(row)
-                if events is not None:
-                    events.append(row)
-                callbacks.episode(row)
+                for row in trainer.run():
+                    folder.metrics.append(row)
+                    if events is not None:
+                        events.append(row)
+                    callbacks.episode(row)
                 if trainer.wall_time >= due:
                     due = save()
             if trainer.env_steps > before:

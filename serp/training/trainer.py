@@ -2,45 +2,50 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.closing import Closing
 from serp._util.compile_time import compile_seconds, working_time
 from serp._util.saved_state import Saved
 from serp.control.decision import Decision
 from serp.control.decision_counts import DecisionCounts
-from serp.control.step_record import EpisodeTotals, OnStep, StepRecord
+from serp.control.step_record import OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.model.transition_model import StateError, Vector
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
 from serp.settings import Settings
 from serp.tasks.bound_task import BoundTask
-from serp.tasks.env_checks import single
+from serp.tasks.remote_task import RemoteTask
 from serp.tasks.reward import Judge
 from serp.training.agent import Agent
 from serp.training.precompile import precompile
-from serp.training.rollout import Rollout, training_seed
+from serp.training.rollout import Lane, Perceive, Rollout, lanes_of, training_seed
 
 _MIRRORED = 256
 """Number of observations with which declared symmetries are checked."""
+_TOGETHER = 100
+"""Env steps for each of several environments after which no episode begins until all have ended.
+More of them keep more environments busy, fewer make a run end nearer to its budget."""
 
 
-class Trainer:
-    """Trains an agent on a task, an episode at a time.
+class Trainer(Closing):
+    """Trains an agent on a task, in one environment or in several that are stepped together.
 
     Every episode begins with `env.reset(seed=...)`, its seed derived from the run's seed and the
     number of the episode. An episode therefore depends only on the agent and that number, and a run
-    can be continued exactly from the end of any episode in any environment that uses its seed. An
-    environment whose state survives `reset` (a game clock) has `state_dict()` and
+    can be continued exactly from where no episode is running, in any environment that uses its
+    seed. An environment whose state survives `reset` (a game clock) has `state_dict()` and
     `load_state_dict(state)` with JSON values.
 
     Attributes:
+        lanes: The environments.
         judge: Judges the steps.
         decisions: Table in which decisions are logged; None for no log.
         episode, env_steps: Numbers of complete episodes and of env steps.
@@ -83,8 +88,14 @@ class Trainer:
         self.on_step: OnStep | None = None
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, working_time()
-        self._unit_value: Any = None
         self._unchecked = _MIRRORED
+        self._open = contextlib.ExitStack()
+        lanes = lanes_of(task, settings.training.num_envs)
+        self.lanes = self._open.enter_context(lanes)
+
+    def close(self) -> None:
+        """Close the environments that the trainer has made; that of the task stays open."""
+        self._open.close()
 
     @property
     def wall_time(self) -> float:
@@ -102,16 +113,29 @@ class Trainer:
         self._clock = working_time()
 
     def run_episode(self) -> MetricsRow:
-        """Train for one episode, and return its row of the metrics.
+        """Train for one episode with one environment, and return its row of the metrics.
+
+        Errors are those of `run`.
+        """
+        (row,) = self.run()
+        return row
+
+    def run(self) -> Iterator[MetricsRow]:
+        """Train until no episode is running; yield the rows of the metrics as episodes end.
+
+        Every environment begins an episode. Where one ends the next one begins, until `_TOGETHER`
+        env steps were made for each environment; a single environment makes one episode. What
+        happens depends on nothing else, so that a run which is interrupted can be continued from
+        the end exactly.
 
         Raises:
             TaskError: The grounding failed, or contradicts a symmetry that the task declares.
-            EnvironmentFailure: The environment raised or gave NaN.
+            EnvironmentFailure: An environment raised or gave NaN.
             LearningFailure: A number of the learner is not finite.
             SettingsError: The environment's info has no entry for `arbiter.rho_unit`.
         """
         try:
-            return self._run_episode()
+            yield from self._run()
         except (TaskError, LearningFailure, StateError) as error:
             error.add_note(
                 f"It happened in env step {self.under_way} of the training, episode "
@@ -119,54 +143,95 @@ class Trainer:
             )
             raise
 
-    def _run_episode(self) -> MetricsRow:
-        agent = self.agent
-        losses: list[float] = []
-        self.under_way = self.env_steps + 1
-        rollout = Rollout(
-            self.task,
-            self._perceive,
-            seed=training_seed(self.seed, self.episode),
-            limit=self.settings.training.episode_steps,
-            judge=self.judge,
-        )
-        self._notice_unit(rollout.info, reset=True)
-        random_phase = not self._pretrained
-        decision: Decision | None = self._decide(rollout.state, rollout.x)
-        while decision is not None:
+    def _run(self) -> Iterator[MetricsRow]:
+        running = list(self.lanes)
+        enough = self.env_steps + (_TOGETHER * len(running) if len(running) > 1 else 0)
+        self._begun = self.episode
+        for lane in running:
+            self._begin(lane)
+        while running:
             self.under_way = self.env_steps + 1
-            self._log(decision, rollout.state)
-            step = rollout.step(decision)
-            self._observe(step)
-            self.env_steps += 1
-            self.tally.count(decision)
-            # The next decision comes before learning: its mask is stored with this step.
-            decision = None if step.last else self._decide(step.next_state, step.next_x)
-            agent.remember(step, decision)
-            if not random_phase:
-                loss = agent.learn()
-                if loss is not None:
-                    losses.append(loss)
-                self._end_unit("step")
-            self._notice_unit(step.info)
-            if self.on_step is not None:
-                self.on_step(step)
-        return self._end_episode(rollout.totals, losses)
+            steps = [(lane, self._advance(lane)) for lane in running]
+            self._decide_next([lane for lane, step in steps if step is None or not step.last])
+            for lane, step in steps:
+                if step is not None:
+                    self._learn(lane, step)
+            for lane, step in steps:
+                if step is None or not step.last:
+                    continue
+                yield self._end_episode(lane)
+                if self.env_steps < enough:
+                    self._begin(lane)
+                else:
+                    running.remove(lane)
 
-    def _perceive(
-        self, raw: Any, info: Mapping[str, Any], env: gym.Env[Any, Any]
-    ) -> tuple[Vector, Vector]:
-        state, x = self.agent.perceive(raw, info, env)
-        if self._unchecked:
-            self._unchecked -= 1
-            for symmetry in self.agent.symmetries:
-                symmetry.check_grounding(self.task, self.task.observation(raw), state)
-        return state, x
+    def _begin(self, lane: Lane) -> None:
+        seed = training_seed(self.seed, self._begun)
+        lane.begin(self._begun, seed, random=not self._pretrained)
+        self._begun += 1
 
-    def _decide(self, state: Vector, x: Vector) -> Decision:
+    def _advance(self, lane: Lane) -> StepRecord | None:
+        """Make the step that was decided on, and return it; None after a reset."""
+        self.agent.turn_to(lane.number)
+        if lane.rollout is None or lane.decision is None:
+            lane.rollout = Rollout(
+                lane.task,
+                self._perceive_of(lane.task),
+                seed=lane.seed,
+                limit=self.settings.training.episode_steps,
+                judge=self.judge,
+            )
+            self._notice_unit(lane, lane.rollout.info, reset=True)
+            return None
+        self.under_way = self.env_steps + 1
+        step = lane.rollout.step(lane.decision)
+        self._observe(step)
+        self.env_steps += 1
+        self.tally.count(step.decision)
+        return step
+
+    def _perceive_of(self, task: BoundTask | RemoteTask) -> Perceive:
+        def perceive(raw: Any, info: Mapping[str, Any], env: Any) -> tuple[Vector, Vector]:
+            if isinstance(task, RemoteTask):
+                observation, state = task.perceived
+            else:
+                observation, state = task.observation(raw), task.ground(raw, info, env)
+            if self._unchecked:
+                self._unchecked -= 1
+                for symmetry in self.agent.symmetries:
+                    symmetry.check_grounding(self.task, observation, state)
+            return self.agent.take_in(observation, state)
+
+        return perceive
+
+    def _decide_next(self, lanes: list[Lane]) -> None:
+        """Decide in environments whose episode goes on, and begin to execute the decisions.
+
+        Environments in other processes execute them while the learner learns.
+        """
+        for k, lane in enumerate(lanes):
+            assert lane.rollout is not None
+            state = lane.rollout.state
+            self.agent.turn_to(lane.number)
+            if self._pretrained:
+                decision = self.agent.decide(state, lane.rollout.x)
+            else:
+                decision = self.agent.decide_randomly(state)
+            self._log(decision, state, lane.episode, self.env_steps + k)
+            lane.execute(decision)
+
+    def _learn(self, lane: Lane, step: StepRecord) -> None:
+        """Store a step, with the mask of the decision that follows it, and learn."""
+        self.agent.turn_to(lane.number)
+        self.agent.remember(step, None if step.last else lane.decision)
         if self._pretrained:
-            return self.agent.decide(state, x)
-        return self.agent.decide_randomly(state)
+            loss = self.agent.learn()
+            if loss is not None:
+                lane.losses.append(loss)
+            self._end_unit("step")
+        self._notice_unit(lane, step.info)
+        if self.on_step is not None:
+            self.on_step(step)
 
     def _observe(self, step: StepRecord) -> None:
         """Update the agent, and notify the user when the lookahead becomes unreliable."""
@@ -180,13 +245,15 @@ class Trainer:
                 "only its prediction of the next step. Check the effects of its actions."
             )
 
-    def _end_episode(self, totals: EpisodeTotals, losses: list[float]) -> MetricsRow:
+    def _end_episode(self, lane: Lane) -> MetricsRow:
+        assert lane.rollout is not None
         self.episode += 1
-        agent = self.agent
-        if self._pretrained:
+        agent, totals, losses = self.agent, lane.rollout.totals, lane.losses
+        agent.turn_to(lane.number)
+        if not lane.random:
             self._end_unit("episode")
             agent.strategy.end_episode(totals.return_, totals.length)
-        elif self.env_steps >= self.settings.training.random_steps:
+        elif not self._pretrained and self.env_steps >= self.settings.training.random_steps:
             agent.learner.pretrain()
             self._pretrained = True
         self.recent.append(totals.return_)
@@ -205,40 +272,24 @@ class Trainer:
             **totals.decisions.numbers(),
         )
 
-    def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
+    def _notice_unit(self, lane: Lane, info: Mapping[str, Any], *, reset: bool = False) -> None:
         """End a unit of ρ when the counter that `arbiter.rho_unit` names has changed."""
         unit = self.settings.arbiter.rho_unit
-        if unit in ("step", "episode"):
-            return
-        if unit not in info:
-            if reset:  # many environments give more entries in `step` than in `reset`
-                return
-            raise SettingsError(
-                f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
-                "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
-            )
-        value = single(info[unit])
-        if not isinstance(value, str | int | float) or value != value:  # NaN is never equal
-            raise SettingsError(
-                f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
-                "or a text is needed"
-            )
-        if self._unit_value is not None and value != self._unit_value and self._pretrained:
+        if lane.unit_ended(unit, info, reset=reset) and self._pretrained:
             self._end_unit(unit)
-        self._unit_value = value
 
     def _end_unit(self, unit: str) -> None:
         self.units += unit == self.settings.arbiter.rho_unit
         self.agent.strategy.end_unit(unit)
 
-    def _log(self, decision: Decision, state: Vector) -> None:
+    def _log(self, decision: Decision, state: Vector, episode: int, env_step: int) -> None:
         if self.decisions is None:
             return
         name = self.task.actions.name
         self.decisions.append(
             DecisionRow(
-                step=self.env_steps,
-                episode=self.episode + 1,
+                step=env_step,
+                episode=episode + 1,
                 proposed_by=decision.proposed_by,
                 proposed=name(decision.proposed) if decision.proposed >= 0 else "",
                 executed=name(decision.action),
@@ -258,7 +309,7 @@ class Trainer:
         )
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return the complete state between two episodes: arrays and JSON values."""
+        """Return the complete state while no episode is running: arrays and JSON values."""
         arrays, agent = self.agent.state_dict()
         meta: dict[str, Any] = {
             "agent": agent,
@@ -268,9 +319,8 @@ class Trainer:
             "tally": self.tally.state_dict(),
             "recent": list(self.recent),
             "pretrained": self._pretrained,
-            "unit_value": self._unit_value,
             "wall_time": {"training": self.wall_time, "compilation": self.compile_seconds},
-            "environment": self.task.environment_state(),
+            "lanes": {str(lane.number): lane.state_dict() for lane in self.lanes},
         }
         return arrays, meta
 
@@ -288,10 +338,9 @@ class Trainer:
         self.recent.clear()
         self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
         self._pretrained = saved.truth("pretrained")
-        self._unit_value = saved.part("unit_value")[1]
-        if not isinstance(self._unit_value, str | int | float | None):
-            raise saved.wrong("unit_value is neither a number nor a text")
         seconds = Saved("times", {}, saved.part("wall_time")[1])
         self._wall_before, self._clock = seconds.real("training", 0.0), working_time()
         self._compiled_before += seconds.real("compilation", 0.0)
-        self.task.restore_environment(saved.part("environment")[1])
+        lanes = Saved("environments", {}, saved.part("lanes")[1])
+        for lane in self.lanes:
+            lane.load_state_dict(lanes.part(str(lane.number))[1])

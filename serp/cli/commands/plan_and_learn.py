@@ -34,6 +34,7 @@ _FIXED = {
     "seed": "--seed",
     "adapt": "--adapt",
     "planner": "--planner",
+    "num_envs": "--num-envs",
     "max_ground_schemas": "--max-ground-schemas",
     "settings": "--set",
 }
@@ -53,6 +54,7 @@ def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> 
         "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
         "serp plan-and-learn --domain cartpole --adapt off",
         "serp plan-and-learn --domain taxi --planner far-sight+lookahead",
+        "serp plan-and-learn --domain cartpole --num-envs 16",
         "serp plan-and-learn --task my_robot.py",
         "serp plan-and-learn --resume runs/seven --episodes 500",
     ),
@@ -78,6 +80,8 @@ def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> 
     metavar="NAME[+NAME…]",
     help="The planner; the better one of several is found.  [default: by the preset]",
 )
+@click.option("--num-envs", type=click.IntRange(min=1), metavar="N",
+              help="Step N environments at the same time.  [default: 1]")  # fmt: skip
 @click.option("--correct", hidden=True, expose_value=False, callback=_renamed)
 @max_ground_schemas_option
 @settings_option
@@ -88,6 +92,7 @@ def command(
     resume: str | None,
     adapt: str | None,
     planner: str | None,
+    num_envs: int | None,
     max_ground_schemas: int | None,
     settings: dict[str, dict[str, Any]],
     quiet: bool,
@@ -104,6 +109,7 @@ def command(
     """
     _set(settings, "adaptation", "mode", "--adapt", adapt)
     _set(settings, "planner", "name", "--planner", planner)
+    _set(settings, "training", "num_envs", "--num-envs", num_envs)
     resuming = resume is not None
     path = out if resume is None else _run_to_resume(resume, out)
     task = asked_task(domain, max_ground_schemas)
@@ -134,7 +140,7 @@ def command(
 
 
 def _set(
-    settings: dict[str, dict[str, Any]], section: str, name: str, option: str, value: str | None
+    settings: dict[str, dict[str, Any]], section: str, name: str, option: str, value: Any
 ) -> None:
     """Set what an option of its own says, unless `--set` says it, too."""
     if value is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -64,6 +64,13 @@ class Returns:
         self.squares = saved.real("squares", 0.0)
 
 
+class Lead(NamedTuple):
+    """Who leads an episode: the learner, else the planner at a position."""
+
+    planner: int
+    learner: bool
+
+
 class Evidence(Strategy):
     """Planner or learner leads a whole episode: the learner with the probability that it is better.
 
@@ -88,11 +95,11 @@ class Evidence(Strategy):
         self.names = planner_names(settings.planner.name)
         self.planners = [Returns() for _ in self.names]
         self.learner = Returns()
-        self._planner = 0
+        self._leads = [Lead(0, False)] * settings.training.num_envs
+        """Who leads the current episode of each environment."""
         self._worst, self._best = math.inf, -math.inf
         self._steps = 0
         self._rho = 0.0
-        self._leads = False
         self._random = np.random.default_rng(seed)
 
     @property
@@ -107,7 +114,7 @@ class Evidence(Strategy):
 
     def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's choice, to be imitated where it leads and has a reason."""
-        return -1 if self._leads or forecast.indifferent else forecast.choice
+        return -1 if self._lead.learner or forecast.indifferent else forecast.choice
 
     @property
     def evidence(self) -> LeadEvidence:
@@ -122,7 +129,12 @@ class Evidence(Strategy):
     @property
     def planner(self) -> int:
         """Position of the planner that leads this episode, or would if the learner did not."""
-        return self._planner
+        return self._lead.planner
+
+    @property
+    def _lead(self) -> Lead:
+        """Who leads the episode of the current environment."""
+        return self._leads[self.lane]
 
     @property
     def best_planner(self) -> int:
@@ -200,24 +212,26 @@ class Evidence(Strategy):
 
     def _draw(self) -> None:
         """Draw who leads the next episode."""
-        self._leads = bool(self._random.random() < self._rho)
+        leads, planner = bool(self._random.random() < self._rho), 0
         if len(self.planners) > 1:
             drawn = [
                 mean + math.sqrt(variance) * self._random.standard_t(self._freedom)
                 for mean, variance in self._beliefs()[:-1]
             ]
-            self._planner = drawn.index(max(drawn))
+            planner = drawn.index(max(drawn))
+        self._leads[self.lane] = Lead(planner, leads)
 
     def forked(self, seed: np.random.SeedSequence) -> Evidence:
         """Return a copy that draws its own lead."""
         forked = copy.copy(self)
         forked._random = np.random.default_rng(seed)
+        forked._leads = self._leads.copy()
         forked._draw()
         return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
-        if self._leads:
+        if self._lead.learner:
             return learner.propose_greedily()
         return learner.propose(situation.admissible) if situation.forecast.indifferent else None
 
@@ -236,7 +250,7 @@ class Evidence(Strategy):
             for led in self._leads_so_far:
                 led.fade(kept)
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)
-            (self.learner if self._leads else self.planners[self._planner]).add(return_)
+            (self.learner if self._lead.learner else self.planners[self.planner]).add(return_)
             self._rho = self._probability()
         self._draw()
 
@@ -245,10 +259,10 @@ class Evidence(Strategy):
         return {
             "planners": {str(k): vars(led).copy() for k, led in enumerate(self.planners)},
             "learner": vars(self.learner).copy(),
-            "planner": self._planner,
+            "planner": [lead.planner for lead in self._leads],
             "range": [self._worst, self._best] if self._worst <= self._best else None,
             "steps": self._steps,
-            "leads": self._leads,
+            "leads": [lead.learner for lead in self._leads],
             "random": self._random.bit_generator.state,
         }
 
@@ -271,9 +285,11 @@ class Evidence(Strategy):
             led.load(part, self._worst, self._best)
         learner = Saved("learner", {}, saved.part("learner")[1])
         self.learner.load(learner, self._worst, self._best)
-        self._planner = saved.whole("planner", 0, len(self.planners) - 1)
+        count = len(self._leads)
+        leading = saved.wholes("planner", count, 0, len(self.planners) - 1)
+        leads = zip(leading, saved.truths("leads", count), strict=True)
+        self._leads = [Lead(planner, learner) for planner, learner in leads]
         if (self._episodes > 0) != (meta.get("range") is not None):
             raise saved.wrong("range is that of no episode, or of none")
-        self._leads = saved.truth("leads")
         self._random.bit_generator.state = saved.generator_state("random", self._random)
         self._rho = self._probability()

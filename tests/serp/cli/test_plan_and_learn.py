@@ -74,6 +74,11 @@ def test_resuming_a_finished_run_does_nothing_and_says_so(
         (["--resume=a", "--preset=paper"], "--preset cannot change"),
         (["--resume=a", "--set=planner.depth=3"], "--set cannot change"),
         (["--domain=cartpole", "--correct=off"], "--correct is now called --adapt"),
+        (["--resume=a", "--num-envs=2"], "--num-envs cannot change"),
+        (
+            ["--domain=cartpole", "--num-envs=2", "--set=training.num_envs=3"],
+            "give --num-envs or --set training.num_envs, not both",
+        ),
         (["--domain=cartpole", "--episodes=0"], "is not in the range"),
         (["--domain=cartpole", "--set=depth=3"], "expected section.name=value"),
     ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,13 +26,16 @@ def failures(steps: list[tuple[bool, bool, bool]], horizon: int) -> int:
     return count
 
 
-@given(steps=STEPS, horizon=st.integers(1, 12))
+@given(steps=STEPS, others=STEPS, horizon=st.integers(1, 12))
 def test_it_fails_by_what_is_unsafe_within_the_horizon_of_a_prediction_and_the_episode(
-    steps: list[tuple[bool, bool, bool]], horizon: int
+    steps: list[tuple[bool, bool, bool]], others: list[tuple[bool, bool, bool]], horizon: int
 ) -> None:
+    """The steps of two environments alternate."""
     lookahead = LookaheadReliability(horizon)
-    failed = sum(lookahead.observe(*step) for step in steps)
-    assert lookahead.failures == failed == failures(steps, horizon)
+    failed = 0
+    for pair in zip_longest(steps, others):
+        failed += sum(lookahead.observe(*s, lane=k) for k, s in enumerate(pair) if s is not None)
+    assert lookahead.failures == failed == failures(steps, horizon) + failures(others, horizon)
 
 
 def test_after_more_failures_than_tolerated_it_is_not_relied_on_even_after_a_resume() -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -131,6 +132,24 @@ def test_the_ring_holds_the_newest_n_step_samples(steps: list[Step], n: int, cap
     expected = expected_samples(steps, n)
     assert stored(ring, capacity) == expected[-capacity:]
     assert ring.size == min(len(expected), capacity)
+
+
+@settings(deadline=None)
+@given(first=streams(), second=streams(), n=st.integers(1, 5))
+def test_the_steps_of_two_environments_do_not_mix(
+    first: list[Step], second: list[Step], n: int
+) -> None:
+    lanes = [
+        [replace(s, number=s.number + at) for s in (*steps, Step(len(steps), truncated=True))]
+        for at, steps in ((0, first), (1000, second))
+    ]
+    ring = buffer(n_step=n, buffer_size=200)
+    for pair in zip_longest(*lanes):
+        for ring.lane, step in enumerate(pair):
+            feed(ring, [] if step is None else [step])
+    found = stored(ring, 200)
+    assert [s for s in found if s[0][0] < 1000] == expected_samples(lanes[0], n)
+    assert [s for s in found if s[0][0] >= 1000] == expected_samples(lanes[1], n)
 
 
 def flat(batch: Samples) -> list[tuple[Any, ...]]:

@@ -1,0 +1,204 @@
+"""A task whose environment runs in a process of its own, so that several run at the same time."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from gymnasium.vector.utils import CloudpickleWrapper
+
+from serp._util.closing import Closing
+from serp.errors import EnvironmentFailure
+from serp.model.transition_model import Vector
+from serp.tasks.bound_task import BoundTask, EnvironmentCall
+
+_START: Final = "fork" if sys.platform == "linux" else "spawn"
+"""How the processes begin. `fork` needs no import and no `__main__` guard in a user's script."""
+_BIND: Final = "making the environment"
+
+
+class RemoteTask(Closing):
+    """A task with an environment in a process of its own.
+
+    The process checks, copies and grounds what the environment returns as `BoundTask` does, beside
+    the environment. Gymnasium's `AsyncVectorEnv` gives one array of all observations and one
+    dictionary of all infos, so that a single environment's answer could be checked and grounded
+    only after it was converted; it resets with one seed for all, and Ctrl-C ends its processes.
+
+    Args:
+        task: The task; its own environment is not used.
+        number: Number of this environment, from 1, for messages.
+
+    Attributes:
+        perceived: Observation as a flat vector, and state `[F]`, of the newest answer.
+        env: None: the environment is in another process.
+    """
+
+    env: None = None
+
+    def __init__(self, task: BoundTask, number: int) -> None:
+        self._task, self._number = task, number
+        self.perceived: tuple[Vector, Vector]
+        context: Any = multiprocessing.get_context(_START)
+        self._pipe, other = context.Pipe()
+        bind: Any = task.task.bind
+        arguments = other, CloudpickleWrapper(bind)  # pickles closures, too
+        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        self._process.start()
+        other.close()
+        self._asked: tuple[str, tuple[Any, ...]] | None = ("", ())
+        self._since = time.monotonic()
+
+    def wait_until_made(self) -> None:
+        """Wait until the environment is made; raise the error if that failed."""
+        self._answer(_BIND)
+
+    # Steps -------------------------------------------------------------------------------------
+
+    def begin_reset(self, seed: int) -> None:
+        """Begin `reset` without waiting for it."""
+        self._ask("reset", seed)
+
+    def begin_step(self, action: int) -> None:
+        """Begin `step` without waiting for it."""
+        self._ask("step", action)
+
+    def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`.
+
+        Raises:
+            EnvironmentFailure: The environment raised, or its process died.
+            TaskError: The grounding failed.
+        """
+        answer, self.perceived = self._do("reset", seed, saying="reset")
+        raw, info = answer
+        return raw, info
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Execute an action, or wait for a step that was begun; see `reset`."""
+        name = self._task.actions.name(action)
+        answer, self.perceived = self._do("step", action, saying=f"step with action {name}")
+        raw, reward, terminated, truncated, info = answer
+        return raw, reward, terminated, truncated, info
+
+    def environment_state(self) -> dict[str, Any]:
+        """Return what `BoundTask.environment_state` returns."""
+        state: dict[str, Any] = self._do("environment_state", saying="saving the environment")
+        return state
+
+    def restore_environment(self, saved: Mapping[str, Any]) -> None:
+        """Restore what `environment_state` returned."""
+        self._do("restore_environment", saved, saying="restoring the environment")
+
+    def close(self) -> None:
+        """Close the environment and end its process."""
+        if self._process.is_alive() and self._asked is None:
+            try:
+                self._do("close", saying="closing the environment")
+            finally:
+                self._end()
+        else:  # it is stuck, busy or dead
+            self._end()
+
+    def _end(self) -> None:
+        self._pipe.close()
+        self._process.kill()
+        self._process.join()
+
+    # The process -------------------------------------------------------------------------------
+
+    def _ask(self, what: str, *arguments: Any) -> None:
+        assert self._asked is None, f"{self._asked} was not answered"
+        self._asked, self._since = (what, arguments), time.monotonic()
+        with contextlib.suppress(OSError):  # it is dead, which `_answer` tells
+            self._pipe.send((what, arguments))
+
+    def _do(self, what: str, *arguments: Any, saying: str) -> Any:
+        if self._asked is None:
+            self._ask(what, *arguments)
+        assert self._asked == (what, arguments), f"{self._asked} was begun, not {what}"
+        return self._answer(saying)
+
+    def _answer(self, saying: str) -> Any:
+        self._task.call = EnvironmentCall(f"{saying} (environment {self._number})", self._since)
+        try:
+            said = self._pipe.recv()
+        except (EOFError, OSError):
+            raise EnvironmentFailure(
+                f"task {self._task.name}: {saying} failed: the process of environment "
+                f"{self._number} died; not enough memory?"
+            ) from None
+        finally:
+            self._task.call = None
+        self._asked = None
+        if isinstance(said, Exception):
+            said.add_note(f"It happened in environment {self._number}.")
+            raise said
+        return said
+
+
+def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
+    """Make the environment, and do what is asked, in another process."""
+    follow_parent()
+    try:
+        task = bind()
+    except Exception as error:
+        pipe.send(error)
+        return
+    pipe.send(None)
+    asked = ""
+    while asked != "close":
+        asked, arguments = pipe.recv()
+        try:
+            said = getattr(task, asked)(*arguments)
+            if asked in ("reset", "step"):
+                said = said, _perceived(task, said)
+        except Exception as error:
+            said = error
+            if not isinstance(error, EnvironmentFailure):
+                said.add_note(traceback.format_exc())
+        _send(pipe, said, task.name, asked)
+
+
+def _perceived(task: BoundTask, answer: tuple[Any, ...]) -> tuple[Vector, Vector]:
+    raw, info = answer[0], answer[-1]
+    return task.observation(raw), task.ground(raw, info, task.env)
+
+
+def _send(pipe: Connection, said: Any, task: str, asked: str) -> None:
+    try:
+        pipe.send(said)
+    except Exception as error:  # whatever the environment's objects raise
+        pipe.send(
+            EnvironmentFailure(
+                f"task {task}: what {asked} returned cannot be sent from another process: "
+                f"{type(error).__name__}: {error}; let it consist of plain values"
+            )
+        )
+
+
+def follow_parent() -> None:
+    """Leave requests to end to the parent process, and end when it ends.
+
+    Ctrl-C, a closed terminal and a scheduler signal every process of the group.
+    """
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # Windows has not all of them
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
