@@ -18,12 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
 from serp._util.numbers import FLOAT32_MAX, best_of
 from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
-from serp.learning.export import module_of
+from serp.learning.export import network_as_onnx
 from serp.learning.learning import QLearning
 from serp.learning.mean_q import MeanQ
 from serp.learning.replay import ReplayBuffer
@@ -230,9 +229,12 @@ class DQN:
             bounds = (self._bounds.lower, self._bounds.upper)
         return self.learning.update(batch, bounds, self.imitation_weight, self.env_steps)
 
-    def module(self) -> torch.nn.Module:
-        """Return a copy of the network for export, with the symmetries as a part of it."""
-        return module_of(self.learning.online, self.symmetry)
+    def as_onnx(self) -> bytes:
+        """Return the network as ONNX, with the symmetries as a part of it.
+
+        See `serp.learning.export.network_as_onnx`.
+        """
+        return network_as_onnx(self.learning.online, self.symmetry)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

@@ -1,63 +1,104 @@
-"""Export of networks as ordinary torch modules."""
+"""Export of networks as ONNX, which other programs run."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any, Final
 
-import torch
+import numpy as np
+import numpy.typing as npt
 
+from serp._util.extras import needs_extra
 from serp.learning import kernels
 from serp.learning.network import QNetwork
 from serp.learning.symmetry_group import SymmetryGroup
 
+_OPSET: Final = 17
+"""The first with LayerNormalization."""
+_IR_VERSION: Final = 8
+"""The version of the format that belongs to it, which older onnxruntimes read, too."""
 
-def module_of(network: QNetwork, symmetry: SymmetryGroup | None = None) -> torch.nn.Module:
-    """Return an independent copy of a network, ``[batch, F]`` → ``[batch, A]``.
 
-    It is a `torch.nn.Sequential`; with several members or symmetries, a module that returns the
-    mean over them.
+def network_as_onnx(network: QNetwork, symmetry: SymmetryGroup | None = None) -> bytes:
+    """Return a network as ONNX: `x` float32 ``[F]`` → `q` float32 ``[A]``.
+
+    Q is the mean over members and mirror images, as of `DQN.q_values`. Both agree to float32
+    accuracy: sums are added in another order.
+
+    Raises:
+        MissingExtra: onnx is not installed.
     """
-    members = [_sequential(network, member) for member in range(network.members)]
-    if symmetry is None and len(members) == 1:
-        return members[0]
-    group = symmetry or SymmetryGroup(network.sizes[0], network.sizes[-1])
-    return MeanModule(members, group)
+    with needs_extra("export", "the export of a network"):
+        import onnx
+    writer = _Writer(network, symmetry)
+    graph = writer.graph()
+    model = onnx.helper.make_model(
+        graph,
+        opset_imports=[onnx.helper.make_opsetid("", _OPSET)],
+        ir_version=_IR_VERSION,
+        producer_name="serp",
+    )
+    onnx.checker.check_model(model, full_check=True)
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
 
 
-def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
-    flat = network.parameters[member]
-    stack: list[torch.nn.Module] = []
-    for layer in network.layers:
-        weight = flat[layer.start : layer.bias].reshape(layer.inputs, layer.outputs)
-        vectors = flat[layer.bias : layer.end].reshape(-1, layer.outputs)
-        linear = torch.nn.Linear(layer.inputs, layer.outputs)
-        linear.load_state_dict({"weight": weight.T, "bias": vectors[0]})
-        stack.append(linear)
+class _Writer:
+    """Writes the nodes of one network; E members, K mirror images."""
+
+    def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
+        self._network = network
+        self._group = symmetry or SymmetryGroup(network.sizes[0], network.sizes[-1])
+        self._nodes: list[Any] = []
+        self._constants: list[Any] = []
+
+    def graph(self) -> Any:
+        import onnx
+
+        group, sizes = self._group, self._network.sizes
+        images = group.averaged
+        columns = self._constant("columns", group.columns[:images])
+        signs = self._constant("signs", group.signs[:images])
+        h = self._node("Mul", self._node("Gather", "x", columns), signs)  # [K, F]
+        for k in range(len(self._network.layers)):
+            h = self._layer(k, h)  # [E, K, outputs]
+        actions = np.broadcast_to(
+            group.actions[:images], (self._network.members, images, sizes[-1])
+        )
+        of_images = self._node("GatherElements", h, self._constant("actions", actions), axis=2)
+        self._node("ReduceMean", of_images, axes=[0, 1], keepdims=0, output="q")
+        return onnx.helper.make_graph(
+            self._nodes,
+            "learner",
+            [onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, [sizes[0]])],
+            [onnx.helper.make_tensor_value_info("q", onnx.TensorProto.FLOAT, [sizes[-1]])],
+            self._constants,
+        )
+
+    def _layer(self, k: int, below: str) -> str:
+        layer = self._network.layers[k]
+        flat = self._network.parameters.numpy()
+        weight = flat[:, layer.start : layer.bias].reshape(-1, layer.inputs, layer.outputs)
+        vectors = flat[:, layer.bias : layer.end].reshape(len(flat), -1, 1, layer.outputs)
+        z = self._node("MatMul", below, self._constant(f"weight{k}", weight))
+        z = self._node("Add", z, self._constant(f"bias{k}", vectors[:, 0]))
         if layer.normalized:
-            norm = torch.nn.LayerNorm(layer.outputs, eps=kernels.NORM_EPSILON)
-            norm.load_state_dict({"weight": vectors[1], "bias": vectors[2]})
-            stack.append(norm)
-        if layer is not network.layers[-1]:
-            stack.append(torch.nn.ReLU())
-    return torch.nn.Sequential(*stack)
+            ones = self._constant(f"ones{k}", np.ones(layer.outputs, np.float32))
+            z = self._node("LayerNormalization", z, ones, epsilon=kernels.NORM_EPSILON)
+            z = self._node("Mul", z, self._constant(f"gain{k}", vectors[:, 1]))
+            z = self._node("Add", z, self._constant(f"shift{k}", vectors[:, 2]))
+        if k == len(self._network.layers) - 1:
+            return z
+        return self._node("Relu", z)
 
+    def _node(self, kind: str, *inputs: str, output: str = "", **attributes: Any) -> str:
+        import onnx
 
-class MeanModule(torch.nn.Module):
-    """The mean output of several networks over a symmetry group."""
+        name = output or f"n{len(self._nodes)}"
+        self._nodes.append(onnx.helper.make_node(kind, inputs, [name], **attributes))
+        return name
 
-    columns: torch.Tensor
-    signs: torch.Tensor
-    actions: torch.Tensor
+    def _constant(self, name: str, array: npt.NDArray[Any]) -> str:
+        import onnx
 
-    def __init__(self, members: Sequence[torch.nn.Module], group: SymmetryGroup) -> None:
-        super().__init__()
-        self.members = torch.nn.ModuleList(members)
-        for name in ("columns", "signs", "actions"):
-            array = getattr(group, name)[: group.averaged]
-            self.register_buffer(name, torch.from_numpy(array.copy()))
-
-    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return ``[batch, A]`` of ``[batch, F]``."""
-        images = zip(self.columns, self.signs, self.actions, strict=True)
-        each = [m(inputs[:, c] * s)[:, a] for c, s, a in images for m in self.members]
-        return torch.stack(each).mean(0)
+        self._constants.append(onnx.numpy_helper.from_array(np.ascontiguousarray(array), name))
+        return name

@@ -87,6 +87,11 @@ class ActionMap:
         self._first = np.array([group[0] if group else -1 for group in groups], dtype=np.int64)
         self._identity = bool((self._first == np.arange(size)).all()) and self._one_to_one
 
+    @property
+    def groups(self) -> list[list[int]]:
+        """The ground actions of every environment action."""
+        return [group.copy() for group in self._groups]
+
     def over(self, model: TransitionModel) -> ActionMap:
         """Return the same map for another model of the same ground actions."""
         other = copy.copy(self)

@@ -153,6 +153,21 @@ class ClosedGraph(ArrayGraph):
         bound = Bound.EXHAUSTED if self.complete else Bound.NODES
         return Forecast(choice, *found, self._depth, bound)
 
+    def table(self) -> Arrays:
+        """Return the forecast for each of the N states that have one, as arrays.
+
+        They are `states` `[N, F]`, `inert` (the columns that are 0 in them), `choice` `[N]`, and
+        what a `Forecast` has for every action, `[N, A]`.
+        """
+        nodes = np.flatnonzero(self._arrays.inside[: self.expanded])
+        states = self._arrays.states[: self.nodes * self._width].reshape(-1, self._width)[nodes]
+        found = [forecast for state in states if (forecast := self.forecast(state)) is not None]
+        columns = {
+            name: np.array([getattr(forecast, name) for forecast in found])
+            for name in ("choice", *FirstActions._fields)
+        }
+        return {"states": states.copy(), "inert": self._inert.copy(), **columns}
+
     def ends(self, state: Vector) -> bool:
         """Return whether the best policy leads from a state `[F]` to the end of the task.
 

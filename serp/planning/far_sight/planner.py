@@ -83,6 +83,11 @@ class FarSightPlanner:
         self._trial_at = _FIRST_TRIAL
         self._rollouts = Rollouts(self._near)
 
+    @property
+    def favours_cells(self) -> bool:
+        """Whether values of cells decide wherever there are any, not only among equal plans."""
+        return self._favoured
+
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
         self._decisions += 1

@@ -1,0 +1,137 @@
+"""The functions of the transition model, rebuilt from syntax trees that are stored as data.
+
+A tree is JSON: a number or truth value, or a list whose first item says what it is. Names and
+positions are checked, so that a tree can be nothing but arithmetic on the arrays of a step; no text
+becomes program text.
+
+Statements are `["set", target, value]`, `["when", test, statements]`, `["while", test, statements]`
+and `["return", value]`. Values are `["at", array, position]`, `["var", name]`, `["choose", test,
+value, value]`, `["inf"]`, and operators with their operands.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from .folder import ControllerError
+
+Function = Callable[..., int]
+
+_VARIABLE = re.compile(r"(t|kind|fired)\d{1,9}|reward|unsafe|terminal|again|flags|dt")
+_BINARY: dict[str, Any] = {
+    "+": ast.Add, "-": ast.Sub, "*": ast.Mult, "/": ast.Div, "|": ast.BitOr, "&": ast.BitAnd,
+}  # fmt: skip
+_COMPARISON: dict[str, Any] = {
+    "<": ast.Lt, "<=": ast.LtE, ">": ast.Gt, ">=": ast.GtE, "==": ast.Eq, "!=": ast.NotEq,
+}  # fmt: skip
+_UNARY: dict[str, Any] = {"neg": ast.USub, "not": ast.Not}
+_JUNCTION: dict[str, Any] = {"and": ast.And, "or": ast.Or}
+
+
+def make_function(
+    arguments: Sequence[str], statements: object, sizes: Mapping[str, int]
+) -> Function:
+    """Return the function with a body.
+
+    Args:
+        arguments: Names of its arguments.
+        statements: The body.
+        sizes: Array that may be read or, for `out`, written → its length.
+
+    Raises:
+        ControllerError: The body is not what the module describes.
+    """
+    builder = _Builder(sizes)
+    given = ast.arguments(
+        posonlyargs=[], args=[ast.arg(name) for name in arguments], kwonlyargs=[], kw_defaults=[],
+        defaults=[],
+    )  # fmt: skip
+    try:
+        body = builder.block(statements)
+        function = ast.FunctionDef(
+            name="function", args=given, body=body, decorator_list=[], lineno=1, col_offset=0
+        )
+        if "type_params" in ast.FunctionDef._fields:  # from Python 3.12 on
+            function.type_params = []  # type: ignore[attr-defined, unused-ignore]
+        module = ast.fix_missing_locations(ast.Module(body=[function], type_ignores=[]))
+        code = compile(module, "<policy>", "exec")
+    except (TypeError, ValueError, IndexError, RecursionError) as error:
+        raise ControllerError(f"the model of the policy is damaged: {error}") from None
+    namespace: dict[str, Any] = {"__builtins__": {}}
+    exec(code, namespace)
+    made: Function = namespace["function"]
+    return made
+
+
+class _Builder:
+    """Builds syntax trees; whatever is not known raises one of the errors above."""
+
+    def __init__(self, sizes: Mapping[str, int]) -> None:
+        self._sizes = sizes
+
+    def block(self, statements: Any) -> list[ast.stmt]:
+        return [self._statement(*statement) for statement in statements] or [ast.Pass()]
+
+    def _statement(self, kind: str, *parts: Any) -> ast.stmt:
+        if kind == "set":
+            target, value = parts
+            return ast.Assign(targets=[self._target(target)], value=self.value(value))
+        if kind == "return":
+            return ast.Return(value=self.value(*parts))
+        if kind in ("when", "while"):
+            test, body = self.value(parts[0]), self.block(parts[1])
+            made = ast.If if kind == "when" else ast.While
+            return made(test=test, body=body, orelse=[])
+        raise ValueError(f"there is no statement {kind!r}")
+
+    def _target(self, target: Any) -> ast.expr:
+        kind, *parts = target
+        if kind == "var":
+            return self._variable(*parts, ast.Store())
+        if kind == "at" and parts[0] == "out":
+            return self._entry(*parts, ast.Store())
+        raise ValueError(f"{target!r} cannot be changed")
+
+    def _variable(self, name: str, context: ast.expr_context) -> ast.expr:
+        if not isinstance(name, str) or not _VARIABLE.fullmatch(name):
+            raise ValueError(f"there is no variable {name!r}")
+        return ast.Name(id=name, ctx=context)
+
+    def _entry(self, array: str, position: int, context: ast.expr_context) -> ast.expr:
+        if array not in self._sizes or type(position) is not int:
+            raise ValueError(f"there is no entry {position!r} of {array!r}")
+        if not 0 <= position < self._sizes[array]:
+            raise ValueError(f"{array} has no entry {position}")
+        place = ast.Constant(value=position)
+        return ast.Subscript(value=ast.Name(id=array, ctx=ast.Load()), slice=place, ctx=context)
+
+    def value(self, value: Any) -> ast.expr:
+        if type(value) in (bool, int, float):
+            return ast.Constant(value=value)
+        kind, *parts = value
+        if kind == "at":
+            return self._entry(*parts, ast.Load())
+        if kind == "var":
+            return self._variable(*parts, ast.Load())
+        if kind == "inf" and not parts:
+            return ast.Constant(value=math.inf)
+        values = [self.value(part) for part in parts]
+        if kind in _BINARY:
+            left, right = values
+            return ast.BinOp(left=left, op=_BINARY[kind](), right=right)
+        if kind in _COMPARISON:
+            left, right = values
+            return ast.Compare(left=left, ops=[_COMPARISON[kind]()], comparators=[right])
+        if kind in _UNARY:
+            (operand,) = values
+            return ast.UnaryOp(op=_UNARY[kind](), operand=operand)
+        if kind in _JUNCTION and len(values) > 1:
+            return ast.BoolOp(op=_JUNCTION[kind](), values=values)
+        if kind == "choose":
+            test, one, other = values
+            return ast.IfExp(test=test, body=one, orelse=other)
+        raise ValueError(f"there is no value {kind!r}")

@@ -1,0 +1,1 @@
+"""Export of a run's policy, for a robot without serp."""
