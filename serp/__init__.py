@@ -22,6 +22,7 @@ _NAMES = {
     "serp.diagnosis.diagnosis": ("Diagnosis", "diagnose"),
     "serp.diagnosis.repair.repair": ("repair",),
     "serp.errors": ("RunError", "SerpError", "SettingsError", "TaskError"),
+    "serp.export.policy": ("export_policy",),
     "serp.learning.dqn": ("DQN", "Proposal"),
     "serp.model.loading": ("Domain", "load_domain"),
     "serp.model.transition_model": ("TransitionModel",),
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     from serp.errors import SerpError as SerpError
     from serp.errors import SettingsError as SettingsError
     from serp.errors import TaskError as TaskError
+    from serp.export.policy import export_policy as export_policy
     from serp.learning.dqn import DQN as DQN
     from serp.learning.dqn import Proposal as Proposal
     from serp.model.loading import Domain as Domain

@@ -57,9 +57,13 @@ def imports(path: Path) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            # An export copies the controller, so its modules import one another relatively.
-            assert node.level == (path.parent == CONTROLLER), path
-            yield f"serp.controller.{node.module}" if node.level else node.module
+            yield imported_from(path, node)
+
+
+def imported_from(path: Path, node: ast.ImportFrom) -> str:
+    """Exports copy the controller, so its modules, and no others, import one another relatively."""
+    assert node.level <= (path.parent == CONTROLLER), path
+    return f"serp.controller.{node.module}" if node.level else str(node.module)
 
 
 @pytest.mark.parametrize(
@@ -114,8 +118,8 @@ def imported_files(path: Path) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            module = imported_from(path, node)
+            yield from (module, *(f"{module}.{alias.name}" for alias in node.names))
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -21,6 +21,7 @@ COMMANDS = {
     "diagnose": "Report what is wrong or missing in a run's domain file.",
     "repair": "Write a run's domain file, corrected by what it observed.",
     "watch": "Show a trained policy in a window or as a film.",
+    "export": "Write a trained policy for a robot without serp.",
     "check": "Check domain files and say what to fix.",
     "list": "List what is installed: tasks, algorithms, strategies.",
 }

@@ -16,7 +16,7 @@ _DEEPEST = 200
 """Deepest lookahead that is searched depth first, by recursion."""
 
 
-class Edge(NamedTuple):
+class FollowedEdge(NamedTuple):
     """One action, repeated `repeat` times or until it ends.
 
     Attributes:
@@ -68,7 +68,7 @@ class SafeSearch:
                 return False
         return nodes * self._actions <= self._max_edges
 
-    def edge(self, state: State, action: int) -> Edge:
+    def edge(self, state: State, action: int) -> FollowedEdge:
         """Follow an edge of the planning graph."""
         out, flags = self._step(state, action)
         reward = out.pop()
@@ -90,7 +90,7 @@ class SafeSearch:
                 periods += 1
             reward += weight * out.pop()
             weight *= self._discount
-        return Edge(
+        return FollowedEdge(
             out, reward, weight, flags & _BITS, rank, periods, risk, first_reward, first_flags
         )
 
@@ -106,7 +106,7 @@ class SafeSearch:
 
     # Whether a safe path exists ----------------------------------------------------------------
 
-    def stays_safe(self, first: Edge) -> bool:
+    def stays_safe(self, first: FollowedEdge) -> bool:
         """Return whether the best path that begins with an edge is safe, where `unbounded`.
 
         That is so if any path is: depth first, and the actions that were safe last time first.
@@ -139,7 +139,7 @@ class SafeSearch:
 
     def forecast(self, state: State, leaves: LeafValues | None = None) -> Prospects:
         """Return the predictions for every ground action; `leaves` values the last layer."""
-        layers: list[list[list[Edge]]] = []
+        layers: list[list[list[FollowedEdge]]] = []
         children: list[list[list[int]]] = []
         layer, applied, complete = [state], 0, True
         while len(layers) < self._depth and layer:
@@ -162,7 +162,10 @@ class SafeSearch:
         return self._best(layers, children, complete)
 
     def _best(
-        self, layers: list[list[list[Edge]]], children: list[list[list[int]]], complete: bool
+        self,
+        layers: list[list[list[FollowedEdge]]],
+        children: list[list[list[int]]],
+        complete: bool,
     ) -> Prospects:
         """Find the best path of every first action, from the last layer to the first."""
         below: list[tuple[float, int, float]] = []
@@ -207,7 +210,7 @@ class SafeSearch:
         raise AssertionError("the first layer is always expanded")
 
 
-def _distinct(edges: list[list[Edge]]) -> tuple[list[State], list[list[int]]]:
+def _distinct(edges: list[list[FollowedEdge]]) -> tuple[list[State], list[list[int]]]:
     """Return the states that edges lead to, equal ones once, and which of them each edge does."""
     places: dict[tuple[float, ...], int] = {}
     states: list[State] = []
@@ -225,7 +228,7 @@ def _distinct(edges: list[list[Edge]]) -> tuple[list[State], list[list[int]]]:
     return states, known
 
 
-def _with_values(edges: list[list[Edge]], leaves: LeafValues) -> list[list[Edge]]:
+def _with_values(edges: list[list[FollowedEdge]], leaves: LeafValues) -> list[list[FollowedEdge]]:
     """Return edges whose rewards include the value of the states that they lead to."""
     ends = [
         (k, a)

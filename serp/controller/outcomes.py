@@ -90,7 +90,7 @@ class CountTable:
         return self._rows.get(code >> 11, 0)
 
 
-class CountedGroup(NamedTuple):
+class GroupCounts(NamedTuple):
     """A feature group with counts: its columns in the state."""
 
     inputs: list[int]
@@ -128,11 +128,7 @@ class CountedOutcomes:
         self._file = file
         self._others: list[list[int]] = arrays["others"].tolist()
         self._groups = [
-            [
-                CountedGroup(g["inputs"], tables[g["table"]])
-                for g in groups
-                if g["table"] is not None
-            ]
+            [GroupCounts(g["inputs"], tables[g["table"]]) for g in groups if g["table"] is not None]
             for groups in data["actions"]
         ]
         self.counted = [bool(groups) for groups in self._groups]
@@ -178,7 +174,7 @@ class CountedOutcomes:
         return flags, alike if unsafe else 1.0 - alike
 
     def _predict(
-        self, group: CountedGroup, state: list[float], action: int, flowed: list[float]
+        self, group: GroupCounts, state: list[float], action: int, flowed: list[float]
     ) -> Prediction:
         table, inputs = group.table, group.inputs
         columns = [inputs[place] for place in table.places]

@@ -45,7 +45,7 @@ def make_function(
     Raises:
         ControllerError: The body is not what the module describes.
     """
-    builder = _Builder(sizes)
+    builder = _TreeBuilder(sizes)
     given = ast.arguments(
         posonlyargs=[], args=[ast.arg(name) for name in arguments], kwonlyargs=[], kw_defaults=[],
         defaults=[],
@@ -67,7 +67,7 @@ def make_function(
     return made
 
 
-class _Builder:
+class _TreeBuilder:
     """Builds syntax trees; whatever is not known raises one of the errors above."""
 
     def __init__(self, sizes: Mapping[str, int]) -> None:
@@ -89,11 +89,11 @@ class _Builder:
         raise ValueError(f"there is no statement {kind!r}")
 
     def _target(self, target: Any) -> ast.expr:
-        kind, *parts = target
-        if kind == "var":
-            return self._variable(*parts, ast.Store())
-        if kind == "at" and parts[0] == "out":
-            return self._entry(*parts, ast.Store())
+        kind, name, *position = target
+        if kind == "var" and not position:
+            return self._variable(name, ast.Store())
+        if kind == "at" and name == "out":
+            return self._entry(name, position, ast.Store())
         raise ValueError(f"{target!r} cannot be changed")
 
     def _variable(self, name: str, context: ast.expr_context) -> ast.expr:
@@ -101,7 +101,8 @@ class _Builder:
             raise ValueError(f"there is no variable {name!r}")
         return ast.Name(id=name, ctx=context)
 
-    def _entry(self, array: str, position: int, context: ast.expr_context) -> ast.expr:
+    def _entry(self, array: str, positions: list[Any], context: ast.expr_context) -> ast.expr:
+        (position,) = positions
         if array not in self._sizes or type(position) is not int:
             raise ValueError(f"there is no entry {position!r} of {array!r}")
         if not 0 <= position < self._sizes[array]:
@@ -114,9 +115,10 @@ class _Builder:
             return ast.Constant(value=value)
         kind, *parts = value
         if kind == "at":
-            return self._entry(*parts, ast.Load())
+            return self._entry(parts[0], parts[1:], ast.Load())
         if kind == "var":
-            return self._variable(*parts, ast.Load())
+            (name,) = parts
+            return self._variable(name, ast.Load())
         if kind == "inf" and not parts:
             return ast.Constant(value=math.inf)
         values = [self.value(part) for part in parts]

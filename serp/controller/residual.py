@@ -29,11 +29,11 @@ class FeatureColumns(NamedTuple):
 
     inputs: list[int]
     targets: list[int]
-    regression: Regression
+    regression: FittedRegression
     head: int
 
 
-class Regression:
+class FittedRegression:
     """One regression, shared by actions whose groups have the same roles.
 
     Args:
@@ -144,7 +144,7 @@ class Residual:
 
     def __init__(self, data: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
         regressions = [
-            Regression(each, parts_of(arrays, f"regression{k}."))
+            FittedRegression(each, parts_of(arrays, f"regression{k}."))
             for k, each in enumerate(data["regressions"])
         ]
         self._groups = [

@@ -7,9 +7,9 @@ import hashlib
 import io
 import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from serp.export.planner_data import planner_data
 from serp.learning.dqn import DQN
 from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
-from serp.training.evaluation import play
+from serp.training.evaluation import Episode, play
 from serp.training.run import Run, load_run
 
 PACKAGE: Final = "controller"
@@ -133,7 +133,8 @@ def _policy(agent: Agent, task: BoundTask) -> tuple[dict[str, Any], Arrays]:
     model, actions = agent.arbiter.model, agent.arbiter.actions
     policy, arrays = model_data(model)
     pairs = []
-    with contextlib.closing(play(agent, task, episodes=1)) as episodes:
+    played = cast("Generator[Episode]", play(agent, task, episodes=1))
+    with contextlib.closing(played) as episodes:  # what the planner does for it is then undone
         for step in itertools.islice(next(episodes).steps, _STEPS):
             pairs.append((task.observation(step.observation), step.state.copy()))
         policy["planner"], more = planner_data(agent.arbiter.planner, model, agent.settings.planner)

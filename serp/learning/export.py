@@ -29,7 +29,7 @@ def network_as_onnx(network: QNetwork, symmetry: SymmetryGroup | None = None) ->
     """
     with needs_extra("export", "the export of a network"):
         import onnx
-    writer = _Writer(network, symmetry)
+    writer = _OnnxWriter(network, symmetry)
     graph = writer.graph()
     model = onnx.helper.make_model(
         graph,
@@ -42,7 +42,7 @@ def network_as_onnx(network: QNetwork, symmetry: SymmetryGroup | None = None) ->
     return content
 
 
-class _Writer:
+class _OnnxWriter:
     """Writes the nodes of one network; E members, K mirror images."""
 
     def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:

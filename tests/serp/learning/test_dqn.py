@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from serp.controller.network import Network
 from serp.errors import RunError
 from serp.learning.symmetry_group import SymmetryGroup
 from tests.serp.learning.learners import (
@@ -87,9 +87,10 @@ def test_q_is_the_same_of_one_of_many_and_exported(
     x = np.random.default_rng(1).standard_normal((6, F)).astype(np.float32)
     q = agent.q_values(x)
     assert q.shape == (6, A) and q.dtype == np.float32 and q.std(axis=0).min() > 0.0
+    exported = Network(agent.as_onnx(), F, A)
     for how in (
         np.stack([agent.q_values(row) for row in x]),
-        agent.module()(torch.from_numpy(x)).detach().numpy(),
+        np.stack([exported.values(row) for row in x]),
     ):
         np.testing.assert_allclose(q, how, rtol=1e-4, atol=1e-5)
     # Whatever the type and the layout; and the caller's own.

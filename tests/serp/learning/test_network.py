@@ -8,11 +8,11 @@ import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from serp.learning.export import MeanModule, module_of
 from serp.learning.learning import QLearning
 from serp.learning.network import QNetwork, Workspace
 from serp.settings import LearnerSettings
 from tests.serp.learning.learners import TARGETS
+from tests.serp.learning.torch_network import MeanModule, module_of
 
 
 def random_network(
@@ -84,18 +84,6 @@ def test_outputs_and_gradient_are_those_of_torch(
     shared = network.forward(x[0], Workspace(network, batch)).mean(axis=0)
     exported = whole(torch.from_numpy(x[0]).double()).detach().numpy()
     np.testing.assert_allclose(shared, exported, rtol=1e-4, atol=1e-4)
-
-
-def test_one_member_is_exported_as_an_ordinary_sequential_of_its_own() -> None:
-    network = QNetwork((3, 8, 4, 2), layer_norm=True, rng=np.random.default_rng(0))
-    module = module_of(network)
-    assert [type(layer).__name__ for layer in module] == [  # type: ignore[arg-type]
-        *("Linear", "LayerNorm", "ReLU") * 2,
-        "Linear",
-    ]
-    before = module(torch.ones(1, 3))
-    network.parameters.zero_()
-    assert torch.equal(module(torch.ones(1, 3)), before)
 
 
 def test_start_is_that_of_torch_linear_in_distribution() -> None:
