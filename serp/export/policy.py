@@ -40,7 +40,7 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
 
     An episode is played first: the planner does what is due, and pairs of observation and state are
     recorded, with which a grounding can be checked. The folder holds the learner as ONNX, model,
-    planner and vetoes as data, and the controller that decides by them (`serp.controller`), which
+    planner and vetoes as data, and the package `controller` that decides by them, which
     needs NumPy and onnxruntime alone.
 
     Args:
