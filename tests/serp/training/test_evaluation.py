@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any, get_args
@@ -14,6 +13,7 @@ from serp.control.decision import Actor
 from serp.control.registry import strategy_names
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.settings import resolve
+from serp.tasks.grounding import Grounding
 from serp.training.agent import Agent
 from serp.training.evaluation import (
     EPISODES,
@@ -203,6 +203,6 @@ def test_what_goes_wrong_in_the_environment_is_named(tmp_path: Path) -> None:
     agent = trained(tmp_path, 1).agent
     with pytest.raises(EnvironmentFailure, match="cable cut"):
         evaluate(agent, corridor(tmp_path, lambda: CableCut(Corridor(), 3)).bind(), episodes=2)
-    agent.task.task = dataclasses.replace(agent.task.task, ground=lambda seen: {})
+    agent.task.grounding = Grounding(lambda seen: {})
     with pytest.raises(TaskError, match="no value for fluent"):
         evaluate(agent, corridor(tmp_path).bind(), episodes=2)
