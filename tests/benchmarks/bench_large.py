@@ -1,6 +1,6 @@
-"""What a replan costs in classical domains with 16 objects: blocks, gripper, logistics.
+"""What a replan costs in classical domains of about 16 objects: blocks, gripper, logistics.
 
-    python tests/benchmarks/bench_large.py [--rounds N] [--depth D]
+    python -m tests.benchmarks.bench_large [--rounds N] [--depth D]
 
 Seconds from the text to the model, to the first decision of a new lookahead (loops are compiled
 before), and of each replan along a walk through the domain; and the same of the planner
@@ -10,7 +10,6 @@ before), and of each replan along a walk through the domain; and the same of the
 from __future__ import annotations
 
 import argparse
-import itertools
 import statistics
 import warnings
 from time import perf_counter
@@ -20,77 +19,9 @@ import numpy as np
 from serp.control.registry import make_planner
 from serp.model.loading import Domain
 from serp.model.transition_model import Vector
-from serp.pddl.source import Source
 from serp.settings import PlannerSettings, resolve
-
-OBJECTS = 16
-
-BLOCKS = """(define (domain blocks)
-  (:predicates (on ?x ?y) (table ?x) (clear ?x) (empty) (holding ?x))
-  (:action pick-up :parameters (?x) :precondition (and (clear ?x) (table ?x) (empty))
-    :effect (and (not (table ?x)) (not (clear ?x)) (not (empty)) (holding ?x)))
-  (:action put-down :parameters (?x) :precondition (holding ?x)
-    :effect (and (not (holding ?x)) (clear ?x) (empty) (table ?x)))
-  (:action stack :parameters (?x ?y) :precondition (and (holding ?x) (clear ?y))
-    :effect (and (not (holding ?x)) (not (clear ?y)) (clear ?x) (empty) (on ?x ?y)))
-  (:action unstack :parameters (?x ?y) :precondition (and (on ?x ?y) (clear ?x) (empty))
-    :effect (and (holding ?x) (clear ?y) (not (clear ?x)) (not (empty)) (not (on ?x ?y)))))"""
-GRIPPER = """(define (domain gripper)
-  (:predicates (room ?r) (ball ?b) (gripper ?g) (robby ?r) (at ?b ?r) (free ?g) (carry ?o ?g))
-  (:action move :parameters (?f ?t) :precondition (and (room ?f) (room ?t) (robby ?f))
-    :effect (and (robby ?t) (not (robby ?f))))
-  (:action pick :parameters (?o ?r ?g)
-    :precondition (and (ball ?o) (room ?r) (gripper ?g) (at ?o ?r) (robby ?r) (free ?g))
-    :effect (and (carry ?o ?g) (not (at ?o ?r)) (not (free ?g))))
-  (:action drop :parameters (?o ?r ?g)
-    :precondition (and (ball ?o) (room ?r) (gripper ?g) (carry ?o ?g) (robby ?r))
-    :effect (and (at ?o ?r) (free ?g) (not (carry ?o ?g)))))"""
-LOGISTICS = """(define (domain logistics)
-  (:predicates (parcel ?o) (van ?v) (place ?p) (road ?p ?q) (at ?o ?p) (in ?o ?v))
-  (:action load :parameters (?o ?v ?p)
-    :precondition (and (parcel ?o) (van ?v) (place ?p) (at ?v ?p) (at ?o ?p))
-    :effect (and (not (at ?o ?p)) (in ?o ?v)))
-  (:action unload :parameters (?o ?v ?p)
-    :precondition (and (parcel ?o) (van ?v) (place ?p) (at ?v ?p) (in ?o ?v))
-    :effect (and (not (in ?o ?v)) (at ?o ?p)))
-  (:action drive :parameters (?v ?p ?q)
-    :precondition (and (van ?v) (place ?p) (place ?q) (at ?v ?p) (road ?p ?q))
-    :effect (and (not (at ?v ?p)) (at ?v ?q))))"""
-
-
-def problem(name: str, objects: list[str], init: str, goal: str) -> str:
-    return (
-        f"(define (problem p) (:domain {name}) (:objects {' '.join(objects)})"
-        f" (:init {init}) (:goal (and {goal})))"
-    )
-
-
-def blocks() -> tuple[str, str]:
-    """All blocks lie on the table; the goal is one tower."""
-    names = [f"b{k}" for k in range(OBJECTS)]
-    init = "(empty) " + " ".join(f"(table {b}) (clear {b})" for b in names)
-    goal = " ".join(f"(on {a} {b})" for a, b in itertools.pairwise(names))
-    return BLOCKS, problem("blocks", names, init, goal)
-
-
-def gripper() -> tuple[str, str]:
-    """Two rooms, two grippers, the others are balls."""
-    balls = [f"ball{k}" for k in range(OBJECTS - 4)]
-    init = "(room a) (room b) (gripper left) (gripper right) (robby a) (free left) (free right) "
-    init += " ".join(f"(ball {b}) (at {b} a)" for b in balls)
-    goal = " ".join(f"(at {b} b)" for b in balls)
-    return GRIPPER, problem("gripper", ["a", "b", "left", "right", *balls], init, goal)
-
-
-def logistics() -> tuple[str, str]:
-    """Two vans, six places in a ring, eight parcels."""
-    places, parcels = [f"p{k}" for k in range(6)], [f"o{k}" for k in range(OBJECTS - 8)]
-    init = "(van v0) (van v1) (at v0 p0) (at v1 p3) " + " ".join(f"(place {p})" for p in places)
-    for k in range(6):
-        init += f" (road p{k} p{(k + 1) % 6}) (road p{(k + 1) % 6} p{k})"
-    init += "".join(f" (parcel {o}) (at {o} p{k % 6})" for k, o in enumerate(parcels))
-    goal = " ".join(f"(at {o} p{(3 * k + 1) % 6})" for k, o in enumerate(parcels))
-    return LOGISTICS, problem("logistics", ["v0", "v1", *places, *parcels], init, goal)
+from tests.generated import load_texts
+from tests.generated.classical import blocks, gripper, logistics
 
 
 def walk(domain: Domain, steps: int) -> list[Vector]:
@@ -114,14 +45,14 @@ def main() -> None:
     warnings.simplefilter("ignore")
     near = PlannerSettings(depth=options.depth)
     far = resolve("default").planner.replace(name="far-sight")
-    small = Domain.parse(Source("d", BLOCKS), Source("p", problem("blocks", ["b"], "", "(on b b)")))
+    small = load_texts(blocks(1))
     for settings in (near, far):
         make_planner(small.model, settings).forecast(np.zeros(len(small.model.fluents)))
-    for name, (text, made) in {
-        "blocks": blocks(), "gripper": gripper(), "logistics": logistics(),
+    for name, texts in {
+        "blocks": blocks(16), "gripper": gripper(12), "logistics": logistics(4, 8),
     }.items():  # fmt: skip
         start = perf_counter()
-        domain = Domain.parse(Source(f"{name}.pddl", text), Source(f"{name}-problem.pddl", made))
+        domain = load_texts(texts, limit=50_000)
         model = domain.model
         loading = perf_counter() - start
         states = walk(domain, options.rounds + 1)

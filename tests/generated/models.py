@@ -22,7 +22,7 @@ PROBLEM_FILE = "generated-problem.pddl"
 LIMIT = 1_000
 
 
-def load_texts(texts: Texts, *, observed: bool = False) -> Domain:
+def load_texts(texts: Texts, *, observed: bool = False, limit: int = LIMIT) -> Domain:
     """Load a domain from text, without files.
 
     Raises:
@@ -30,7 +30,7 @@ def load_texts(texts: Texts, *, observed: bool = False) -> Domain:
     """
     source = Source(DOMAIN_FILE, texts.domain)
     problem = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None
-    return Domain.parse(source, problem, observed=observed, max_ground_schemas=LIMIT)
+    return Domain.parse(source, problem, observed=observed, max_ground_schemas=limit)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,151 @@
+"""Plans of pyperplan lead to the goal by the file's own model, and are followed to it."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from serp.errors import SerpError
+from serp.planning.plan_follower import PlanFollower
+from serp.settings import PlannerSettings
+from serp.tasks.file_world import FileWorld
+from serp_adapters.pyperplan.planner import Search, make
+from serp_adapters.pyperplan.strips import Strips
+from tests.generated import Texts, load_texts
+from tests.generated.classical import blocks, gripper, logistics
+
+HOUSE = Texts(
+    """(define (domain house)
+  (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions :fluents)
+  (:types room) (:constants a b c d - room)
+  (:predicates (at ?r - room) (next ?p - room ?q - room) (light) (moon) (hot ?r - room) (unsafe))
+  (:functions (reward) (battery))
+  (:action go :parameters (?p - room ?q - room)
+    :precondition (and (at ?p) (next ?p ?q) (or (light) (moon)))
+    :effect (and (not (at ?p)) (at ?q) (decrease (reward) 1) (decrease (battery) 1)))
+  (:action toggle :parameters () :precondition (and)
+    :effect (and (when (light) (not (light))) (when (not (light)) (light))))
+  (:action jump :parameters (?p - room) :precondition (and (at ?p) (not (at d)))
+    :effect (and (not (at ?p)) (at d) (when (not (moon)) (unsafe))))
+  (:action wreck :parameters () :precondition (and) :effect (and (at d) (unsafe)))
+  (:event burn :parameters (?r - room) :precondition (and (at ?r) (hot ?r)) :effect (unsafe)))""",
+    """(define (problem p) (:domain house)
+  (:init (at a) (hot b) (= (battery) 9)
+    (next a b) (next b d) (next a c) (next c a) (next c d) (next d c))
+  (:goal (and (at d) (not (light)))))""",
+)
+GOAL = "(:goal (and (at d) (not (light))))"
+
+
+def settings(name: str = "pyperplan", most: int = 10_000) -> PlannerSettings:
+    return PlannerSettings(name=name, depth=2, max_nodes=most)
+
+
+@pytest.mark.parametrize(
+    ("texts", "name"),
+    [
+        (blocks(6), "pyperplan:gbf:hadd"),
+        (gripper(3), "pyperplan:astar:lmcut"),
+        (logistics(2, 4), "pyperplan"),
+    ],
+    ids=["blocks", "gripper", "logistics"],
+)
+def test_plans_are_followed_to_the_goal_while_actions_fail(texts: Texts, name: str) -> None:
+    world = FileWorld(load_texts(texts), failure=0.1)
+    planner = make(world.model, settings(name))
+    state, _ = world.reset(seed=0)
+    for _ in range(100):
+        state, _, terminated, _, _ = world.step(planner.forecast(state).choice)
+        if terminated:
+            break
+    assert terminated and planner.searches == 1
+
+
+@functools.cache
+def house() -> FileWorld:
+    return FileWorld(load_texts(HOUSE))
+
+
+def test_operators_are_what_the_file_does_without_harm() -> None:
+    """In every state: applicable actions, all safe ones, with the effects of the model."""
+    model = house().model
+    strips = Strips(model.ground, "pyperplan")
+    names = [fluent.name for fluent in model.fluents if not fluent.numeric]
+    for values in itertools.product((0.0, 1.0), repeat=len(names)):
+        state = model.state({"battery": 3.0, **dict(zip(names, values, strict=True))})
+        holding, done = strips.holding(state), set()
+        for operator in strips.operators:
+            if operator.needs <= holding:
+                out, flags = model.transition(state.tolist(), operator.action)
+                after = (holding - operator.deletes) | operator.adds
+                burnt = any(way <= after for way in strips.forbidden)
+                assert flags & 1 and bool(flags & 2) == burnt
+                assert after == strips.holding(np.array(out[:-1]))
+                done.add(operator.action)
+        for action in range(len(model.actions)):
+            out, flags = model.transition(state.tolist(), action)
+            if flags & 1 and not flags & 2 and strips.holding(np.array(out[:-1])) != holding:
+                assert action in done
+
+
+@pytest.mark.parametrize("name", ["bfs", "ids", "astar:hmax", "wastar:landmark", "ehs", "gbf:hsa"])
+def test_a_plan_keeps_away_from_what_is_unsafe(name: str) -> None:
+    model = house().model
+    start = model.initial_state
+    assert start is not None
+    plan = Search(model, settings(f"pyperplan:{name}")).plan(start)
+    assert plan is not None
+    way = [model.actions[action].name for action in plan]
+    assert sorted(way) == ["go a c", "go c d", "toggle", "toggle"]
+    moon = model.state(model.values(start) | {"moon": True})
+    assert Search(model, settings(f"pyperplan:{name}")).plan(moon) == [model.action_index("jump a")]
+
+
+def print_plans() -> None:
+    model = load_texts(blocks(5, 3)).model
+    assert model.initial_state is not None
+    for name in ("gbf:hff", "wastar:lmcut", "astar:landmark"):
+        print(Search(model, settings(f"pyperplan:{name}")).plan(model.initial_state))
+
+
+def test_a_search_is_the_same_in_every_process(capsys: pytest.CaptureFixture[str]) -> None:
+    """The order of texts in sets differs between processes, and so do addresses."""
+    program = "from tests.serp_adapters.test_pyperplan import print_plans; print_plans()"
+    other = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    print_plans()
+    here = capsys.readouterr().out
+    assert other.stdout.decode().splitlines() == here.splitlines() and "None" not in here
+
+
+def test_where_no_plan_is_found_another_planner_decides() -> None:
+    start = house().model.initial_state
+    assert start is not None
+    planner = make(house().model, settings(most=1))
+    assert isinstance(planner, PlanFollower) and planner.plan == ()
+    assert planner.forecast(start).choice >= 0 and planner.plan == ()
+    shut = house().model.state(house().model.values(start) | {"at a": False})
+    assert Search(house().model, settings()).plan(shut) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("pyperplan:dfs", "", "", "there is no search `dfs`; did you mean"),
+        ("pyperplan:astar:lmcat", "", "", "no heuristic `lmcat`; did you mean `lmcut`"),
+        ("pyperplan:bfs:hff", "", "", "takes no heuristic; write `pyperplan:bfs`"),
+        ("pyperplan:gbf:hff:1", "", "", "write `pyperplan:SEARCH:HEURISTIC`"),
+        ("pyperplan", GOAL, "", r"generated.pddl:1:1: .*the goal"),
+        ("pyperplan", "(at ?p) (next", "(> (battery) 0) (next", "a number decides(?s:.*)up:enhsp"),
+        ("pyperplan", "(hot ?r)) :effect (unsafe)", "(hot ?r)) :effect (light)", "knows no events"),
+    ],
+)  # fmt: skip
+def test_what_it_cannot_do_is_said_with_advice(name: str, old: str, new: str, message: str) -> None:
+    problem = HOUSE.problem or ""
+    changed = Texts(HOUSE.domain.replace(old, new), problem.replace(old, new))
+    with pytest.raises(SerpError, match=message):
+        make(load_texts(changed if old else HOUSE).model, settings(name))
