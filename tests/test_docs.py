@@ -269,7 +269,10 @@ def test_complete_domains_load(block: Block, tmp_path: Path) -> None:
 
 TEMPLATES = {
     "condition": "(:action do :parameters (?x - gate) :precondition (and {}) :effect (and))",
-    "number": "(:action do :parameters (?x - gate) :effect (and (assign (level) {})))",
+    **dict.fromkeys(
+        ("number", "function"),
+        "(:action do :parameters (?x - gate) :effect (and (assign (level) {})))",
+    ),
     "effect": "(:action do :parameters (?x - gate) :effect (and {}))",
     "process": "(:process do :parameters (?x - gate) :effect (and {}))",
 }
@@ -290,6 +293,7 @@ def load_fragment(where: str, fragment: str, folder: Path) -> serp.Domain:
             del sections[":constants"], sections[":predicates"], sections[":functions"]
     else:
         sections["schema"] = TEMPLATES[where].format(fragment)
+        sections[":requirements"] = "(:requirements :math-functions)" if where == "function" else ""
     file = folder / "fragment.pddl"
     file.write_text(f"(define (domain fragment) {' '.join(sections.values())})", encoding="utf-8")
     return serp.load_domain(file)

@@ -6,7 +6,7 @@ becomes program text.
 
 Statements are `["set", target, value]`, `["when", test, statements]`, `["while", test, statements]`
 and `["return", value]`. Values are `["at", array, position]`, `["var", name]`, `["choose", test,
-value, value]`, `["inf"]`, and operators with their operands.
+value, value]`, `["inf"]`, and operators and functions with their operands.
 """
 
 from __future__ import annotations
@@ -30,6 +30,11 @@ _COMPARISON: dict[str, Any] = {
 }  # fmt: skip
 _UNARY: dict[str, Any] = {"neg": ast.USub, "not": ast.Not}
 _JUNCTION: dict[str, Any] = {"and": ast.And, "or": ast.Or}
+_FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
+    **{"sqrt": (1, math.sqrt), "sin": (1, math.sin), "cos": (1, math.cos)},
+    "atan2": (2, math.atan2),
+}
+"""Name → number of operands, and the function."""
 
 
 def make_function(
@@ -62,6 +67,7 @@ def make_function(
     except (TypeError, ValueError, IndexError, RecursionError) as error:
         raise ControllerError(f"the model of the policy is damaged: {error}") from None
     namespace: dict[str, Any] = {"__builtins__": {}}
+    namespace.update((name, function) for name, (_, function) in _FUNCTIONS.items())
     exec(code, namespace)
     made: Function = namespace["function"]
     return made
@@ -131,6 +137,8 @@ class _TreeBuilder:
         if kind in _UNARY:
             (operand,) = values
             return ast.UnaryOp(op=_UNARY[kind](), operand=operand)
+        if kind in _FUNCTIONS and len(values) == _FUNCTIONS[kind][0]:
+            return ast.Call(func=ast.Name(id=kind, ctx=ast.Load()), args=values, keywords=[])
         if kind in _JUNCTION and len(values) > 1:
             return ast.BoolOp(op=_JUNCTION[kind](), values=values)
         if kind == "choose":

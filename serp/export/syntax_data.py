@@ -60,6 +60,8 @@ def _value(value: ast.expr) -> Any:
             return [_SYMBOLS[type(operator)], _value(left), _value(right)]
         case ast.Compare(left, [operator], [right]):
             return [_SYMBOLS[type(operator)], _value(left), _value(right)]
+        case ast.Call(ast.Name(function), operands):
+            return [function, *map(_value, operands)]
         case ast.UnaryOp(operator, operand):
             return [_SYMBOLS[type(operator)], _value(operand)]
         case ast.BoolOp(operator, values):

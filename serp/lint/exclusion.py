@@ -7,6 +7,7 @@ certain up to rounding; not every contradiction is found.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -17,6 +18,12 @@ from serp.model.linear import Linear, linear
 Pair = tuple[g.Test, g.Test]
 _MIRRORED = {"<": ">", "<=": ">=", "=": "=", ">=": "<=", ">": "<"}
 _NEGATED = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}
+_RANGES = {
+    **dict.fromkeys(("sqrt", "abs"), (0.0, math.inf)),
+    **dict.fromkeys(("sin", "cos"), (-1.0, 1.0)),
+    "atan2": (-3.1416, 3.1416),
+}
+"""What functions cannot leave; π is rounded up."""
 _MOST_ALTERNATIVES = 32
 """Alternatives of a disjunction that are tried."""
 
@@ -138,7 +145,23 @@ class _Known:
         key = frozenset((atom, k / factor) for atom, k in form.terms.items())
         if factor < 0:
             operator = _MIRRORED.get(operator, operator)
-        return self.bounds.setdefault(key, _Bounds()).add(operator, -form.constant / factor, told)
+        value = -form.constant / factor
+        if len(key) == 1 and isinstance(first, tuple) and first[0] in _RANGES:
+            low, high = _RANGES[first[0]]
+            if _is_out(operator, value, low, high):
+                return told, told
+        return self.bounds.setdefault(key, _Bounds()).add(operator, value, told)
+
+
+def _is_out(operator: str, value: Fraction, low: float, high: float) -> bool:
+    """Whether no number from low to high stands in a relation to a value."""
+    return {
+        "<": value <= low,
+        "<=": value < low,
+        "=": not low <= value <= high,
+        ">=": value > high,
+        ">": value >= high,
+    }.get(operator, False)
 
 
 def _is_true(operator: str, difference: Fraction) -> bool:

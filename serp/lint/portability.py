@@ -7,23 +7,28 @@ The rules are those that unified-planning, pddl, tarski, pddl-plus-parser and VA
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from serp.pddl.expressions import is_number
 from serp.pddl.sexpr import Group, Node, Word, read_group
+from serp.pddl.slips import PORTABLE
 from serp.pddl.source import DomainWarning, Place, Source
+from serp.pddl.syntax import MATH_FUNCTIONS, OPERATORS
 
 _PLAIN_DECIMAL = re.compile(r"-?\d+(\.\d+)?\Z", re.ASCII)
 _SCHEMAS = (":action", ":process", ":event")
 _KEYS = (":parameters", ":precondition", ":effect")
-_OPERATORS = ("+", "-", "*", "/")
 
 
-def outside_portable_subset(source: Source) -> list[DomainWarning]:
-    """Return the forms in a file that some PDDL tools do not read, one finding per rule."""
+def outside_portable_subset(source: Source, declared: Collection[str] = ()) -> list[DomainWarning]:
+    """Return the forms in a file that some PDDL tools do not read, one finding per rule.
+
+    `declared` are the predicates and functions of the domain: those called as a function of
+    `:math-functions` are none of that.
+    """
     found: dict[str, list[Place]] = {}
     top = read_group(source)
-    for text, place in _breaches(top):
+    for text, place in (*_breaches(top), *_math(top, declared)):
         found.setdefault(text, []).append(place)
     return [
         DomainWarning(text + (f" ({len(places)} places)" if len(places) > 1 else ""), places[0])
@@ -70,7 +75,7 @@ def _everywhere(node: Node) -> Iterator[tuple[str, Place]]:
         if is_number(node) and not _PLAIN_DECIMAL.match(node.text):
             yield "a number that is not a plain decimal such as `0.5` or `-2`", node.place
         return
-    if node.head in _OPERATORS and len(node.items) != 3:
+    if node.head in OPERATORS and node.head not in MATH_FUNCTIONS and len(node.items) != 3:
         if node.head == "-" and len(node.items) == 2:
             yield "`(- x)`; write `(- 0 x)`", node.place
         else:
@@ -80,6 +85,17 @@ def _everywhere(node: Node) -> Iterator[tuple[str, Place]]:
         yield from _typed_together(variables.items if isinstance(variables, Group) else ())
     for item in node.items:
         yield from _everywhere(item)
+
+
+def _math(node: Node, declared: Collection[str]) -> Iterator[tuple[str, Place]]:
+    """Find functions that PDDL does not have."""
+    if isinstance(node, Word):
+        return
+    if node.head in PORTABLE and node.head not in declared:
+        text = f"`{node.head}` is not PDDL; {PORTABLE[node.head]}"
+        yield text, node.items[0].place
+    for item in node.items:
+        yield from _math(item, declared)
 
 
 def _typed_together(nodes: Sequence[Node]) -> Iterator[tuple[str, Place]]:

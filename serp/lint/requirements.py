@@ -1,10 +1,10 @@
-"""Rule: what a domain uses and does not list under `:requirements`."""
+"""Rules: what a domain uses and does not list under `:requirements`, and the other way round."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from serp.lint.subject import LintSubject
+from serp.lint.subject import SCHEMAS, LintSubject, groups_in, words_in
 from serp.pddl import syntax as x
 from serp.pddl.sexpr import Word
 from serp.pddl.source import DomainWarning
@@ -39,6 +39,23 @@ def _missing_requirements(subject: LintSubject) -> Iterator[DomainWarning]:
         )
 
 
+def _unused_extension(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find the requirement that makes a file unreadable for other tools, and that it can go."""
+    declarations = subject.domain.syntax.declarations
+    sections = subject.sections(*SCHEMAS, ":goal", ":metric")
+    used = {group.head for section in sections for group in groups_in(section)}
+    if used & (x.MATH_FUNCTIONS.keys() - declarations):
+        return
+    for section in subject.sections(":requirements"):
+        for word in words_in(section):
+            if word.text == x.MATH_REQUIREMENT:
+                yield DomainWarning(
+                    f"`{word.text}` is listed and nothing needs it; without it, other tools can "
+                    "read the file",
+                    word.place,
+                )
+
+
 def _needs(syntax: x.DomainSyntax) -> dict[str, None]:
     """Return the requirements that a domain makes use of, in order."""
     parameters = [p for s in syntax.schemas for p in s.parameters]
@@ -71,4 +88,7 @@ def _of_condition(condition: x.Condition) -> Iterator[str]:
             yield ":universal-preconditions"
 
 
-RULES = {"missing-requirement": _missing_requirements}
+RULES = {
+    "missing-requirement": _missing_requirements,
+    "unused-extension": _unused_extension,
+}

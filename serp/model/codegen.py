@@ -36,7 +36,8 @@ compiles it with pointer arguments.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -58,6 +59,10 @@ _ARGUMENTS: dict[Part, str] = {
     "judged_aftermath": "s n flags theta dt out",
     "goal": "s theta dt out",
 }
+MATH: Mapping[str, Callable[..., float]] = {
+    **{"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "atan2": math.atan2}
+}
+"""Functions that the text calls. Machine code calls the same ones of the C library."""
 _BITS = (("unsafe", UNSAFE), ("terminal", TERMINAL))
 
 
@@ -248,9 +253,9 @@ def _need_sweeps(events: Sequence[g.GroundSchema]) -> bool:
 
 
 def load_function(generated: Generated, filename: str = "") -> Callable[..., int]:
-    """Turn generated text into a Python function; it reaches no builtins."""
+    """Turn generated text into a Python function; of builtins it reaches MATH alone."""
     # numba finds the environment of a cached function through the module's name.
-    namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__}
+    namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__, **MATH}
     exec(compile(generated.text, filename or f"<serp {generated.name}>", "exec"), namespace)
     function: Callable[..., int] = namespace[generated.name]
     return function

@@ -24,6 +24,18 @@ _CHAINED = {"+": "+-", "-": "+-", "*": "*", "/": ""}
 """Operator → those of a left operand that needs no parentheses."""
 _SIMPLE = re.compile(r"\w+(\[\d+\])?")
 _NAN = "(1e999 - 1e999)"
+_QUOTIENT = f"({{0}} / {{1}} if {{1}} != 0.0 else {_NAN})"
+# Without a library where it can be done, and without an exception. NaN gives NaN.
+_APPLIED = {
+    "abs": "({0} if {0} > 0.0 else 0.0 - {0})",
+    "min": "({0} if {0} < {1} or {0} != {0} else {1})",
+    "max": "({0} if {0} > {1} or {0} != {0} else {1})",
+    "sqrt": f"(sqrt({{0}}) if {{0}} >= 0.0 else {_NAN})",
+    "sin": f"(sin({{0}}) if {{0}} - {{0}} == 0.0 else {_NAN})",
+    "cos": f"(cos({{0}}) if {{0}} - {{0}} == 0.0 else {_NAN})",
+    "atan2": "atan2({0}, {1})",
+}
+"""Operator → an expression of its operands, which are variables or entries of arrays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +202,7 @@ class Emitter:
     # Numbers -----------------------------------------------------------------------------------
 
     def value(self, value: g.Value, source: str, elapsed: str = "dt") -> str:
-        """Return a numeric expression over the array `source`; NaN where it divides by zero."""
+        """Return a numeric expression over the array `source`; NaN where it has no result."""
         match value:
             case g.Read(fluent):
                 return f"{source}[{fluent}]"
@@ -198,21 +210,30 @@ class Emitter:
                 return f"theta[{parameter}]"
             case g.Elapsed():
                 return elapsed
-            case g.Negation(operand):
+            case g.Unary("-", operand):
                 return f"-{self.value(operand, source, elapsed)}"
+            case g.Unary(operator, operand):
+                return self._applied(operator, self.value(operand, source, elapsed))
             case g.Operation(operator, left, right):
                 one, other = (self.value(side, source, elapsed) for side in (left, right))
                 if operator == "/":
                     return self.quotient(one, other)
+                if operator not in _CHAINED:
+                    return self._applied(operator, one, other)
                 if isinstance(left, g.Operation) and left.operator in _CHAINED[operator]:
                     one = one[1:-1]
                 return f"({one} {operator} {other})"
 
     def quotient(self, dividend: str, divisor: str) -> str:
         """Divide without an exception: a division by zero gives NaN."""
-        if not _SIMPLE.fullmatch(divisor):
-            divisor = self.temporary(divisor)
-        return f"({dividend} / {divisor} if {divisor} != 0.0 else {_NAN})"
+        return _QUOTIENT.format(dividend, self._named(divisor))
+
+    def _applied(self, operator: str, *operands: str) -> str:
+        return _APPLIED[operator].format(*map(self._named, operands))
+
+    def _named(self, value: str) -> str:
+        """Return a value that may occur several times: a variable, unless it is simple."""
+        return value if _SIMPLE.fullmatch(value) else self.temporary(value)
 
 
 def _may_be_undefined(test: g.Test) -> bool:
@@ -223,18 +244,27 @@ def _may_be_nan(value: g.Value) -> bool:
     """Whether an expression over finite numbers can be NaN.
 
     One sum or product of finite numbers can overflow. NaN arises only from an operation on an
-    overflowed value, or from a division by zero.
+    overflowed value, from a division by zero, or from a root of a negative number.
     """
     match value:
+        case g.Operation("min" | "max" | "atan2", left, right):
+            return _may_be_nan(left) or _may_be_nan(right)
         case g.Operation(operator, left, right):
             return operator == "/" or _may_overflow(left) or _may_overflow(right)
-        case g.Negation(operand):
+        case g.Unary("-" | "abs", operand):
             return _may_be_nan(operand)
+        case g.Unary(operator, operand):
+            return operator == "sqrt" or _may_overflow(operand)
         case _:
             return False
 
 
 def _may_overflow(value: g.Value) -> bool:
-    while isinstance(value, g.Negation):
-        value = value.operand
-    return isinstance(value, g.Operation)
+    """Whether an expression over finite numbers can be infinite or NaN."""
+    match value:
+        case g.Operation("min" | "max" | "atan2", left, right):
+            return _may_overflow(left) or _may_overflow(right)
+        case g.Unary(operator, operand):
+            return operator == "sqrt" or _may_overflow(operand)
+        case _:
+            return isinstance(value, g.Operation)

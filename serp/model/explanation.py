@@ -15,7 +15,7 @@ def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> st
     """Return why a ground action is not applicable.
 
     The reason is a failed precondition, with the values that it reads; effects that contradict each
-    other or have no finite result; or a condition that divides by zero.
+    other or have no finite result; or a condition without a value, such as a division by zero.
     """
     passed, _ = model.trace(state, action)
     name = model.actions[action].name

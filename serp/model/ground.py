@@ -78,7 +78,7 @@ class ParameterRef:
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """`operator` is one of + - * /."""
+    """`operator` is one of + - * / min max atan2."""
 
     operator: str
     left: Value
@@ -86,9 +86,10 @@ class Operation:
 
 
 @dataclass(frozen=True, slots=True)
-class Negation:
-    """The negative of a value."""
+class Unary:
+    """`operator` is one of - abs sqrt sin cos."""
 
+    operator: str
     operand: Value
 
 
@@ -97,7 +98,7 @@ class Elapsed:
     """The control period Δt, in a metric with `(total-time)`."""
 
 
-Value = Read | ParameterRef | Operation | Negation | Elapsed
+Value = Read | ParameterRef | Operation | Unary | Elapsed
 
 # Conditions ------------------------------------------------------------------------------------
 
@@ -257,7 +258,7 @@ def fluents_of(node: Test | Value) -> Iterator[int]:
         case Operation(_, left, right) | Compare(_, left, right):
             yield from fluents_of(left)
             yield from fluents_of(right)
-        case Negation(operand) | Not(operand):
+        case Unary(_, operand) | Not(operand):
             yield from fluents_of(operand)
         case All(operands) | AnyOf(operands):
             for operand in operands:

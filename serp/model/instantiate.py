@@ -203,7 +203,7 @@ class _Instantiation:
             case x.Arithmetic(operator, operands, _):
                 values = [self._value(operand, binding, role) for operand in operands]
                 if len(values) == 1:
-                    return g.Negation(values[0])
+                    return g.Unary(operator, values[0])
                 result = values[0]
                 for value in values[1:]:
                     result = g.Operation(operator, result, value)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+import math
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from serp.model import ground as g
 
+FUNCTIONS: Mapping[str, Callable[..., float]] = {
+    **{"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "atan2": math.atan2},
+    **{"abs": abs, "min": min, "max": max},
+}
 ELAPSED = "elapsed"
 """The atom of the control period."""
 
@@ -16,7 +21,8 @@ ELAPSED = "elapsed"
 class Linear:
     """A sum of atoms, each times a factor, and a constant.
 
-    An atom is the column of a fluent, ELAPSED, or a product or quotient that is not linear.
+    An atom is the column of a fluent, ELAPSED, or an operation that is not linear: a tuple of its
+    operator and the keys of its operands.
     """
 
     terms: dict[Hashable, Fraction]
@@ -49,12 +55,16 @@ def linear(value: g.Value, theta: Sequence[float]) -> Linear:
             return Linear({fluent: Fraction(1)}, Fraction(0))
         case g.ParameterRef(parameter):
             return Linear({}, Fraction(repr(float(theta[parameter]))))  # as it is written
-        case g.Negation(operand):
+        case g.Unary("-", operand):
             return _NOTHING.plus(linear(operand, theta), Fraction(-1))
         case g.Elapsed():
             return Linear({ELAPSED: Fraction(1)}, Fraction(0))
+        case g.Unary(operator, operand):
+            return _applied(operator, linear(operand, theta))
         case g.Operation(operator, left, right):
             one, other = linear(left, theta), linear(right, theta)
+            if operator in FUNCTIONS:
+                return _applied(operator, one, other)
             if operator in "+-":
                 return one.plus(other, Fraction(1 if operator == "+" else -1))
             if not other.terms and (operator == "*" or other.constant):
@@ -62,4 +72,15 @@ def linear(value: g.Value, theta: Sequence[float]) -> Linear:
                 return _NOTHING.plus(one, factor if operator == "*" else 1 / factor)
             if operator == "*" and not one.terms:
                 return _NOTHING.plus(other, one.constant)
-            return Linear({(operator, one.key, other.key): Fraction(1)}, Fraction(0))
+            return _applied(operator, one, other)
+
+
+def _applied(operator: str, *operands: Linear) -> Linear:
+    """Return an operation as one atom, or as its value where nothing varies."""
+    if operator in FUNCTIONS and not any(operand.terms for operand in operands):
+        try:
+            value = FUNCTIONS[operator](*(float(operand.constant) for operand in operands))
+            return Linear({}, Fraction(repr(value)))
+        except (ValueError, OverflowError):  # it has no result
+            pass
+    return Linear({(operator, *(operand.key for operand in operands)): Fraction(1)}, Fraction(0))

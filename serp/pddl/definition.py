@@ -8,6 +8,7 @@ from serp._util.text import did_you_mean
 from serp.pddl.declarations import expect_group, expect_name, is_name
 from serp.pddl.sexpr import Group, Word, read_group
 from serp.pddl.source import DomainError, Source
+from serp.pddl.syntax import MATH_REQUIREMENT
 
 _SUPPORTED = frozenset(
     (
@@ -15,7 +16,7 @@ _SUPPORTED = frozenset(
         *(":negative-preconditions", ":disjunctive-preconditions", ":quantified-preconditions"),
         *(":existential-preconditions", ":universal-preconditions"),
         *(":fluents", ":numeric-fluents", ":action-costs"),
-        *(":time", ":processes", ":events", ":continuous-effects", ":hybrid"),
+        *(":time", ":processes", ":events", ":continuous-effects", ":hybrid", MATH_REQUIREMENT),
     )
 )
 _FILE_NAME = re.compile(r"[a-z0-9][a-z0-9_.\-]*\Z")
@@ -55,11 +56,17 @@ def _name(title: Group, what: str) -> str:
     return expect_name(node, f"the {what}").text
 
 
-def check_requirements(group: Group) -> None:
-    """Warn of requirements that are unknown or not supported; what needs them is refused itself."""
-    for node in group.items[1:]:
+def read_requirements(group: Group | None) -> frozenset[str]:
+    """Return what `:requirements` lists.
+
+    It warns of what is unknown or not supported; what needs that is refused itself.
+    """
+    listed: set[str] = set()
+    for node in group.items[1:] if group is not None else ():
         if not isinstance(node, Word):
             raise DomainError("expected a requirement such as `:typing`", node.place)
         if node.text not in _SUPPORTED:
             advice = did_you_mean(node.text, _SUPPORTED)
             node.place.warn(f"requirement `{node.text}` is unknown or not supported; {advice}")
+        listed.add(node.text)
+    return frozenset(listed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 from serp._util.text import did_you_mean
 from serp.pddl import syntax as x
@@ -18,7 +19,7 @@ from serp.pddl.declarations import (
     parse_parameters,
     parse_types,
 )
-from serp.pddl.definition import check_requirements, read_definition
+from serp.pddl.definition import read_definition, read_requirements
 from serp.pddl.effects import parse_effects
 from serp.pddl.scope import INSTEAD, Scope
 from serp.pddl.sexpr import Group, Node, Word
@@ -48,12 +49,18 @@ def parse_domain(source: Source) -> x.DomainSyntax:
             raise DomainError(
                 f"`{head or '()'}` is not supported in a domain", section.place, advice
             )
-    if ":requirements" in single:
-        check_requirements(single[":requirements"])
+    requirements = read_requirements(single.get(":requirements"))
+    math = x.MATH_REQUIREMENT in requirements
     parents = parse_types(single[":types"]) if ":types" in single else {}
     constants = parse_objects(single[":constants"], parents) if ":constants" in single else {}
     declarations = _all_declarations(single, parents)
-    scope = Scope(parents, constants, declarations, {})
+    for declaration in declarations.values() if math else ():
+        if declaration.numeric and declaration.name in x.MATH_FUNCTIONS:
+            declaration.place.warn(
+                f"`({declaration.name} ...)` means this function, not that of "
+                f"`{x.MATH_REQUIREMENT}`; rename it to use both"
+            )
+    scope = Scope(parents, constants, declarations, {}, math=math)
     schemas: dict[str, x.Schema] = {}
     for group in schema_groups:
         schema = _schema(group, scope)
@@ -65,7 +72,7 @@ def parse_domain(source: Source) -> x.DomainSyntax:
             )
         schemas[schema.name] = schema
     return x.DomainSyntax(
-        name, parents, constants, declarations, tuple(schemas.values()), top.place
+        name, parents, constants, declarations, tuple(schemas.values()), requirements, top.place
     )
 
 
@@ -109,9 +116,7 @@ def _schema(group: Group, scope: Scope) -> x.Schema:
         fields[key.text] = expect_group(rest[index + 1], f"the value of `{key.text}`")
     listed = fields[":parameters"].items if ":parameters" in fields else ()
     parameters = parse_parameters(listed, dict(scope.parents))
-    inner = Scope(
-        scope.parents, scope.objects, scope.declarations, {}, in_process=kind is x.Kind.PROCESS
-    ).bind(parameters)
+    inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
     precondition = (
         parse_condition(fields[":precondition"], inner) if ":precondition" in fields else None
     )

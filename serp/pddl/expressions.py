@@ -13,7 +13,12 @@ from serp.pddl.source import DomainError
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?\Z", re.ASCII)
 _MAX_CHAIN = 100
-_OPERATORS = ("+", "-", "*", "/")
+_OPERANDS: dict[tuple[int, int | None], str] = {
+    (1, 1): "one operand",
+    (1, 2): "one or two operands",
+    (2, 2): "two operands",
+    (2, None): "two or more operands",
+}
 
 
 def is_number(node: Node) -> bool:
@@ -62,7 +67,7 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
         if slip := slips.decimal_comma(node):
             raise slip
         raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place)
-    if node.head in _OPERATORS:
+    if scope.calculates(node.head):
         return _arithmetic(node, scope)
     if node.head == TOTAL_TIME:
         if not scope.in_metric or len(node.items) != 1:
@@ -79,18 +84,26 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
 
 
 def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
-    operands = tuple(parse_expression(item, scope) for item in group.items[1:])
     operator = group.head
-    least = 1 if operator == "-" else 2
-    most = 2 if operator in "-/" else None
-    if len(operands) < least or (most is not None and len(operands) > most):
-        wanted = {"-": "one or two", "/": "two"}.get(operator, "two or more")
+    if operator in x.MATH_FUNCTIONS and not scope.math:
         raise DomainError(
-            f"`{operator}` takes {wanted} operands, found {len(operands)}", group.place
+            f"`{operator}` is not PDDL: it needs the requirement `{x.MATH_REQUIREMENT}`",
+            group.items[0].place,
+            f"list `{x.MATH_REQUIREMENT}` under :requirements, then this is a file for SErP alone; "
+            f"for a portable one {slips.PORTABLE[operator]}",
         )
-    divisor = operands[1] if operator == "/" else None
-    if isinstance(divisor, x.Number) and divisor.value == 0.0:
-        raise DomainError("a division by zero", divisor.place, "it never has a result")
+    operands = tuple(parse_expression(item, scope) for item in group.items[1:])
+    least, most = x.OPERATORS[operator]
+    if len(operands) < least or (most is not None and len(operands) > most):
+        raise DomainError(
+            f"`{operator}` takes {_OPERANDS[least, most]}, found {len(operands)}", group.place
+        )
+    last = operands[-1]
+    if isinstance(last, x.Number):
+        if operator == "/" and last.value == 0.0:
+            raise DomainError("a division by zero", last.place, "it never has a result")
+        if operator == "sqrt" and last.value < 0.0:
+            raise DomainError("a root of a negative number", last.place, "it never has a result")
     return _no_long_chain(x.Arithmetic(operator, operands, group.place))
 
 

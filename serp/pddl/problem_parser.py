@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from serp._util.text import did_you_mean
 from serp.pddl import syntax as x
 from serp.pddl.conditions import parse_condition
 from serp.pddl.declarations import expect_group, parse_objects
-from serp.pddl.definition import check_requirements, read_definition
+from serp.pddl.definition import read_definition, read_requirements
 from serp.pddl.expressions import as_function, parse_expression, parse_number
 from serp.pddl.scope import INSTEAD, Scope
 from serp.pddl.sexpr import Group, Word
@@ -31,8 +33,7 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
         single[section.head] = section
     if ":domain" in single:
         _check_domain_name(single[":domain"], domain)
-    if ":requirements" in single:
-        check_requirements(single[":requirements"])
+    requirements = domain.requirements | read_requirements(single.get(":requirements"))
     objects = dict(domain.constants)
     if ":objects" in single:
         for obj in parse_objects(single[":objects"], domain.parents).values():
@@ -42,7 +43,8 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
                     f"`{obj.name}` is a constant of type `{known.type}` in the domain", obj.place
                 )
             objects[obj.name] = obj
-    scope = Scope(domain.parents, objects, domain.declarations, {})
+    math = x.MATH_REQUIREMENT in requirements
+    scope = Scope(domain.parents, objects, domain.declarations, {}, math=math)
     atoms, values = _initial(single[":init"], scope) if ":init" in single else ((), ())
     goal = _goal(single[":goal"], scope) if ":goal" in single else None
     metric = _metric(single[":metric"], scope) if ":metric" in single else None
@@ -68,7 +70,7 @@ def _initial(
     denied: dict[tuple[str, ...], Place] = {}
     values: dict[tuple[str, ...], tuple[x.FunctionTerm, x.Number]] = {}
     # What a metric may read, an initial value may name: `(reward)` too.
-    readable = Scope(scope.parents, scope.objects, scope.declarations, {}, in_metric=True)
+    readable = replace(scope, in_metric=True)
     for node in group.items[1:]:
         item = expect_group(node, "a fact")
         if item.head == "=":
@@ -131,6 +133,5 @@ def _metric(group: Group, scope: Scope) -> x.Metric:
     sense = group.items[1]
     if sense.text not in ("maximize", "minimize"):
         raise DomainError(f"expected maximize or minimize, found `{sense.text}`", sense.place)
-    inner = Scope(scope.parents, scope.objects, scope.declarations, {}, in_metric=True)
-    node = group.items[2]
-    return x.Metric(sense.text == "maximize", parse_expression(node, inner), group.place)
+    expression = parse_expression(group.items[2], replace(scope, in_metric=True))
+    return x.Metric(sense.text == "maximize", expression, group.place)

@@ -41,6 +41,7 @@ class Scope:
         parameters: Variables bound here.
         in_process: Whether effects are rates (`(* #t rate)`).
         in_metric: Whether `(total-time)` and `(reward)` may be read.
+        math: Whether MATH_REQUIREMENT is listed.
     """
 
     parents: Mapping[str, str]
@@ -49,6 +50,12 @@ class Scope:
     parameters: Mapping[str, x.SchemaParameter]
     in_process: bool = False
     in_metric: bool = False
+    math: bool = False
+
+    def calculates(self, word: str) -> bool:
+        """Whether a word is an operator; a declared function of this name comes first."""
+        declared = self.declarations.get(word)
+        return word in x.OPERATORS and not (declared is not None and declared.numeric)
 
     def bind(self, parameters: tuple[x.SchemaParameter, ...]) -> Scope:
         """Return the scope inside a quantifier or schema (inner names hide outer ones)."""
@@ -119,7 +126,9 @@ def declared_as(group: Group, scope: Scope, *, numeric: bool) -> x.Declaration:
     if declaration is None:
         names = [d.name for d in scope.declarations.values() if d.numeric == numeric]
         section = ":functions" if numeric else ":predicates"
-        advice = did_you_mean(word.text, names)
+        advice = did_you_mean(
+            word.text, [*names, *(x.MATH_FUNCTIONS if numeric and scope.math else ())]
+        )
         if word.text in (x.REWARD, x.UNSAFE, x.TERMINAL):
             advice = f"declare it: `({section} ... ({word.text}))`"
         raise DomainError(f"unknown {what} `{word.text}`", word.place, advice)

@@ -12,7 +12,7 @@ from difflib import get_close_matches
 
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError
-from serp.pddl.syntax import Declaration
+from serp.pddl.syntax import MATH_FUNCTIONS, MATH_REQUIREMENT, Declaration
 
 _COMMA = re.compile(r"([+-]?\d+),(\d+)\Z", re.ASCII)
 _COMPARISONS = {"==": "=", "=<": "<=", "=>": ">=", "!=": "not =", "<>": "not ="}
@@ -35,17 +35,30 @@ _EFFECTS = {
 _CONDITION_WORDS = ("and", "or", "not", "imply", "exists", "forall")
 _EFFECT_WORDS = ("and", "not", "when", "forall", "assign", "increase", "decrease")
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
-_MATH = {
+_GROUNDED = "declare a function whose value the grounding gives"
+PORTABLE = {
     "abs": "write two conditions, or two effects under `when`: one where it is negative",
     "sqrt": "compare squares instead of roots",
-    "min": "write an effect under `when` for each case, or an event that limits the number",
-    "max": "write an effect under `when` for each case, or an event that limits the number",
-    **dict.fromkeys(("^", "**", "pow"), "write a product"),
     **dict.fromkeys(
-        ("exp", "log", "sin", "cos", "tan", "mod", "%", "floor", "round"),
-        "declare a function whose value the grounding gives",
+        ("min", "max"),
+        "write an effect under `when` for each case, or an event that limits the number",
     ),
+    **dict.fromkeys(("sin", "cos", "atan2"), _GROUNDED),
 }
+"""Function of `:math-functions` → what to write in its stead."""
+_MATH = {
+    **dict.fromkeys(("^", "**", "pow"), "write a product, or `(sqrt ...)` for a root"),
+    "tan": "write `(/ (sin ...) (cos ...))`",
+    "hypot": "write `(sqrt (+ (* a a) (* b b)))`",
+    **dict.fromkeys(("atan", "arctan"), "write `(atan2 y x)`, or `(atan2 y 1)`"),
+    **dict.fromkeys(("exp", "log", "mod", "%", "floor", "round", "asin", "acos"), _GROUNDED),
+}
+_MATH_NAMES = {
+    **{"fabs": "abs", "arctan2": "atan2", "minimum": "min", "maximum": "max"},
+    **{"root": "sqrt", "sine": "sin", "cosine": "cos"},
+}
+"""Names that other languages have for a function of `:math-functions`."""
+_SUPPORTED = f"`+`, `-`, `*`, `/` and, with `{MATH_REQUIREMENT}`, `{'`, `'.join(MATH_FUNCTIONS)}`"
 Declared = Mapping[str, Declaration]
 
 
@@ -68,8 +81,11 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
         return infix
     if head in declared:
         return None
+    if head in _MATH_NAMES and len(group.items) > 1:
+        write = _prefix(_MATH_NAMES[head], group.items[1:], declared)
+        return DomainError(f"`{head}` is not supported in a number", group.place, write=write)
     if head in _MATH:
-        problem = f"`{head}` is not supported; numbers have `+`, `-`, `*` and `/`"
+        problem = f"`{head}` is not supported; numbers have {_SUPPORTED}"
         return DomainError(problem, group.items[0].place, _MATH[head])
     if len(group.items) == 1 and head[:1].isdigit():
         return DomainError("a number has no parentheses", group.place, write=head)

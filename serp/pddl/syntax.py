@@ -17,6 +17,20 @@ UNSAFE = "unsafe"
 TERMINAL = "terminal"
 OBJECT = "object"
 
+MATH_REQUIREMENT = ":math-functions"
+"""The requirement that admits functions which PDDL does not have."""
+MATH_FUNCTIONS: dict[str, tuple[int, int | None]] = {
+    **dict.fromkeys(("sqrt", "abs", "sin", "cos"), (1, 1)),
+    "atan2": (2, 2),
+    **dict.fromkeys(("min", "max"), (2, None)),
+}
+"""Name → least and most operands (None: any number)."""
+OPERATORS: dict[str, tuple[int, int | None]] = {
+    **{"+": (2, None), "-": (1, 2), "*": (2, None), "/": (2, 2)},
+    **MATH_FUNCTIONS,
+}
+"""Everything that an `Arithmetic` may apply."""
+
 
 @dataclass(frozen=True, slots=True)
 class SchemaParameter:
@@ -62,7 +76,7 @@ class FunctionTerm:
 
 @dataclass(frozen=True, slots=True)
 class Arithmetic:
-    """`operator` is one of + - * /; a single operand under `-` is a negation."""
+    """`operator` is one of OPERATORS; a single operand under `-` is a negation."""
 
     operator: str
     operands: tuple[Expression, ...]
@@ -249,6 +263,7 @@ class DomainSyntax:
     declarations: dict[str, Declaration]
     """Predicates and functions by name, in file order."""
     schemas: tuple[Schema, ...]
+    requirements: frozenset[str]
     place: Place
 
     def is_a(self, type_name: str, ancestor: str) -> bool:

@@ -68,5 +68,5 @@ def _parameters(value: g.Value) -> Iterator[int]:
         case g.Operation(_, left, right):
             yield from _parameters(left)
             yield from _parameters(right)
-        case g.Negation(operand):
+        case g.Unary(_, operand):
             yield from _parameters(operand)

@@ -248,7 +248,7 @@ class Oracle:
     def value(
         self, expression: x.Expression, state: State, binding: Binding, total_time: float = 0.0
     ) -> float:
-        """The value of a numeric expression; a division by zero has none (NaN)."""
+        """The value of a numeric expression; NaN where it has none: by zero, of an infinity."""
         match expression:
             case x.Number(value):
                 return value
@@ -259,7 +259,7 @@ class Oracle:
             case x.Arithmetic(symbol, operands):
                 values = [self.value(o, state, binding, total_time) for o in operands]
                 if len(values) == 1:
-                    return -values[0]
+                    return OF_ONE[symbol](values[0])
                 return functools.reduce(ARITHMETIC[symbol], values)
 
 
@@ -276,6 +276,21 @@ def ground(term: x.Atom | x.FunctionTerm, binding: Binding) -> Key:
 def quotient(dividend: float, divisor: float) -> float:
     """Divide; NaN by zero."""
     return dividend / divisor if divisor != 0.0 else math.nan
+
+
+def root(value: float) -> float:
+    """Return a square root; NaN of a negative number."""
+    return math.sqrt(value) if value >= 0.0 else math.nan
+
+
+def wave(function: Callable[[float], float]) -> Callable[[float], float]:
+    """Return a sine or cosine that is NaN where there is no angle."""
+    return lambda angle: function(angle) if math.isfinite(angle) else math.nan
+
+
+def extreme(better: Callable[[float, float], bool]) -> Callable[[float, float], float]:
+    """Return the lesser or greater of two, the second of equal ones; NaN where one is NaN."""
+    return lambda one, other: one if math.isnan(one) or better(one, other) else other
 
 
 def is_empty(condition: x.Condition) -> bool:
@@ -309,7 +324,14 @@ CHANGES: dict[x.Change, Callable[[float, float], float]] = {
     x.Change.SCALE_UP: operator.mul,
     x.Change.SCALE_DOWN: quotient,
 }
-ARITHMETIC = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": quotient}
+OF_ONE: dict[str, Callable[[float], float]] = {
+    **{"-": operator.neg, "abs": abs, "sqrt": root},
+    **{"sin": wave(math.sin), "cos": wave(math.cos)},
+}
+ARITHMETIC: dict[str, Callable[[float, float], float]] = {
+    **{"+": operator.add, "-": operator.sub, "*": operator.mul, "/": quotient},
+    **{"min": extreme(operator.lt), "max": extreme(operator.gt), "atan2": math.atan2},
+}
 COMPARISONS = {
     **{"<": operator.lt, "<=": operator.le, "=": operator.eq},
     **{">=": operator.ge, ">": operator.gt},

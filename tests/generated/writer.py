@@ -138,6 +138,7 @@ class _Writer:
         reward = ["(reward)"] if "reward" in self.reserved else []
         lines = [
             "(define (domain generated)",
+            "  (:requirements :math-functions)",
             f"  (:types {types})" if types else "",
             f"  (:constants {_typed(constants)})" if constants else "",
             f"  (:predicates {' '.join([*map(_declared, self.predicates), *flags])})",
@@ -225,7 +226,7 @@ class _Writer:
     # Numbers -----------------------------------------------------------------------------------
 
     def value(self, variables: Variables, depth: int) -> str:
-        kind = self.random.randint(0, 7 if depth else 3)
+        kind = self.random.randint(0, 8 if depth else 3)
         if kind <= 1:
             return self.number()
         if kind <= 3:
@@ -233,10 +234,21 @@ class _Writer:
         first, second = (self.value(variables, depth - 1) for _ in range(2))
         if kind == 5:
             return self.random.choice((f"(- {first})", f"(+ {first} {second} 1)"))
+        if kind == 8:
+            return self.function(first, second)
         operator = self.random.choice("+-*/")
         if operator == "/" and second == "0":
             operator = "*"
         return f"({operator} {first} {second})"
+
+    def function(self, first: str, second: str) -> str:
+        """A function of `:math-functions`; no root that is known to have no result."""
+        name = self.random.choice(("sqrt", "abs", "sin", "cos", "atan2", "min", "max"))
+        if name in ("min", "max") and self.maybe(30):
+            return f"({name} {first} {second} {self.number()})"
+        if name in ("atan2", "min", "max"):
+            return f"({name} {first} {second})"
+        return f"({name} {first.lstrip('-') if name == 'sqrt' else first})"
 
     # Effects -----------------------------------------------------------------------------------
 

@@ -141,8 +141,9 @@ def _whole(value: g.Value) -> bool:
     match value:
         case g.Operation(operator, left, right):
             product = operator == "*" and (any(g.fluents_of(left)) and any(g.fluents_of(right)))
-            return operator != "/" and not product and _whole(left) and _whole(right)
-        case g.Negation(operand):
-            return _whole(operand)
+            kept = operator not in ("/", "atan2") and not product
+            return kept and _whole(left) and _whole(right)
+        case g.Unary(operator, operand):
+            return operator in ("-", "abs") and _whole(operand)
         case _:
             return True

@@ -112,7 +112,7 @@ def _report(
         if fits is not None:
             lines += [fits, learned_from(domain, task)]
     for source in filter(None, (domain.source, domain.problem_source)):
-        findings += outside_portable_subset(source)
+        findings += outside_portable_subset(source, domain.syntax.declarations)
     console.print(f"{pair.name}: right", style="bold green")
     for line in lines:
         console.print(f"  {line}")

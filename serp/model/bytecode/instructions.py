@@ -46,14 +46,19 @@ class Code(IntEnum):
     SUBTRACT = 6
     MULTIPLY = 7
     DIVIDE = 8
-    NEGATE = 9
-    IF_LESS = 10
+    ATAN2 = 9
+    NEGATE = 10
+    """Operand 1 becomes −operand 2; the following ones likewise."""
+    SQRT = 11
+    SIN = 12
+    COS = 13
+    IF_LESS = 14
     """Jump where operand 1 < operand 2; the following ones likewise."""
-    IF_LESS_OR_EQUAL = 11
-    IF_EQUAL = 12
-    UNLESS_LESS = 13
-    UNLESS_LESS_OR_EQUAL = 14
-    UNLESS_EQUAL = 15
+    IF_LESS_OR_EQUAL = 15
+    IF_EQUAL = 16
+    UNLESS_LESS = 17
+    UNLESS_LESS_OR_EQUAL = 18
+    UNLESS_EQUAL = 19
 
 
 VARIABLES: Final = ("dt", "reward", "unsafe", "terminal")
@@ -67,11 +72,12 @@ JUMPS: Final = {
     Code.JUMP_IF, Code.JUMP_UNLESS, Code.JUMP, Code.IF_LESS, Code.IF_LESS_OR_EQUAL, Code.IF_EQUAL,
     Code.UNLESS_LESS, Code.UNLESS_LESS_OR_EQUAL, Code.UNLESS_EQUAL,
 }  # fmt: skip
-_WRITES: Final = {Code.MOVE, Code.ADD, Code.SUBTRACT, Code.MULTIPLY, Code.DIVIDE, Code.NEGATE}
+_OF_TWO: Final = {Code.ADD, Code.SUBTRACT, Code.MULTIPLY, Code.DIVIDE, Code.ATAN2}
+_WRITES: Final = {*_OF_TWO, Code.MOVE, Code.NEGATE, Code.SQRT, Code.SIN, Code.COS}
 _READS: Final = (
     {Code.JUMP_IF, Code.JUMP_UNLESS} | (JUMPS - {Code.JUMP}),
     (JUMPS - {Code.JUMP, Code.JUMP_IF, Code.JUMP_UNLESS}) | _WRITES,
-    _WRITES - {Code.MOVE, Code.NEGATE},
+    _OF_TWO,
 )
 """The codes that read their first, second and third operand."""
 

@@ -19,6 +19,7 @@ _ARRAYS: Final = {"s": Memory.STATE, "out": Memory.OUT, "theta": Memory.THETA}
 _ARITHMETIC: Final[dict[type, Code]] = {
     ast.Add: Code.ADD, ast.Sub: Code.SUBTRACT, ast.Mult: Code.MULTIPLY, ast.Div: Code.DIVIDE,
 }  # fmt: skip
+_CALLS: Final = {"sqrt": Code.SQRT, "sin": Code.SIN, "cos": Code.COS, "atan2": Code.ATAN2}
 # Comparison → code, whether the sides change places, whether it is negated.
 _COMPARISONS: Final[dict[type, tuple[Code, bool, bool]]] = {
     ast.Lt: (Code.IF_LESS, False, False),
@@ -187,6 +188,9 @@ class _Translation:
             case ast.UnaryOp(ast.USub(), operand):
                 with self._held() as held:
                     self._emit(Code.NEGATE, target, self._leaf(operand, held))
+            case ast.Call(ast.Name(name), operands):
+                with self._held() as held:
+                    self._emit(_CALLS[name], target, *[self._leaf(o, held) for o in operands])
             case ast.IfExp(test, body, orelse):
                 self._choose(target, test, body, orelse)
             case ast.BoolOp() | ast.Compare() | ast.UnaryOp(ast.Not()):

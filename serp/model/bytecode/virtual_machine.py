@@ -9,6 +9,7 @@ those of the generated functions in CPython, bit for bit.
 from __future__ import annotations
 
 import functools
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -49,9 +50,10 @@ _INTEGERS = types.CPointer(types.int32)
 _intrinsic: Any = intrinsic
 
 _JUMP_IF, _JUMP_UNLESS, _MOVE, _JUMP, _RETURN = 0, 1, 2, 3, 4
-_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _NEGATE = 5, 6, 7, 8, 9
-_LESS, _LESS_OR_EQUAL, _EQUAL = 10, 11, 12
-_NOT_LESS, _NOT_LESS_OR_EQUAL, _NOT_EQUAL = 13, 14, 15
+_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _ATAN2 = 5, 6, 7, 8, 9
+_NEGATE, _SQRT, _SIN, _COS = 10, 11, 12, 13
+_LESS, _LESS_OR_EQUAL, _EQUAL = 14, 15, 16
+_NOT_LESS, _NOT_LESS_OR_EQUAL, _NOT_EQUAL = 17, 18, 19
 
 
 def _address(builder, memories, position):
@@ -132,7 +134,7 @@ def _run(state, action, data, dt, out):
                 one[i] = y
             elif kind == _NEGATE:
                 one[i] = -y
-            elif kind < _LESS:
+            elif kind < _NEGATE:
                 z = _at(memories, c >> SHIFT)[c & POSITION]
                 if kind == _ADD:
                     one[i] = y + z
@@ -140,8 +142,17 @@ def _run(state, action, data, dt, out):
                     one[i] = y - z
                 elif kind == _MULTIPLY:
                     one[i] = y * z
-                else:
+                elif kind == _DIVIDE:
                     one[i] = y / z
+                else:
+                    one[i] = math.atan2(y, z)
+            elif kind < _LESS:
+                if kind == _SQRT:
+                    one[i] = math.sqrt(y)
+                elif kind == _SIN:
+                    one[i] = math.sin(y)
+                else:
+                    one[i] = math.cos(y)
             else:
                 x = one[i]
                 if kind == _LESS:

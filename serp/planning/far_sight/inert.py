@@ -45,9 +45,9 @@ def _not_added(value: g.Value) -> set[int]:
             return _not_added(right)
         case g.Operation("*" | "/", left, right) if not set(g.fluents_of(right)):
             return _not_added(left)
-        case g.Operation():
-            return set(g.fluents_of(value))
-        case g.Negation(operand):
+        case g.Unary("-", operand):
             return _not_added(operand)
+        case g.Operation() | g.Unary():
+            return set(g.fluents_of(value))
         case _:
             return set()

@@ -69,6 +69,7 @@ def test_what_is_shipped_has_forgotten_nothing(file: Path) -> None:
          "action `loop` has no instance: its precondition can never hold"),
         (":typing ", "", "used, but not among the :requirements: :typing"),
         (":numeric-fluents", ":fluents", None),
+        (":typing ", ":typing :math-functions ", "`:math-functions` is listed and nothing needs"),
         (":typing :numeric-fluents :negative-preconditions :conditional-effects",
          ":adl :numeric-fluents", None),
         ("(at ?a) (road", "(at ?a) (or (mined ?a) (at ?a)) (road", ":disjunctive-preconditions"),

@@ -67,6 +67,7 @@ def test_plain_files_are_portable() -> None:
         ("1.5", ".5", "10:43: a number that is not a plain decimal"),
         ("(- 0 2)", "(- 2)", "10:47: `(- x)`; write `(- 0 x)`"),
         ("(- 0 2)", "(* 1 2 3)", "10:47: `*` with more than two operands"),
+        ("(- 0 2)", "(abs 2)", "10:48: `abs` is not PDDL; write two conditions"),
         (":parameters (?a - room ?b - room)", "", "7:12: `:parameters` is left out"),
         (":precondition (and)", "", "11:13: `:precondition` is left out"),
         (":precondition (and)", ":precondition ()", "13:19: `:precondition` without `(and ...)`"),

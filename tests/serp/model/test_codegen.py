@@ -10,7 +10,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from serp.model.codegen import Generated, Part, generate_code, load_function
+from serp.model.codegen import MATH, Generated, Part, generate_code, load_function
 from serp.model.ground import GroundModel
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts
 
@@ -28,7 +28,7 @@ OWN_NODES = (
 
 
 def check_own_code(ground: GroundModel) -> None:
-    """Only the generator's names, plain arithmetic, and no call but the trace's."""
+    """Only the generator's names, arithmetic, and no call but of MATH and the trace's."""
     actions = range(len(ground.actions))
     for part in get_args(Part):
         for action in actions if part in ("action", "judged_action") else [-1]:
@@ -39,12 +39,16 @@ def check_own_code(ground: GroundModel) -> None:
 def check_function(generated: Generated) -> None:
     for node in ast.walk(ast.parse(generated.text)):
         match node:
+            case ast.Name(id=name, ctx=ast.Load()) if name in MATH:
+                pass
             case ast.Name(id=name) | ast.arg(arg=name) | ast.FunctionDef(name=name):
                 assert OWN_NAMES.fullmatch(name), name
             case ast.Constant(value=value):
                 assert type(value) in (bool, int, float)
             case ast.Expr(value=ast.Call(func=function, args=[ast.Constant()], keywords=[])):
                 assert generated.sites and ast.unparse(function) == "trace.append"
+            case ast.Call(func=ast.Name(name), keywords=[]):
+                assert name in MATH
             case ast.Call(func=ast.Attribute(ast.Name("trace"), "append")):
                 pass
             case ast.Attribute(ast.Name("trace"), "append"):
@@ -84,4 +88,4 @@ def test_words_of_programs_are_ordinary_names(word: str) -> None:
 def test_the_loaded_function_reaches_no_builtins() -> None:
     function = load_function(generate_code(generate(Random(1)).model.ground))
     assert function.__globals__["__builtins__"] == {}
-    assert set(function.__globals__) == {"__builtins__", "__name__", "step"}
+    assert set(function.__globals__) == {"__builtins__", "__name__", "step", *MATH}

@@ -6,6 +6,7 @@ random domains seldom reach, and the flags of steps without a result.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ TWO_ITEMS = "(:domain d) (:objects i1 i2 - item)"
 def model_of(schemas: str, problem: str = "", declarations: str = "") -> TransitionModel:
     """A domain of some schemas; declared are (p) (q) (r) and (x) (y) (z) unless told otherwise."""
     declarations = declarations or f"(:predicates {PREDICATES}) (:functions {FUNCTIONS})"
+    declarations += " (:requirements :math-functions)"
     domain = f"(define (domain d) {declarations} {schemas})"
     return load_texts(Texts(domain, f"(define (problem e) {problem})" if problem else None)).model
 
@@ -84,6 +86,20 @@ STEPS: dict[str, tuple[str, list[tuple[dict[str, float], Any]]]] = {
     "an assignment contradicts an increase": (
         action("(assign (x) 1) (when (p) (increase (x) 2))"),
         [({}, {"x": 1}), ({"p": 1}, UNDEFINED)],
+    ),
+    # Functions
+    "functions have their values": (
+        action("(assign (x) (max (sqrt (y)) (abs (z)) 1)) (assign (y) (+ (sin (x)) (cos (x))))"
+               " (assign (z) (atan2 (z) (min (x) -1)))"),
+        [({"y": 9, "z": -2}, {"x": 3, "y": 1, "z": math.atan2(-2, -1)}), ({"y": -9}, UNDEFINED)],
+    ),
+    "a root of a negative number is undefined, unless it does not matter": (
+        action("(q)", "(and (> (y) -1) (< (sqrt (y)) 2))"),
+        [({"y": 1}, {"q": 1}), ({"y": 4}, 0), ({"y": -1}, 0), ({"y": -0.5}, UNDEFINED)],
+    ),
+    "the lesser of a number and nothing is nothing": (
+        action("(when (< (min (x) (/ 1 (y)) 0) 1) (p)) (when (> (max (/ 1 (y)) (x)) 1) (unsafe))"),
+        [({}, UNDEFINED), ({"y": 0.5}, {"p": 1, "unsafe": True})],
     ),
     # Undefined results
     "a reward overflows": (action(f"(decrease (reward) (* 1e308 {TEN}))"), [({}, UNDEFINED)]),

@@ -17,7 +17,7 @@ from serp.model.native import structure_digest
 from serp.model.transition_model import Outcome, StateError, TransitionModel, Vector
 from serp.pddl import syntax as x
 from serp.pddl.domain_parser import parse_domain
-from serp.pddl.source import Source
+from serp.pddl.source import DomainError, Source
 from tests.generated import (
     Generated,
     Texts,
@@ -155,7 +155,11 @@ def test_a_number_of_a_file_is_a_parameter_with_its_place(
     assume(written)
     index = written[choice % len(written)].index
     texts = with_number(generated, index, f"{quarters / 4:g}")
-    rewritten = load_texts(texts, observed=generated.domain.supplied is not None).model
+    try:
+        rewritten = load_texts(texts, observed=generated.domain.supplied is not None).model
+    except DomainError as error:  # `(sqrt -1)`
+        assert error.advice == "it never has a result"
+        assume(False)
     theta = model.theta.copy()
     theta[index] = quarters / 4
     replaced = model.replace(theta=theta)

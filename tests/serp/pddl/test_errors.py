@@ -42,6 +42,11 @@ def action(effect: str = "(tired)", precondition: str = "(and)") -> str:
     )
 
 
+def with_math(number: str) -> str:
+    text = action(f"(increase (speed) {number})")
+    return text.replace(":adl", ":adl :math-functions", 1)
+
+
 def process(effect: str) -> str:
     return DOMAIN % f"(:process run :parameters () :precondition (and) :effect {effect})"
 
@@ -128,6 +133,13 @@ IN_DOMAIN = {
     "predicate as number": (action("(increase (speed) («tired»))"), "`tired` is a predicate", ""),
     "too large": (action("(increase (speed) «1e400»)"), "too large a number", ""),
     "one added": (action("(increase (speed) «(+ 1)»)"), "`+` takes two or more operands", ""),
+    "math undeclared": (action("(increase (speed) («max» 1 2))"), "`max` is not PDDL: it needs the",
+                        "for a portable one write an effect under `when`"),
+    "roots of two": (with_math("«(sqrt 1 2)»"), "`sqrt` takes one operand, found 2", ""),
+    "the least of one": (with_math("«(min 1)»"), "`min` takes two or more operands", ""),
+    "an angle of one": (with_math("«(atan2 1)»"), "`atan2` takes two operands, found 1", ""),
+    "root of a negative": (with_math("(sqrt «-1»)"), "a root of a negative", "never has a result"),
+    "misspelt root": (with_math("(«sqr» (speed))"), "unknown function `sqr`", "mean `sqrt`?"),
     "reading the reward": (action("(increase (speed) «(reward)»)"), "cannot be read", ""),
     "time outside": (action("(increase (speed) (* «#t» 2))"), "factor of a rate in a process",
                      "(:process"),

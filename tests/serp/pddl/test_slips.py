@@ -6,11 +6,12 @@ import pytest
 
 from serp.pddl.domain_parser import parse_domain
 from serp.pddl.source import DomainError, Source
+from serp.pddl.syntax import FunctionTerm, NumericComparison, conditions_of
 from tests.serp.pddl.rendering import check_rendering
 
 RIGHT = """\
 (define (domain robot)
-  (:requirements :strips :numeric-fluents :time)
+  (:requirements :strips :numeric-fluents :time :math-functions)
   (:predicates (held) (near) (unsafe) (terminal))
   (:functions (x) (speed) (reward))
 
@@ -68,7 +69,8 @@ SLIPS = [
     (EFFECT, "(increase (x) ((speed) + 1))", "(+ (speed) 1)", "`+` stands between"),
     (EFFECT, "(increase (x) (1))", EFFECT, "a number has no parentheses"),
     (EFFECT, "(increase (x) (^ (speed) 2))", None, "write a product"),
-    (EFFECT, "(increase (x) (sqrt (speed)))", None, "compare squares"),
+    (EFFECT, "(increase (x) (arctan2 (speed) x))", "(atan2 (speed) (x))", "`arctan2` is not supp"),
+    (EFFECT, "(increase (x) (tan (speed)))", None, "write `(/ (sin ...) (cos ...))`"),
     # Conditions
     (CONDITION, "((x) < 9,5)", CONDITION, "the operator comes first"),
     (CONDITION, "(== (x) 9.5)", "(= (x) 9.5)", "`==` is not supported"),
@@ -111,6 +113,13 @@ def test_a_slip_is_named_and_the_corrected_line_is_right(
 
 def test_names_that_the_file_declares_are_no_slips() -> None:
     text = """(define (domain d) (:predicates (set ?a) (if ?a) (near)) (:functions (abs ?a) (x))
-      (:constants o)
+      (:constants o) (:requirements %s)
       (:action a :precondition (and (if o) (< (abs o) 1)) :effect (and (set o) (if o))))"""
-    assert len(parse_domain(Source("d.pddl", text)).schemas) == 1
+    for requirement in (":adl", ":adl :math-functions"):
+        source = Source("d.pddl", text % requirement)
+        (schema,) = parse_domain(source).schemas
+        *_, comparison = conditions_of(schema)
+        assert isinstance(comparison, NumericComparison)
+        assert isinstance(comparison.left, FunctionTerm)
+    (warning,) = source.warnings
+    assert "`(abs ...)` means this function, not that of `:math-functions`" in str(warning)

@@ -1,0 +1,39 @@
+"""The functions of a model that go through a policy's data against those that are generated."""
+
+from __future__ import annotations
+
+import json
+import struct
+from random import Random
+from types import SimpleNamespace
+from typing import Any
+
+from serp.controller.step import FileStep
+from serp.export.syntax_data import programs_of
+from tests.generated import generate, random_states
+
+
+def test_any_domain_steps_in_a_policy_as_in_serp() -> None:
+    applied = 0
+    for seed in range(40):
+        random = Random(seed)
+        model = generate(random).model
+        policy = {
+            "fluents": model.fluents,
+            "ground_actions": model.actions,
+            "dt": model.dt,
+            "programs": json.loads(json.dumps(programs_of(model.ground))),
+        }
+        contents: Any = SimpleNamespace(policy=policy)
+        exported = FileStep(contents, model.theta.tolist())
+        for state in random_states(random, model, 4).tolist():
+            for action in range(len(model.actions)):
+                out, flags = exported.step(state, action)
+                expected, wanted = model.transition(state, action)
+                assert flags == wanted
+                if flags & 1:
+                    applied += 1
+                    assert struct.pack(f"{len(out)}d", *out) == struct.pack(
+                        f"{len(out)}d", *expected
+                    )
+    assert applied > 100
