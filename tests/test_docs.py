@@ -173,12 +173,23 @@ def test_example_scripts_run(script: Path, tmp_path: Path) -> None:
     assert printed if not shown else printed == re.sub(r"^# ", "", shown[0], flags=re.M)
 
 
-@pytest.mark.parametrize("library", ["mlflow", "wandb"])
-def test_examples_of_logging_run_where_their_library_is(library: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("library", "script"),
+    [
+        ("highway_env", "highway/highway.py"),
+        ("mlflow", "logging/mlflow_run.py"),
+        ("wandb", "logging/wandb_run.py"),
+    ],
+)
+def test_examples_of_other_libraries_run_where_these_are(
+    library: str, script: str, tmp_path: Path
+) -> None:
+    for file in (EXAMPLES / script).parent.glob("*.pddl"):
+        serp.load_domain(file)
     if importlib.util.find_spec(library) is None:
         pytest.skip(f"{library} is not installed")
     subprocess.run(
-        [sys.executable, EXAMPLES / "logging" / f"{library}_run.py"],
+        [sys.executable, EXAMPLES / script],
         cwd=tmp_path, env={**os.environ, "WANDB_MODE": "offline"}, check=True, timeout=300,
     )  # fmt: skip
 
