@@ -79,9 +79,11 @@ def domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) 
     file, limit = task.domain, max_ground_schemas
     if isinstance(file, Domain):
         if problem is None and limit is not None:
-            return dataclasses.replace(file.observed(), max_ground_schemas=limit)
+            return dataclasses.replace(task.load(), max_ground_schemas=limit)
         file = file.source.name
-    return load_domain(file, problem or task.problem, observed=True, max_ground_schemas=limit)
+    return load_domain(
+        file, problem or task.problem, observed=not task.closed, max_ground_schemas=limit
+    )
 
 
 def with_domain(task: Task, domain: Domain) -> Task:

@@ -108,5 +108,5 @@ def with_domain(task: Task, file: Path, limit: int = MAX_GROUND_SCHEMAS) -> Task
     """
     if limit == MAX_GROUND_SCHEMAS:
         return dataclasses.replace(task, domain=file, problem=None)
-    domain = load_domain(file, observed=True, max_ground_schemas=limit)
+    domain = load_domain(file, observed=not task.closed, max_ground_schemas=limit)
     return dataclasses.replace(task, domain=domain, problem=None)

@@ -61,10 +61,11 @@ def read_recorded(run: Path) -> Recorded:
     domain = load_domain(
         folder.domain_file,
         folder.problem_file,
-        observed=True,
+        observed=made.observed is not None,
         max_ground_schemas=made.max_ground_schemas,
     )
-    domain = domain.observed(made.observed)
+    if made.observed is not None:
+        domain = domain.observed(made.observed)
     model = domain.model.replace(dt=made.control_period)
     whole = Saved("run", checkpoint.arrays, checkpoint.meta)
     agent = Saved("agent", checkpoint.arrays, whole.part("agent")[1])

@@ -91,6 +91,10 @@ class Domain:
             return self
         return dataclasses.replace(self, supplied=frozenset(fixed) | (self.supplied or frozenset()))
 
+    def closed(self) -> Domain:
+        """Return the same domain for the states that can be reached from the problem's `:init`."""
+        return self if self.supplied is None else dataclasses.replace(self, supplied=None)
+
     def declared(self, name: str) -> x.Declaration | None:
         """Return the declaration of a ground predicate or function; None where there is none.
 

@@ -12,7 +12,6 @@ from gymnasium import spaces
 from gymnasium.wrappers import TimeLimit
 
 from serp._util.numbers import real
-from serp._util.text import listed
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.loading import Domain, load_domain
@@ -41,7 +40,7 @@ class FileWorld(gym.Env[Vector, int]):
         dt: Control period in the time unit of the domain's rates.
 
     Raises:
-        DomainError: There are no actions, or the problem does not give every fluent a value.
+        DomainError: There are no actions, or there is no problem with an `:init`.
         TaskError: `failure` is no such probability.
     """
 
@@ -49,7 +48,7 @@ class FileWorld(gym.Env[Vector, int]):
         chance = real(failure)
         if chance is None or not 0.0 <= chance < 1.0:
             raise TaskError(f"failure must be a probability, at least 0 and below 1: {failure!r}")
-        domain = domain.observed()
+        domain = domain.closed()
         self.model = domain.model.replace(dt=dt)
         self._start = _initial_state(domain)
         self._failure = chance
@@ -115,13 +114,14 @@ def file_task(
         DomainError: A file is missing or wrong.
     """
     if not isinstance(domain, Domain):
-        domain = load_domain(domain, problem, observed=True)
+        domain = load_domain(domain, problem)
     return Task(
         name=f"{domain.name}-world",
         make_env=partial(_made, domain, failure=failure, dt=dt, max_steps=max_steps),
         domain=domain,
         ground=_state,
         dt=dt,
+        closed=True,
         reward="environment",  # the file's, less that of actions that failed
         description=f"the world that {Path(domain.source.name).name} describes",
     )
@@ -146,12 +146,5 @@ def _initial_state(domain: Domain) -> Vector:
             f"write `(:init ...)` in a problem file, by default {domain.syntax.name}-problem.pddl "
             "beside the domain file",
         )
-    if model.initial_state is None:
-        stated = {(term.name, *(a.name for a in term.arguments)) for term, _ in problem.values}
-        missing = [f.name for f in model.fluents if f.numeric and f.key not in stated]
-        raise DomainError(
-            f":init gives no value to {listed(missing)}",
-            problem.place,
-            f"write `(= ({missing[0]}) 0)`, or another number, in :init",
-        )
+    assert model.initial_state is not None  # numbers that :init leaves out are 0
     return model.initial_state

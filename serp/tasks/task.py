@@ -51,6 +51,9 @@ class Task:
             key `*` stands for every preset.
         symmetries: Transformations that leave the task unchanged (`serp.Symmetry`); the learner
             uses them if `learner.symmetry` is set.
+        closed: Whether the environment keeps to the states that can be reached from the problem's
+            `:init`, as one made of the file does (`serp.file_task`). The model then has nothing
+            else; so it is smaller, and no other state can be grounded.
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
             value) → name of a ground action, None for no advice; or another domain file.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
@@ -67,6 +70,7 @@ class Task:
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)
     symmetries: Sequence[Symmetry] = ()
+    closed: bool = False
     planners: Mapping[str, Advise | str | Path] = field(default_factory=dict)
     counters: Sequence[str] = ()
     description: str = ""
@@ -79,13 +83,13 @@ class Task:
             TaskError: `domain` or `problem` is not the name of a file.
         """
         if isinstance(self.domain, Domain):
-            return self.domain.observed()
+            return self.domain.closed() if self.closed else self.domain.observed()
         for what, file in (("domain", self.domain), ("problem", self.problem)):
             if not isinstance(file, str | os.PathLike | None) or (
                 what == "domain" and file is None
             ):
                 raise TaskError(f"task: {what} must be a file or a loaded domain, not {file!r}")
-        return load_domain(self.domain, self.problem, observed=True)
+        return load_domain(self.domain, self.problem, observed=not self.closed)
 
     def bind(self, *, render_mode: str | None = None) -> BoundTask:
         """Make an environment and check that it fits domain, grounding and actions.

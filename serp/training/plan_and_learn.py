@@ -103,7 +103,7 @@ def plan_and_learn(
         config = {
             "task": bound.name,
             "domain": bound.domain.name,
-            "observed": sorted(bound.domain.supplied or ()),
+            "observed": None if task.closed else sorted(bound.domain.supplied or ()),
             "max_ground_schemas": bound.domain.max_ground_schemas,
             "preset": preset,
             "seed": seed,

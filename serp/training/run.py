@@ -188,7 +188,7 @@ def task_of_run(folder: RunFolder, task: Task) -> Task:
     domain = load_domain(
         folder.domain_file,
         folder.problem_file,
-        observed=True,
+        observed=not task.closed,
         max_ground_schemas=made.max_ground_schemas,
     )
     return dataclasses.replace(

@@ -45,8 +45,9 @@ class RunMetadata(BaseModel):
     """All settings."""
     budget: Annotated[Budget, BeforeValidator(Budget.from_dict)]
     """The budget that the run began with."""
-    observed: list[str] = []
-    """Fluents that the environment gives although the problem's `:init` states them."""
+    observed: list[str] | None = []
+    """Fluents that the environment gives although the problem's `:init` states them. None: all
+    states can be reached from there, see `Task.closed`."""
     max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
     """Limit on the size of the grounded domain."""
 

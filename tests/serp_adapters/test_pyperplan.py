@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from serp.errors import SerpError
+from serp.model.transition_model import TransitionModel
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
 from serp.tasks.file_world import FileWorld
@@ -67,13 +68,13 @@ def test_plans_are_followed_to_the_goal_while_actions_fail(texts: Texts, name: s
 
 
 @functools.cache
-def house() -> FileWorld:
-    return FileWorld(load_texts(HOUSE))
+def house() -> TransitionModel:
+    return load_texts(HOUSE, observed=True).model
 
 
 def test_operators_are_what_the_file_does_without_harm() -> None:
     """In every state: applicable actions, all safe ones, with the effects of the model."""
-    model = house().model
+    model = house()
     strips = Strips(model.ground, "pyperplan")
     names = [fluent.name for fluent in model.fluents if not fluent.numeric]
     for values in itertools.product((0.0, 1.0), repeat=len(names)):
@@ -95,7 +96,7 @@ def test_operators_are_what_the_file_does_without_harm() -> None:
 
 @pytest.mark.parametrize("name", ["bfs", "ids", "astar:hmax", "wastar:landmark", "ehs", "gbf:hsa"])
 def test_a_plan_keeps_away_from_what_is_unsafe(name: str) -> None:
-    model = house().model
+    model = house()
     start = model.initial_state
     assert start is not None
     plan = Search(model, settings(f"pyperplan:{name}")).plan(start)
@@ -123,13 +124,13 @@ def test_a_search_is_the_same_in_every_process(capsys: pytest.CaptureFixture[str
 
 
 def test_where_no_plan_is_found_another_planner_decides() -> None:
-    start = house().model.initial_state
+    start = house().initial_state
     assert start is not None
-    planner = make(house().model, settings(most=1))
+    planner = make(house(), settings(most=1))
     assert isinstance(planner, PlanFollower) and planner.plan == ()
     assert planner.forecast(start).choice >= 0 and planner.plan == ()
-    shut = house().model.state(house().model.values(start) | {"at a": False})
-    assert Search(house().model, settings()).plan(shut) is None
+    shut = house().state(house().values(start) | {"at a": False})
+    assert Search(house(), settings()).plan(shut) is None
 
 
 @pytest.mark.parametrize(
