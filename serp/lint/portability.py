@@ -7,7 +7,7 @@ The rules are those that unified-planning, pddl, tarski, pddl-plus-parser and VA
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from serp.pddl.expressions import is_number
 from serp.pddl.sexpr import Group, Node, Word, read_group
@@ -20,15 +20,22 @@ _SCHEMAS = (":action", ":process", ":event")
 _KEYS = (":parameters", ":precondition", ":effect")
 
 
-def outside_portable_subset(source: Source, declared: Collection[str] = ()) -> list[DomainWarning]:
-    """Return the forms in a file that some PDDL tools do not read, one finding per rule.
+def outside_portable_subset(source: Source) -> list[DomainWarning]:
+    """Return the forms in a file that some PDDL tools do not read, one finding per rule."""
+    return _findings(_breaches(read_group(source)))
 
-    `declared` are the predicates and functions of the domain: those called as a function of
-    `:math-functions` are none of that.
+
+def beyond_pddl(source: Source, declared: Collection[str]) -> list[DomainWarning]:
+    """Return the functions in a file that the requirement `:math-functions` admits.
+
+    `declared` are the predicates and functions of the domain, which may have the same names.
     """
+    return _findings(_math(read_group(source), declared))
+
+
+def _findings(breaches: Iterable[tuple[str, Place]]) -> list[DomainWarning]:
     found: dict[str, list[Place]] = {}
-    top = read_group(source)
-    for text, place in (*_breaches(top), *_math(top, declared)):
+    for text, place in breaches:
         found.setdefault(text, []).append(place)
     return [
         DomainWarning(text + (f" ({len(places)} places)" if len(places) > 1 else ""), places[0])

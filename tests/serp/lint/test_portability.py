@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from serp.lint.portability import outside_portable_subset
+from serp.lint.portability import beyond_pddl, outside_portable_subset
 from serp.lint.unified_planning import ask_unified_planning, refused_by_unified_planning
 from serp.pddl.source import Source
 
@@ -67,7 +67,6 @@ def test_plain_files_are_portable() -> None:
         ("1.5", ".5", "10:43: a number that is not a plain decimal"),
         ("(- 0 2)", "(- 2)", "10:47: `(- x)`; write `(- 0 x)`"),
         ("(- 0 2)", "(* 1 2 3)", "10:47: `*` with more than two operands"),
-        ("(- 0 2)", "(abs 2)", "10:48: `abs` is not PDDL; write two conditions"),
         (":parameters (?a - room ?b - room)", "", "7:12: `:parameters` is left out"),
         (":precondition (and)", "", "11:13: `:precondition` is left out"),
         (":precondition (and)", ":precondition ()", "13:19: `:precondition` without `(and ...)`"),
@@ -83,6 +82,15 @@ def test_each_rule_is_said_with_its_place(old: str, new: str, breach: str) -> No
     assert text.count(old) == 1
     (found,) = breaches(text.replace(old, new))
     assert found.startswith(f"f.pddl:{breach}")
+
+
+def test_functions_beyond_pddl_are_said_unless_the_domain_declares_them() -> None:
+    source = Source("f.pddl", PLAIN.replace("(- 0 2)", "(abs (min 1 (abs 2)))"))
+    found = [str(finding) for finding in beyond_pddl(source, {"min", "x"})]
+    assert found == [
+        "f.pddl:10:48: `abs` is not PDDL; write two conditions, or two effects under `when`: "
+        "one where it is negative (2 places)"
+    ]
 
 
 def refusal(domain: str, problem: str | None = None) -> str:
