@@ -45,6 +45,7 @@ _NAMES = {
     "serp.tasks.file_world": ("file_task",),
     "serp.tasks.registry": ("load_task",),
     "serp.tasks.task": ("Task",),
+    "serp.training.environments.guarded_env": ("GuardedEnv",),
     "serp.training.plan_and_learn": ("plan_and_learn",),
     "serp.training.run": ("Run", "load_run"),
 }
@@ -96,6 +97,7 @@ if TYPE_CHECKING:
     from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
     from serp.tasks.task import Task as Task
+    from serp.training.environments.guarded_env import GuardedEnv as GuardedEnv
     from serp.training.plan_and_learn import plan_and_learn as plan_and_learn
     from serp.training.run import Run as Run
     from serp.training.run import load_run as load_run

@@ -53,6 +53,8 @@ from serp.training.policies import Policy
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "docs" / "examples"
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+PUBLIC = ("serp", "serp_envs", "serp_adapters.stable_baselines3")
+"""Packages that examples import from."""
 FENCE = re.compile(r"^```([\w{}-]*)[^\n]*\n(.*?)^```$", re.M | re.S)
 MARK = re.compile(r"<!-- (.+?) -->\n\Z")
 
@@ -224,7 +226,7 @@ def test_examples_import_only_public_names() -> None:
             if isinstance(node, ast.Import):
                 assert not any(each.name.startswith("serp.") for each in node.names), name
             elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("serp"):
-                assert node.module in ("serp", "serp_envs"), name
+                assert node.module in PUBLIC, name
                 public = importlib.import_module(node.module).__all__
                 assert {each.name for each in node.names} <= set(public), name
 

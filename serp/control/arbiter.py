@@ -111,6 +111,10 @@ class Arbiter:
         """Decide on a given proposal: execute it unless it is refused."""
         return self._follow(self._situation(self.forecast(state)), proposal)
 
+    def exchange(self, decision: Decision, proposal: Proposal) -> Decision:
+        """Return the decision in the same state for another proposal, without a new forecast."""
+        return self._follow(Situation(decision.forecast, decision.admissible), proposal)
+
     def execute(self, state: Vector, proposal: Proposal) -> Decision:
         """Execute a proposal without a veto. The guarantee does not hold."""
         return self._accept(self._situation(self.forecast(state)), proposal)

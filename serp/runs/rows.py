@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from serp.control.arbiter import Arbiter
+    from serp.control.decision import Decision
+    from serp.control.step_record import EpisodeTotals
+    from serp.model.transition_model import Vector
 
 LONGEST: Final = 1 << 24
 """Largest length of a line that is read, in bytes."""
@@ -64,6 +73,59 @@ class DecisionRow(NamedTuple):
     bound: Any
     indifferent: bool
     explanation: Any
+
+
+def metrics_row(
+    totals: EpisodeTotals,
+    *,
+    episode: int,
+    env_steps: int,
+    rho: float,
+    epsilon: float | None,
+    losses: Sequence[float],
+    wall_time: float,
+) -> MetricsRow:
+    """Return the row of an episode of training."""
+    return MetricsRow(
+        episode=episode,
+        env_steps=env_steps,
+        return_=totals.return_,
+        domain_return=totals.domain_return,
+        length=totals.length,
+        terminated=totals.terminated,
+        truncated=totals.truncated,
+        rho=rho,
+        epsilon=epsilon,
+        loss=float(np.mean(losses)) if losses else None,
+        wall_time=wall_time,
+        **totals.decisions.numbers(),
+    )
+
+
+def decision_row(
+    decision: Decision, arbiter: Arbiter, state: Vector, *, step: int, episode: int
+) -> DecisionRow:
+    """Return the row of an arbiter's decision in a state `[F]`."""
+    name = arbiter.actions.name
+    return DecisionRow(
+        step=step,
+        episode=episode,
+        proposed_by=decision.proposed_by,
+        proposed=name(decision.proposed) if decision.proposed >= 0 else "",
+        executed=name(decision.action),
+        executed_by=decision.executed_by,
+        reason=decision.reason,
+        vetoed=decision.vetoed,
+        predicted_reward=decision.predicted_reward,
+        proposal_unsafe=decision.proposal_unsafe,
+        unsafe=decision.unsafe,
+        risk=decision.risk,
+        rho=decision.rho,
+        depth=decision.depth,
+        bound=decision.bound,
+        indifferent=decision.indifferent,
+        explanation=arbiter.explain(decision, state),
+    )
 
 
 def _columns(row: type[NamedTuple]) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import datetime
 import os
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -20,11 +19,10 @@ from serp.runs.new_folder import default_path, refuse_occupied
 from serp.runs.tensorboard import require_tensorboard
 from serp.settings import resolve
 from serp.tasks.registry import find_task, load_task
-from serp.tasks.reward import reward_source
 from serp.tasks.task import Task
 from serp.training.budget import Budget
 from serp.training.callbacks import Callbacks, TrainingCallbacks
-from serp.training.run_metadata import read_run_metadata
+from serp.training.run_metadata import begin_run, read_run_metadata
 
 if TYPE_CHECKING:
     from serp.training.run import Run
@@ -100,26 +98,12 @@ def plan_and_learn(
         refuse_occupied(Path(out), TRACES)
     with task.bind() as bound:
         path = Path(out) if out is not None else default_path(bound.name, begun)
-        config = {
-            "task": bound.name,
-            "domain": bound.domain.name,
-            "observed": None if task.closed else sorted(bound.domain.supplied or ()),
-            "max_ground_schemas": bound.domain.max_ground_schemas,
-            "preset": preset,
-            "seed": seed,
-            "reward": bound.rewarded_by,
-            "learned_from": reward_source(bound.rewarded_by, resolved),
-            "file_rewards": bound.model.rewarding,
-            "control_period": bound.model.dt,
-            "budget": budget.as_dict(),
-            "settings": resolved.as_dict(),
-        }
-        files = (bound.domain.source, bound.domain.problem_source)
-        sources = [(file.name, file.text) for file in files if file is not None]
         from serp.training.saved_training import compiled_trainer, train
 
         with (
             compiled_trainer(bound, resolved, seed, quiet=quiet) as trainer,
-            RunFolder.create(path, config, sources, command=sys.argv, now=begun) as folder,
+            begin_run(
+                path, bound, resolved, preset=preset, seed=seed, budget=budget, begun=begun
+            ) as folder,
         ):
             return train(folder, trainer, budget, called, quiet=quiet)

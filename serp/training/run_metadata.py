@@ -1,11 +1,14 @@
-"""The metadata of a run, read from its `config.json`."""
+"""The metadata of a run: its `config.json`, written and read."""
 
 from __future__ import annotations
 
+import datetime
 import hashlib
 import json
 import os
-from typing import Annotated, Literal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import (
     BaseModel,
@@ -25,7 +28,11 @@ from serp.runs.checkpoint import Checkpoint
 from serp.runs.config import CONFIG
 from serp.runs.folder import RunFolder
 from serp.settings import Settings
+from serp.tasks.reward import reward_source
 from serp.training.budget import Budget
+
+if TYPE_CHECKING:
+    from serp.tasks.bound_task import BoundTask
 
 
 class RunMetadata(BaseModel):
@@ -50,6 +57,36 @@ class RunMetadata(BaseModel):
     states can be reached from there, see `Task.closed`."""
     max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
     """Limit on the size of the grounded domain."""
+
+
+def begin_run(
+    path: Path,
+    task: BoundTask,
+    settings: Settings,
+    *,
+    preset: str,
+    seed: int,
+    budget: Budget,
+    begun: datetime.datetime,
+) -> RunFolder:
+    """Begin a run in a new or empty folder, and lock it for writing."""
+    config = {
+        "task": task.name,
+        "domain": task.domain.name,
+        "observed": None if task.task.closed else sorted(task.domain.supplied or ()),
+        "max_ground_schemas": task.domain.max_ground_schemas,
+        "preset": preset,
+        "seed": seed,
+        "reward": task.rewarded_by,
+        "learned_from": reward_source(task.rewarded_by, settings),
+        "file_rewards": task.model.rewarding,
+        "control_period": task.model.dt,
+        "budget": budget.as_dict(),
+        "settings": settings.as_dict(),
+    }
+    files = (task.domain.source, task.domain.problem_source)
+    sources = [(file.name, file.text) for file in files if file is not None]
+    return RunFolder.create(path, config, sources, command=sys.argv, now=begun)
 
 
 def read_run_metadata(folder: RunFolder) -> RunMetadata:

@@ -18,7 +18,7 @@ from serp.control.decision_counts import DecisionCounts
 from serp.control.step_record import OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.model.transition_model import StateError, Vector
-from serp.runs.rows import DecisionRow, MetricsRow
+from serp.runs.rows import MetricsRow, decision_row, metrics_row
 from serp.runs.tables import Table
 from serp.settings import Settings
 from serp.tasks.bound_task import BoundTask
@@ -257,19 +257,14 @@ class Trainer(Closing):
             agent.learner.pretrain()
             self._pretrained = True
         self.recent.append(totals.return_)
-        return MetricsRow(
+        return metrics_row(
+            totals,
             episode=self.episode,
             env_steps=self.env_steps,
-            return_=totals.return_,
-            domain_return=totals.domain_return,
-            length=totals.length,
-            terminated=totals.terminated,
-            truncated=totals.truncated,
             rho=agent.strategy.rho,
             epsilon=agent.learner.epsilon,
-            loss=float(np.mean(losses)) if losses else None,
+            losses=losses,
             wall_time=self.wall_time,
-            **totals.decisions.numbers(),
         )
 
     def _notice_unit(self, lane: Lane, info: Mapping[str, Any], *, reset: bool = False) -> None:
@@ -283,30 +278,11 @@ class Trainer(Closing):
         self.agent.strategy.end_unit(unit)
 
     def _log(self, decision: Decision, state: Vector, episode: int, env_step: int) -> None:
-        if self.decisions is None:
-            return
-        name = self.task.actions.name
-        self.decisions.append(
-            DecisionRow(
-                step=env_step,
-                episode=episode + 1,
-                proposed_by=decision.proposed_by,
-                proposed=name(decision.proposed) if decision.proposed >= 0 else "",
-                executed=name(decision.action),
-                executed_by=decision.executed_by,
-                reason=decision.reason,
-                vetoed=decision.vetoed,
-                predicted_reward=decision.predicted_reward,
-                proposal_unsafe=decision.proposal_unsafe,
-                unsafe=decision.unsafe,
-                risk=decision.risk,
-                rho=decision.rho,
-                depth=decision.depth,
-                bound=decision.bound,
-                indifferent=decision.indifferent,
-                explanation=self.agent.arbiter.explain(decision, state),
+        if self.decisions is not None:
+            row = decision_row(
+                decision, self.agent.arbiter, state, step=env_step, episode=episode + 1
             )
-        )
+            self.decisions.append(row)
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return the complete state while no episode is running: arrays and JSON values."""

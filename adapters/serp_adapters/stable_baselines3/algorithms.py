@@ -4,8 +4,6 @@ On cart-pole their settings are those that RL Baselines3 Zoo has tuned for CartP
 (https://github.com/DLR-RM/rl-baselines3-zoo, commit eec15dc, `hyperparams/dqn.yml` and `ppo.yml`).
 On any other task they are the defaults of stable-baselines3, like the zoo's `default` entry.
 Defaults that assume a budget of a million env steps are adapted, and named in `characteristics`.
-
-Importing this module without stable-baselines3 raises `serp.errors.MissingExtra`.
 """
 
 from __future__ import annotations
@@ -13,20 +11,14 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.errors import MissingExtra
-
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
-
-if find_spec("stable_baselines3") is None:
-    raise MissingExtra("a comparison with stable-baselines3 (`sb3-dqn`, `ppo`)", "sb3")
 
 _ZOO: Final = "rl-baselines3-zoo, CartPole-v1"
 _DEFAULTS: Final = "stable-baselines3's defaults"

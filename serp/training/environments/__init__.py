@@ -1,0 +1,1 @@
+"""Tasks as Gymnasium environments, for learners that bring their own training loop."""
