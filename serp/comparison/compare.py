@@ -6,13 +6,14 @@ import dataclasses
 import os
 import warnings
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from serp._util.extras import needs_extra
 from serp.comparison.analysis.results import Results
-from serp.comparison.engines import LOCAL, find_engine, run_jobs
+from serp.comparison.engines import LOCAL, find_engine, open_pool, runs_here
 from serp.comparison.fairness import judges_alike, made_alike
 from serp.comparison.folder import writing
 from serp.comparison.merging import merge_into
@@ -25,7 +26,7 @@ from serp.comparison.request import ComparisonRequest, prepare, requested_task
 from serp.comparison.trial_files import is_complete, read_trial, write_trial
 from serp.comparison.trial_records import Trial
 from serp.comparison.trials.contestant import make_contestant
-from serp.comparison.workers import Ended, portable
+from serp.comparison.workers import Ended, run_here, run_in_executor
 from serp.errors import Interrupted, Notice, RunError
 from serp.runs.new_folder import default_path
 from serp.tasks.bound_task import BoundTask
@@ -166,17 +167,18 @@ def _run(
     if not missing:
         return failed
     jobs = [prepared.job(trial) for trial in missing]
-    most, protocol = request.jobs or 0, prepared.plan.protocol
-    with Display(missing, protocol.env_steps, quiet=request.quiet) as display:
-        if request.engine == LOCAL:
-            most = min(most or os.cpu_count() or 1, len(jobs))
-            if most > 1 and not portable(jobs):
-                most = 1
-                display.say(
-                    "The trials run one after another: the task has functions that cannot be "
-                    "imported from other processes (lambdas, or functions of a notebook or of "
-                    "__main__)."
-                )
+    engine, most = request.engine, request.jobs or 0
+    if engine == LOCAL:
+        most = min(most or os.cpu_count() or 1, len(jobs))
+    env_steps = prepared.plan.protocol.env_steps
+    with Display(missing, env_steps, quiet=request.quiet) as display, ExitStack() as stack:
+        here = engine == LOCAL and most == 1
+        if not here and runs_here(engine, jobs):
+            here = True
+            display.say(
+                "The trials run one after another: the task has functions that cannot be imported "
+                "from other processes (lambdas, or functions of a notebook or of __main__)."
+            )
 
         def stopped() -> bool:
             answer = stopping.answer(
@@ -190,7 +192,11 @@ def _run(
             stopped()
             display.notice(trial, env_steps)
 
-        ends = run_jobs(jobs, request.engine, request.address, most, on_progress, stopped)
+        if here:
+            ends = run_here(jobs, on_progress, stopped)
+        else:
+            pool = stack.enter_context(open_pool(engine, request.address, most))
+            ends = run_in_executor(jobs, pool, on_progress, stopped)
         for ended in ends:
             error = _keep(prepared, ended)
             display.end(ended.trial, error)

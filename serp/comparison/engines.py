@@ -6,21 +6,13 @@ An engine of another library is a function of the entry-point group `serp.engine
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Final
 
 from serp._util.plugins import find, loading, offered
-from serp.comparison.workers import (
-    Ended,
-    Job,
-    OnProgress,
-    Pool,
-    portable,
-    run_here,
-    run_in_executor,
-    run_in_processes,
-)
+from serp.comparison.workers import Job, Pool, Processes, portable
 from serp.errors import RunError, SettingsError
 
 GROUP: Final = "serp.engines"
@@ -35,37 +27,40 @@ Without an address the engine starts workers on this machine. Without a number, 
 at the same time as there are cores."""
 
 
-def run_jobs(
-    jobs: Sequence[Job],
-    engine: str,
-    address: str | None,
-    most: int,
-    on_progress: OnProgress,
-    stopped: Callable[[], bool],
-) -> Iterator[Ended]:
-    """Run jobs on an engine, and yield how each trial ended; see `serp.compare`.
+@contextmanager
+def open_pool(engine: str, address: str | None, most: int) -> Iterator[Pool]:
+    """Yield the workers of an engine; see `serp.compare`.
 
     `most` is how many trials run at the same time; 0 is for the engine to say.
 
     Raises:
-        RunError: The task cannot be sent to the workers, or the engine cannot be started.
-        SettingsError: There is no such engine, or the address is not for it.
+        RunError: The engine cannot be started.
+        SettingsError: There is no such engine.
     """
-    if engine == LOCAL:
-        if most == 1:
-            yield from run_here(jobs, on_progress, stopped)
-        else:
-            yield from run_in_processes(jobs, most, on_progress, stopped)
+    if engine != LOCAL:
+        with find_engine(engine)(address, most or None) as pool:
+            yield pool
         return
-    start = find_engine(engine)
-    if not portable(jobs):
+    most = most or os.cpu_count() or 1
+    with Processes(most) as processes:
+        yield Pool(processes, most, processes.told)
+
+
+def runs_here(engine: str, jobs: Sequence[Job]) -> bool:
+    """Return whether jobs have to run in this process.
+
+    Raises:
+        RunError: They cannot be sent to the workers, and the engine is not `local`.
+    """
+    if portable(jobs):
+        return False
+    if engine != LOCAL:
         raise RunError(
             f"engine {engine}: the task has functions that cannot be imported on other machines "
             "(lambdas, or functions of a notebook or of __main__). Put them into a module that is "
             "installed there, or leave --engine out."
         )
-    with start(address, most or None) as pool:
-        yield from run_in_executor(jobs, pool, stopped)
+    return True
 
 
 def find_engine(name: str) -> Engine:

@@ -14,11 +14,12 @@ import threading
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from typing import Any, Final, NamedTuple
 
 from serp.comparison.algorithms import Algorithm
@@ -32,7 +33,7 @@ from serp.training.stopping import SIGNALS
 
 OnProgress = Callable[[Trial, int], None]
 """(trial, its env steps so far)."""
-_DIED: Final = "its process died; not enough memory?"
+_DIED: Final = "the process died; not enough memory?"
 _RETRIES: Final = 2
 """How often a trial is begun again whose worker was lost."""
 
@@ -50,10 +51,14 @@ class Ended(NamedTuple):
 
 
 class Pool(NamedTuple):
-    """An executor, and how many trials it runs at the same time."""
+    """An executor, and how many trials it runs at the same time.
+
+    `told` has trials with their env steps so far, if the executor tells them.
+    """
 
     executor: Executor
     slots: int
+    told: SimpleQueue[tuple[Trial, int]] | None = None
 
 
 @dataclass(frozen=True)
@@ -102,46 +107,8 @@ def run_here(
         yield job.run(on_progress)
 
 
-def run_in_processes(
-    jobs: Sequence[Job], processes: int, on_progress: OnProgress, stopped: Callable[[], bool]
-) -> Iterator[Ended]:
-    """Run jobs in other processes, and yield how each trial ended.
-
-    Once `stopped`, those that run are finished and no more begin. A process that dies takes only
-    its own trial with it, unlike one of `concurrent.futures.ProcessPoolExecutor`.
-    """
-    waiting = deque(jobs)
-    idle: list[_Worker] = []
-    running: dict[Any, tuple[_Worker, Job]] = {}
-    """Pipe of a worker → the worker and its job."""
-    try:
-        while True:
-            while waiting and len(running) < processes and not stopped():
-                worker, job = idle.pop() if idle else _Worker(), waiting.popleft()
-                worker.begin(job)
-                running[worker.pipe] = worker, job
-            if not running:
-                return
-            for pipe in wait(list(running), timeout=0.2):
-                worker, job = running[pipe]
-                said = worker.listen()
-                if isinstance(said, int):
-                    on_progress(job.trial, said)
-                    continue
-                del running[pipe]
-                if said is None:
-                    said = Ended(job.trial, None, _DIED)
-                else:
-                    idle.append(worker)
-                yield said
-    finally:  # those that still run were not asked to finish
-        for worker in (*idle, *(worker for worker, _ in running.values())):
-            worker.process.kill()
-            worker.process.join()
-
-
 def run_in_executor(
-    jobs: Sequence[Job], pool: Pool, stopped: Callable[[], bool]
+    jobs: Sequence[Job], pool: Pool, on_progress: OnProgress, stopped: Callable[[], bool]
 ) -> Iterator[Ended]:
     """Run jobs in an executor, and yield how each trial ended.
 
@@ -151,26 +118,40 @@ def run_in_executor(
     waiting = deque(jobs)
     losses: Counter[Trial] = Counter()
     running: dict[Future[Ended | Exception], Job] = {}
-    while True:
-        while waiting and len(running) < pool.slots and not stopped():
-            job = waiting.popleft()
-            running[pool.executor.submit(_attempt, job)] = job
-        if not running:
-            return
-        for future in wait_for(running, timeout=0.2, return_when=FIRST_COMPLETED).done:
-            job = running.pop(future)
-            try:
-                said = future.result()
-            except Exception as error:
-                losses[job.trial] += 1
-                if losses[job.trial] <= _RETRIES:
+    try:
+        while True:
+            while waiting and len(running) < pool.slots and not stopped():
+                job = waiting.popleft()
+                running[pool.executor.submit(_attempt, job)] = job
+            if not running:
+                return
+            done = wait_for(running, timeout=0.2, return_when=FIRST_COMPLETED).done
+            while pool.told is not None and not pool.told.empty():
+                on_progress(*pool.told.get())
+            for future in done:
+                said = _result(future, job := running.pop(future), losses)
+                if said is None:
                     waiting.append(job)
-                    continue
-                said = Ended(job.trial, None, f"its worker was lost {losses[job.trial]} times, the "
-                             f"last time by {type(error).__name__}: {error}")  # fmt: skip
-            if isinstance(said, Exception):
-                raise said
-            yield said
+                else:
+                    yield said
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _result(future: Future[Ended | Exception], job: Job, losses: Counter[Trial]) -> Ended | None:
+    """Return how a trial ended; None if its worker was lost and it is to begin again."""
+    try:
+        said = future.result()
+    except Exception as error:
+        losses[job.trial] += 1
+        if losses[job.trial] <= _RETRIES:
+            return None
+        return Ended(job.trial, None, "its worker was lost, in each of "
+                     f"{_RETRIES + 1} attempts: {type(error).__name__}: {error}")  # fmt: skip
+    if isinstance(said, Exception):
+        raise said
+    return said
 
 
 def _attempt(job: Job, on_progress: OnProgress = _silent) -> Ended | Exception:
@@ -180,6 +161,56 @@ def _attempt(job: Job, on_progress: OnProgress = _silent) -> Ended | Exception:
     except Exception as error:
         error.add_note(traceback.format_exc())
         return error
+
+
+class Processes(Executor):
+    """Processes of this machine, each of which runs one job at a time and tells of it.
+
+    A process that dies takes only its own trial with it, unlike one of
+    `concurrent.futures.ProcessPoolExecutor`. Those that still run at the end are killed.
+
+    Attributes:
+        told: Trials with their env steps so far.
+    """
+
+    def __init__(self, most: int) -> None:
+        self.told: SimpleQueue[tuple[Trial, int]] = SimpleQueue()
+        self._threads = ThreadPoolExecutor(most)  # each waits for one process
+        self._lock = threading.Lock()
+        self._idle: list[_Worker] = []
+        self._workers: list[_Worker] | None = []
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call `function(job, on_progress)` in a process; `args` holds the job."""
+        return self._threads.submit(self._run, function, *args)
+
+    def _run(self, function: Callable[..., Any], job: Job) -> Any:
+        worker = self._worker()
+        worker.begin(function, job)
+        while isinstance(said := worker.listen(), int):
+            self.told.put((job.trial, said))
+        if said is None:
+            raise ConnectionError(_DIED)
+        self._idle.append(worker)
+        return said
+
+    def _worker(self) -> _Worker:
+        with self._lock:
+            if self._workers is None:
+                raise ConnectionError("the executor is shut down")
+            if self._idle:
+                return self._idle.pop()
+            self._workers.append(_Worker())
+            return self._workers[-1]
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Kill all processes, whatever they do."""
+        with self._lock:
+            workers, self._workers = self._workers or [], None
+        for worker in workers:
+            worker.process.kill()
+            worker.process.join()
+        self._threads.shutdown(cancel_futures=True)
 
 
 class _Worker:
@@ -192,19 +223,17 @@ class _Worker:
         self.process.start()
         other.close()
 
-    def begin(self, job: Job) -> None:
+    def begin(self, function: Callable[..., Any], job: Job) -> None:
         """Send a job."""
         with contextlib.suppress(OSError):  # it is dead, which `listen` tells
-            self.pipe.send(job)
+            self.pipe.send((function, job))
 
-    def listen(self) -> int | Ended | None:
+    def listen(self) -> int | Ended | Exception | None:
         """Return the env steps of its trial so far, or how that ended; None if it is dead."""
         try:
             said: int | Ended | Exception = self.pipe.recv()
         except (EOFError, OSError):
             return None
-        if isinstance(said, Exception):
-            raise said
         return said
 
 
@@ -217,8 +246,8 @@ def _work(pipe: Connection) -> None:
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
-        job: Job = pipe.recv()
-        pipe.send(_attempt(job, lambda trial, env_steps: pipe.send(env_steps)))
+        function, job = pipe.recv()
+        pipe.send(function(job, lambda trial, env_steps: pipe.send(env_steps)))
 
 
 def _end_with_parent() -> None:

@@ -136,11 +136,11 @@ def test_other_processes_are_used_as_far_as_there_is_work(
 ) -> None:
     asked: list[tuple[set[Trial], int]] = []
 
-    def elsewhere(jobs: Any, processes: int, on_progress: Any, stopped: Any) -> Any:
-        asked.append(({job.trial for job in jobs}, processes))
+    def elsewhere(jobs: Any, pool: Any, on_progress: Any, stopped: Any) -> Any:
+        asked.append(({job.trial for job in jobs}, pool.slots))
         return run_here(jobs, on_progress, stopped)
 
-    monkeypatch.setattr("serp.comparison.engines.run_in_processes", elsewhere)
+    monkeypatch.setattr("serp.comparison.compare.run_in_executor", elsewhere)
     again(copy, jobs=2)
     assert asked == []
     again(copy, seeds=3, jobs=9)
@@ -156,7 +156,7 @@ def test_what_cannot_be_sent_to_other_processes_runs_in_this_one_and_it_is_said(
 ) -> None:
     task = walk(tmp_path, ground=lambda seen: {"x": seen[0]})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.comparison.engines.run_in_processes", None)
+        patch.setattr("serp.comparison.compare.run_in_executor", None)
         small(task, tmp_path / "c", jobs=2, quiet=False, seeds=1)
     shown = capsys.readouterr().err
     assert "one after another: the task has functions that cannot be imported" in shown
@@ -325,11 +325,11 @@ def test_a_larger_domain_than_usual_stays_allowed(
 ) -> None:
     asked: list[bool] = []
 
-    def elsewhere(jobs: Any, processes: int, on_progress: Any, stopped: Any) -> Any:
+    def elsewhere(jobs: Any, pool: Any, on_progress: Any, stopped: Any) -> Any:
         asked.append(portable(jobs))
         return run_here(jobs, on_progress, stopped)
 
-    monkeypatch.setattr("serp.comparison.engines.run_in_processes", elsewhere)
+    monkeypatch.setattr("serp.comparison.compare.run_in_executor", elsewhere)
     task = walk(tmp_path)
     domain = load_domain(task.load().source.name, observed=True, max_ground_schemas=70_000)
     large = dataclasses.replace(task, domain=domain)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from serp.comparison.algorithms import find_algorithm
+from serp.comparison.engines import open_pool
 from serp.comparison.trial_records import Trial
 from serp.comparison.workers import (
     Ended,
@@ -19,7 +20,6 @@ from serp.comparison.workers import (
     portable,
     run_here,
     run_in_executor,
-    run_in_processes,
 )
 from serp.tasks.task import Task
 from tests.serp.comparison.contest import PROTOCOL, Deadly, Pothole, Signalled, episodes_of, walk
@@ -29,6 +29,10 @@ def job(task: Task, algorithm: str, seed: int) -> Job:
     trial = Trial(algorithm, "walk", seed)
     found = find_algorithm(algorithm)
     return Job(trial, found, task, found.settings(task, {}), PROTOCOL)
+
+
+def silent(trial: Trial, env_steps: int) -> None:
+    """Nobody looks."""
 
 
 def found_in(ended: list[Ended]) -> dict[Trial, Any]:
@@ -41,9 +45,10 @@ def found_in(ended: list[Ended]) -> dict[Trial, Any]:
 
 
 def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
-    tmp_path: Path, external: None
+    tmp_path: Path, external: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """External algorithms too, trials that fail, processes that die, and signals."""
+    monkeypatch.setattr("serp.comparison.workers._RETRIES", 0)
     good, bad, deadly = walk(tmp_path), walk(tmp_path, Pothole), walk(tmp_path, Deadly)
     todo = [
         job(good, "drawing", 0),
@@ -61,22 +66,22 @@ def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
 
     never = job(good, "dqn", 9)  # the user has stopped before it begins
     ended: list[Ended] = []
-    ends = run_in_processes([*todo, never], 1, lambda trial, n: told.add(trial), stopped)
-    for end in ends:
-        ended.append(end)
-    assert [end.trial for end in ended] == [one.trial for one in todo]
+    with open_pool("local", None, 1) as pool:
+        for end in run_in_executor([*todo, never], pool, lambda trial, n: told.add(trial), stopped):
+            ended.append(end)
     errors = {end.trial: end.error or "" for end in ended}
+    assert set(errors) == {one.trial for one in todo}
     for trial, error in errors.items():
         assert (trial in found_in(ended)) == (error == "") == (trial.seed != 1)
     assert "ConnectionError: cable cut" in errors[Trial("mrp", "walk", 1)]
-    assert "its process died" in errors[Trial("dqn", "walk", 1)]
+    assert "attempts: ConnectionError: the process died" in errors[Trial("dqn", "walk", 1)]
     # What the process that died had to tell may be lost with it.
     assert told | {Trial("dqn", "walk", 1)} == {one.trial for one in todo}
     alone = [
         job(good, name, seed)
         for name, seed in (("dqn", 0), ("drawing", 0), ("serp", 0), ("serp", 7))
     ]
-    here = list(run_here(alone, lambda trial, steps: None))
+    here = list(run_here(alone, silent))
     assert [end.trial for end in here] == [one.trial for one in alone]
     assert found_in(ended) == found_in(here)
 
@@ -88,7 +93,6 @@ def test_when_the_user_stops_what_runs_comes_to_its_end_and_no_more_begins(
     pressed: list[int] = []
     ended = run_here(todo, lambda trial, n: pressed.append(n), lambda: bool(pressed))
     assert set(found_in(list(ended))) == {Trial("dqn", "walk", 0)}
-    assert list(run_in_processes(todo, 2, lambda trial, steps: None, lambda: True)) == []
 
 
 class Losing(Executor):
@@ -112,14 +116,15 @@ class Losing(Executor):
 def test_a_lost_worker_costs_its_trial_only_which_is_begun_again(tmp_path: Path) -> None:
     executor = Losing()
     todo = [job(walk(tmp_path), "dqn", seed) for seed in range(4)]
-    ended = list(run_in_executor(todo, Pool(executor, 2), lambda: False))
+    ended = list(run_in_executor(todo, Pool(executor, 2), silent, lambda: False))
     assert sorted(executor.begun) == [0, 0, 1, 1, 1, 2, 3]
-    assert found_in(ended) == found_in(
-        list(run_here([todo[0], *todo[2:]], lambda trial, steps: None))
-    )
+    assert found_in(ended) == found_in(list(run_here([todo[0], *todo[2:]], silent)))
     (error,) = (end.error for end in ended if end.error)
-    assert error.startswith("its worker was lost 3 times") and "the node is gone" in error
-    assert list(run_in_executor(todo, Pool(executor, 2), lambda: True)) == []
+    assert (
+        error.startswith("its worker was lost, in each of 3 attempts: Conn")
+        and "the node is gone" in error
+    )
+    assert list(run_in_executor(todo, Pool(executor, 2), silent, lambda: True)) == []
 
 
 def test_functions_that_cannot_be_imported_are_noticed(tmp_path: Path) -> None:
@@ -143,8 +148,8 @@ def test_a_bug_keeps_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("serp.comparison.workers.run_trial", fails)
     todo = [job(walk(tmp_path), "serp", 2)]
     with pytest.raises(ZeroDivisionError, match="a bug"):
-        list(run_here(todo, lambda trial, steps: None))
+        list(run_here(todo, silent))
     with pytest.raises(ZeroDivisionError) as found:
-        list(run_in_executor(todo, Pool(Losing(), 1), lambda: False))
+        list(run_in_executor(todo, Pool(Losing(), 1), silent, lambda: False))
     assert "in fails" in "".join(found.value.__notes__)
     assert os.listdir(tmp_path) == ["corridor.pddl"]
