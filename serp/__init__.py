@@ -48,6 +48,7 @@ _NAMES = {
     "serp.training.environments.guarded_env": ("GuardedEnv",),
     "serp.training.plan_and_learn": ("plan_and_learn",),
     "serp.training.run": ("Run", "load_run"),
+    "serp.tuning.tune": ("Tuned", "tune"),
 }
 """Module → the public names that it defines."""
 _HOMES = {name: module for module, names in _NAMES.items() for name in names}
@@ -101,6 +102,8 @@ if TYPE_CHECKING:
     from serp.training.plan_and_learn import plan_and_learn as plan_and_learn
     from serp.training.run import Run as Run
     from serp.training.run import load_run as load_run
+    from serp.tuning.tune import Tuned as Tuned
+    from serp.tuning.tune import tune as tune
 
 
 def __getattr__(name: str) -> Any:

@@ -406,7 +406,8 @@ def test_code_that_is_named_exists() -> None:
 
 
 ENTRY_POINTS = {
-    f"serp.{name}" for name in ("tasks", "algorithms", "planners", "learners", "strategies")
+    f"serp.{name}"
+    for name in ("tasks", "algorithms", "engines", "planners", "learners", "strategies")
 }
 
 

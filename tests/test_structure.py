@@ -28,6 +28,7 @@ LAYERS = (
     {"adaptation"},
     {"training"},
     {"diagnosis", "comparison", "viz", "export"},
+    {"tuning"},
     {"cli"},
     {"__main__"},
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, get_args
@@ -113,3 +114,26 @@ def _setting(text: str) -> Any:
     except (ValueError, RecursionError):
         return text
     return tuple(value) if isinstance(value, list) else value
+
+
+_MOST_SEEDS = 10_000
+
+
+def parse_seeds(text: str | None) -> int | list[int] | None:
+    """Return how many seeds, or the seeds themselves, of `--seeds`; None where it is not given.
+
+    Raises:
+        BadParameter: The text is neither.
+    """
+    if text is None or text.strip().isdecimal():
+        return None if text is None else int(text)
+    seeds: list[int] = []
+    for part in text.split(","):
+        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        chosen = range(int(ends[1]), int(ends[2] or ends[1]) + 1) if ends else ()
+        if not 0 < len(chosen) <= _MOST_SEEDS:
+            raise click.BadParameter(
+                "expected a number, or seeds such as 0-9 or 1,3", param_hint="--seeds"
+            )
+        seeds += chosen
+    return seeds

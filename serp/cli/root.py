@@ -18,6 +18,7 @@ COMMANDS = {
     "plan": "Show one decision of the planner, as a table or a picture.",
     "evaluate": "Measure a trained policy.",
     "compare": "Compare algorithms on one task, under one protocol.",
+    "tune": "Search settings by the returns of whole trainings.",
     "diagnose": "Report what is wrong or missing in a run's domain file.",
     "repair": "Write a run's domain file, corrected by what it observed.",
     "watch": "Show a trained policy in a window or as a film.",

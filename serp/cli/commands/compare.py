@@ -15,6 +15,7 @@ from serp.cli.options import (
     max_ground_schemas_option,
     own_task_name,
     own_task_option,
+    parse_seeds,
     parse_settings,
 )
 from serp.cli.output import examples, open_console, print_result, print_table
@@ -113,7 +114,7 @@ def command(
         "changed": {
             name: parse_settings(name.partition(":")[2].split(";")) for name in names if ":" in name
         },
-        "seeds": _seeds(seeds),
+        "seeds": parse_seeds(seeds),
         "settings": parse_settings(assignments),
         "model_variants": _named(model_variants, "--model-variants"),
     }
@@ -147,24 +148,6 @@ def _named(texts: tuple[str, ...], option: str) -> list[str]:
             raise click.BadParameter("nothing is named", param_hint=option)
         names += found
     return names
-
-
-_MOST_SEEDS = 10_000
-
-
-def _seeds(text: str | None) -> int | list[int] | None:
-    if text is None or text.strip().isdecimal():
-        return None if text is None else int(text)
-    seeds: list[int] = []
-    for part in text.split(","):
-        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
-        chosen = range(int(ends[1]), int(ends[2] or ends[1]) + 1) if ends else ()
-        if not 0 < len(chosen) <= _MOST_SEEDS:
-            raise click.BadParameter(
-                "expected a number, or seeds such as 0-9 or 1,3", param_hint="--seeds"
-            )
-        seeds += chosen
-    return seeds
 
 
 def _list() -> None:

@@ -12,7 +12,7 @@ those of `scipy.stats.bootstrap`, except that of a median of times (see `times`)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Final, NamedTuple
 
@@ -28,6 +28,8 @@ CONFIDENCE: Final = 0.95
 RESAMPLES: Final = 5_000
 CURVE_RESAMPLES: Final = 1_000
 _SEED: Final = 0
+_MOST_NUMBERS: Final = 10_000_000
+"""Numbers that are resampled at once: many seeds would need more memory than there is."""
 
 
 class Estimate(NamedTuple):
@@ -130,8 +132,12 @@ def times(values: ArrayLike) -> Times:
     if len(found) < 2:
         return Times(middle, None, None, never, len(found))
     rng = np.random.default_rng(_SEED)
-    picks = rng.integers(0, len(found), (RESAMPLES, len(found)))
-    medians = np.median(found[picks], axis=-1)
+    medians = np.concatenate(
+        [
+            np.median(found[rng.integers(0, len(found), (rows, len(found)))], axis=-1)
+            for rows in _batches(RESAMPLES, len(found))
+        ]
+    )
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(medians, [tail, 1 - tail], method="inverted_cdf")
     ends = min(float(low), middle), max(float(high), middle)
@@ -173,6 +179,7 @@ def _bootstrap(
         samples,
         lambda *parts, axis: statistic(*parts),
         n_resamples=resamples,
+        batch=next(_batches(resamples, sum(sample.size for sample in samples))),
         vectorized=True,
         paired=False,
         axis=-1,
@@ -181,3 +188,10 @@ def _bootstrap(
         rng=np.random.default_rng(_SEED),
     )
     return found.confidence_interval.low, found.confidence_interval.high
+
+
+def _batches(resamples: int, size: int) -> Iterator[int]:
+    """Yield how many resamples of so many numbers are drawn at once, until all are."""
+    most = max(1, _MOST_NUMBERS // size)
+    for begun in range(0, resamples, most):
+        yield min(most, resamples - begun)
