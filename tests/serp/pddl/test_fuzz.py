@@ -26,6 +26,7 @@ WORDS = (
     *("assign", "increase", "scale-down", "reward", "unsafe", "terminal", "total-time", "define"),
     *(":types", ":constants", ":predicates", ":functions", ":action", ":process", ":event"),
     *(":parameters", ":precondition", ":effect", ":init", ":goal", ":metric", ":objects"),
+    *(":requirements", ":math-functions", "sqrt", "min", "atan2"),
     *("class", "lambda", "import", "__import__", "exec", "s", "a", "n", "theta", "dt", "out"),
     *("é", "x" * 5000, "\u00a0", "\ufeff", "\x00", "\x1b[2J", "'", '"', "\\", "{", "}", "`", "%s"),
 )
