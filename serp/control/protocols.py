@@ -6,7 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -56,6 +57,14 @@ class ExperiencedPlanner(Planner, Protocol):
     """
 
     visited: Visited | None
+
+
+@runtime_checkable
+class ForeseeingPlanner(Planner, Protocol):
+    """A planner that computes its forecasts for several states at the same time."""
+
+    def foreseeing(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
+        """Have the forecasts for these states at hand in the body, where they are asked for."""
 
 
 MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.transition_model import StateError, TransitionModel
-from serp.planning.far_sight.cell_values import NO_CELLS
+from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.planning.far_sight.cell_values import NO_CELLS, CellValues
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions, Rules, Scratch
 from serp.planning.limits import Bound, edge_budget, lookahead_nodes
@@ -17,6 +21,9 @@ from serp.planning.search_kernels import search
 from serp.settings import PlannerSettings
 
 _BOUNDS = tuple(Bound)
+_CORES = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+_WORTH = 500
+"""Most edges of a search from which on threads save time; so many take about 0.1 ms."""
 
 
 class Lookahead:
@@ -54,9 +61,12 @@ class Lookahead:
                 max_edges=edge_budget(self._width),
             )
         )
-        self.followed = nodes * self._actions
+        self.followed = self._most = nodes * self._actions
         self._memory = Scratch.allocate(nodes, self._actions, self._width)
         self._scratch = tuple(self._memory)
+        self._others: list[Lookahead] = []
+        self._foreseen: dict[bytes, tuple[CellValues, Forecast, int]] = {}
+        """State → the leaves that were used, the forecast, and edges followed for it."""
 
     def scores(self, count: int) -> Iterator[PathScore]:
         """Yield the score of the best path from each of the first states of the newest forecast.
@@ -71,6 +81,34 @@ class Lookahead:
         ):  # fmt: skip
             yield path_score(0, risk, steps, value)
 
+    @contextlib.contextmanager
+    def foreseeing(self, states: Sequence[Vector]) -> Iterator[None]:
+        """Have the forecasts for these states at hand in the body, computed on all cores.
+
+        Model and leaves are used as they are now. Where searches are short, nothing is done, which
+        does not depend on the number of cores.
+        """
+        if len(states) > 1 and self._most >= _WORTH:
+            self._foresee(states, min(_CORES, len(states)))
+        try:
+            yield
+        finally:
+            self._foreseen.clear()
+
+    def _foresee(self, states: Sequence[Vector], threads: int) -> None:
+        while len(self._others) < threads:
+            self._others.append(Lookahead(self.model, self.settings))
+
+        def forecasts(lookahead: Lookahead, own: Sequence[Vector]) -> None:
+            lookahead.leaves = self.leaves
+            for state in own:
+                found = lookahead.forecast(state)
+                self._foreseen[state.tobytes()] = self.leaves, found, lookahead.followed
+
+        with ThreadPoolExecutor(threads) as pool:
+            parts = [states[k::threads] for k in range(threads)]
+            list(pool.map(forecasts, self._others[:threads], parts))
+
     def forecast(self, state: NDArray[np.float64]) -> Forecast:
         """Return the forecast for one state `[F]`.
 
@@ -82,6 +120,11 @@ class Lookahead:
         state = np.ascontiguousarray(state, dtype=np.float64)
         if state.shape != (self._width,):
             raise StateError(f"a state has {self._width} numbers, found shape {state.shape}")
+        if self._foreseen:
+            leaves, foreseen, followed = self._foreseen.get(state.tobytes(), (None, None, 0))
+            if foreseen is not None and leaves is self.leaves:
+                self.followed = followed
+                return foreseen
         found = FirstActions.allocate(self._actions)
         choice, depth, bound, self.followed = search(
             (self._address, self.model.data, self.model.dt), self._rules,

@@ -209,16 +209,16 @@ class Trainer(Closing):
 
         Environments in other processes execute them while the learner learns.
         """
-        for k, lane in enumerate(lanes):
-            assert lane.rollout is not None
-            state = lane.rollout.state
-            self.agent.turn_to(lane.number)
-            if self._pretrained:
-                decision = self.agent.decide(state, lane.rollout.x)
-            else:
-                decision = self.agent.decide_randomly(state)
-            self._log(decision, state, lane.episode, self.env_steps + k)
-            lane.execute(decision)
+        rollouts = [lane.rollout for lane in lanes if lane.rollout is not None]
+        with self.agent.foreseeing([rollout.state for rollout in rollouts]):
+            for k, (lane, rollout) in enumerate(zip(lanes, rollouts, strict=True)):
+                self.agent.turn_to(lane.number)
+                if self._pretrained:
+                    decision = self.agent.decide(rollout.state, rollout.x)
+                else:
+                    decision = self.agent.decide_randomly(rollout.state)
+                self._log(decision, rollout.state, lane.episode, self.env_steps + k)
+                lane.execute(decision)
 
     def _learn(self, lane: Lane, step: StepRecord) -> None:
         """Store a step, with the mask of the decision that follows it, and learn."""

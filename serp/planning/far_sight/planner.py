@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -101,6 +102,19 @@ class FarSightPlanner:
             found = self._grow(state)
         return found if found is not None else self._forecast_by_cells(state)
 
+    @contextlib.contextmanager
+    def foreseeing(self, states: Sequence[Vector]) -> Iterator[None]:
+        """Have the lookahead's forecasts for these states at hand in the body."""
+        self._near.leaves = self.cells.values if self._looks_to_cells else NO_CELLS
+        unknown = [state for state in states if self.graph.forecast(state) is None]
+        with self._near.foreseeing(unknown):
+            yield
+
+    @property
+    def _looks_to_cells(self) -> bool:
+        """Whether the lookahead uses the cells wherever it is asked."""
+        return self.visited is not None and self._favoured and not self.cells.explores
+
     def _may_close(self, state: Vector) -> bool:
         """Return whether another attempt at a closed graph is worth what it may cost.
 
@@ -157,7 +171,7 @@ class FarSightPlanner:
         if visited is not None and (self._favoured or visited.seen >= self._trial_at):
             self._try_cells(state, visited)
         near.leaves = NO_CELLS
-        if visited is None or cells.explores or not self._favoured:
+        if visited is None or not self._looks_to_cells:
             found = near.forecast(state)
             self._ahead = near.followed
             if visited is None or not found.sees_costs_alone(self._periods):

@@ -200,6 +200,28 @@ def test_memory_is_bounded_whatever_the_depth() -> None:
     assert peak < 20_000 * 5 * 40 + 20_000 * 60
 
 
+@pytest.mark.parametrize("number", range(3))
+def test_forecasts_that_threads_compute_are_those_of_one(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are at hand in the body only, and only for the leaves that they were computed with."""
+    monkeypatch.setattr("serp.planning.lookahead._WORTH", 0)
+    monkeypatch.setattr("serp.planning.lookahead._CORES", 3)
+    model = MODELS[number]
+    states, leaves = states_of(model, Random(number), 20), leaves_of(model, number)
+    alone, together = Lookahead(model), Lookahead(model)
+    alone.leaves = together.leaves = leaves
+    with together.foreseeing(states):
+        for state in states:
+            found = together.forecast(state)
+            assert found is together.forecast(state)
+            assert bits(found) == bits(alone.forecast(state))
+            assert together.followed == alone.followed
+        together.leaves = NO_CELLS
+        assert bits(together.forecast(states[0])) == bits(Lookahead(model).forecast(states[0]))
+    assert together.forecast(states[0]) is not together.forecast(states[0])
+
+
 # Leaves that are worth something -----------------------------------------------------------------
 
 
