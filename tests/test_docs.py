@@ -36,6 +36,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import click
+import numpy as np
 import pytest
 
 import serp
@@ -204,7 +205,7 @@ def test_an_extension_is_found_by_its_entry_points(tmp_path: Path) -> None:
     names = ["guide.strategy=planner-first", "learner.learning_starts=40", "planner.name=one-step"]
     done = subprocess.run(
         [sys.executable, "-m", "serp", "plan-and-learn", "--domain=cartpole", "--env-steps=80",
-         "--out=run", "--quiet", *(f"--set={name}" for name in [*names, "learner.name=linear"])],
+         "--out=run", "--quiet", *(f"--set={name}" for name in [*names, "learner.name=table"])],
         cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), *sys.path])},
     )  # fmt: skip
@@ -213,6 +214,32 @@ def test_an_extension_is_found_by_its_entry_points(tmp_path: Path) -> None:
         proposed = [row["proposed_by"] for row in csv.DictReader(file)]
     assert set(proposed[:40]) == {"planner"}
     assert set(proposed[41:]) <= {"learner", "exploration"}
+
+
+def test_the_learner_of_the_extension_learns_and_continues_exactly() -> None:
+    spec = importlib.util.spec_from_file_location("e", EXAMPLES / "extension" / "my_extension.py")
+    assert spec is not None and spec.loader is not None
+    extension = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(extension)
+
+    def walked(learner: Any, steps: int) -> list[int]:
+        """Walk along five cells, with a reward at the right end."""
+        at, chosen = 0, []
+        for _ in range(steps):
+            action = learner.propose(np.array([at]), None).action
+            to = max(0, at + (1 if action else -1))
+            learner.remember(np.array([at]), action, float(to == 4), np.array([to]), to == 4, False)
+            at = 0 if to == 4 else to
+            chosen.append(action)
+        return chosen
+
+    settings = serp.LearnerSettings(epsilon_end=0.2, epsilon_steps=200)
+    learner = extension.Table(1, 2, settings, 0)
+    walked(learner, 400)
+    again = extension.Table(1, 2, settings, 9)
+    again.load_state_dict(*learner.state_dict())
+    assert walked(again, 50) == walked(learner, 50)
+    assert [learner.propose_greedily(np.array([at])).action for at in range(4)] == [1] * 4
 
 
 def test_examples_import_only_public_names() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 import serp
 
 
@@ -43,8 +45,92 @@ def one_step(model: serp.TransitionModel, settings: serp.PlannerSettings) -> ser
     return serp.Lookahead(model, settings.replace(depth=1, repeat=1))
 
 
-def linear(
-    input_size: int, action_count: int, settings: serp.LearnerSettings, *rest: Any, **options: Any
-) -> serp.DQN:
-    """Return a learner whose values are linear in its input."""
-    return serp.DQN(input_size, action_count, settings.replace(hidden=()), *rest, **options)
+class Table:
+    """Q-learning in a table (Watkins 1989), whose cells are inputs rounded to one decimal.
+
+    Args:
+        input_size: Numbers in an input, F.
+        action_count: Number of actions, A.
+        settings: The learner's settings; it uses discount, ε and the scale of rewards.
+        seed: Seed of its exploration.
+        symmetry: Symmetries of the task; it uses none.
+        imitates: Whether steps come with an action to imitate; it does not imitate.
+    """
+
+    def __init__(
+        self,
+        input_size: int,
+        action_count: int,
+        settings: serp.LearnerSettings,
+        seed: Any,
+        symmetry: Any = None,
+        imitates: bool = False,
+    ) -> None:
+        self.input_size, self.action_count, self.settings = input_size, action_count, settings
+        self.symmetry, self.imitates = None, imitates
+        self.imitation_weight, self.lane, self.updates = 0.0, 0, 0
+        self._q: dict[tuple[float, ...], Any] = {}
+        self._random = np.random.default_rng(seed)
+        self._error: float | None = None
+
+    def _values(self, x: Any) -> Any:
+        """Return the Q-values `[A]` of an input; a new cell begins with 0."""
+        return self._q.setdefault(tuple(np.round(x, 1).tolist()), np.zeros(self.action_count))
+
+    @property
+    def epsilon(self) -> float:
+        """The probability that the next proposal explores."""
+        start, end = self.settings.epsilon_start, self.settings.epsilon_end
+        return start + (end - start) * min(1.0, self.updates / max(1, self.settings.epsilon_steps))
+
+    def propose(self, x: Any, explorable: Any = None) -> serp.Proposal:
+        """Propose the best action, or with probability ε any explorable one."""
+        if self._random.random() >= self.epsilon:
+            return self.propose_greedily(x)
+        actions = np.arange(self.action_count)
+        if explorable is not None and explorable.any():
+            actions = np.flatnonzero(explorable)
+        return serp.Proposal(int(self._random.choice(actions)), True, None)
+
+    def propose_greedily(self, x: Any) -> serp.Proposal:
+        """Propose the best action."""
+        q = self._values(x)
+        return serp.Proposal(int(q.argmax()), False, q.astype(np.float32))
+
+    def remember(
+        self, x: Any, action: int, reward: float, next_x: Any, terminated: bool, truncated: bool,
+        next_allowed: Any = None, imitated: int = -1,
+    ) -> None:  # fmt: skip
+        """Learn from a step at once; a state that ended the episode is worth 0."""
+        following = self._values(next_x)
+        if next_allowed is not None and next_allowed.any():
+            following = following[next_allowed]
+        target = reward * self.settings.reward_scale
+        if not terminated:
+            target += self.settings.discount * following.max()
+        self._error = float(target - self._values(x)[action])
+        self._values(x)[action] += 0.2 * self._error
+        self.updates += 1
+
+    def learn(self) -> float | None:
+        """Return the squared error of the last step."""
+        return None if self._error is None else self._error**2
+
+    def pretrain(self, updates: int | None = None) -> None:
+        """Do nothing more with the initial data."""
+
+    def state_dict(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return what a checkpoint keeps: arrays and JSON values."""
+        cells = np.array([*self._q], dtype=np.float64).reshape(-1, self.input_size)
+        values = np.array([*self._q.values()]).reshape(-1, self.action_count)
+        random = self._random.bit_generator.state
+        return {"cells": cells, "values": values}, {"updates": self.updates, "random": random}
+
+    def load_state_dict(self, arrays: Mapping[str, Any], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+        cells, values = arrays["cells"], arrays["values"]
+        if cells.shape[1:] != (self.input_size,) or values.shape != (len(cells), self.action_count):
+            raise serp.RunError("the saved table belongs to another task")
+        self._q = {tuple(c.tolist()): v.copy() for c, v in zip(cells, values, strict=True)}
+        self.updates, self._error = int(meta["updates"]), None
+        self._random.bit_generator.state = meta["random"]
