@@ -27,11 +27,12 @@ class PlanFollower:
 
     Nothing is believed unchecked. A plan is followed only if, by the model, each of its actions is
     applicable and of accepted risk, none before the last ends the task, and the goal holds at its
-    end. While the observed state is one of those that were predicted, the plan goes on from there,
-    so an action that failed is repeated. In any other state the shortest rest of the plan that
-    still leads to the goal is followed (the triangle tables of Fikes, Hart & Nilsson, "Learning
-    and executing generalized robot plans", 1972). Without a plan the planner
-    `far-sight` decides, and the next plan is asked for after twice as many decisions as before.
+    end (in a problem without one: the last action ends the task with a reward). While the observed
+    state is one of those that were predicted, the plan goes on from there, so an action that failed
+    is repeated. In any other state the shortest rest of the plan that still leads to the goal is
+    followed (the triangle tables of Fikes, Hart & Nilsson, "Learning and executing generalized
+    robot plans", 1972). Without a plan the planner `far-sight` decides, and the next plan is asked
+    for after twice as many decisions as before.
 
     While a plan is followed the other actions are predicted one step ahead: they need not be
     compared with it, and a symbolic domain has thousands of them.
@@ -119,6 +120,7 @@ class PlanFollower:
         """Follow a plan from a state, if it holds there by the model; return whether it does."""
         model, now = self.model, state.tolist()
         states: list[bytes] = []
+        success = False
         for action in plan:
             states.append(np.array(now).tobytes())
             out, flags = model.transition(now, action)
@@ -127,7 +129,8 @@ class PlanFollower:
             now = out[:-1]
             if flags & TERMINAL and len(states) < len(plan):
                 return False
-        if not states or not model.at_goal(np.array(now)):
+            success = model.ground.goal is None and flags & TERMINAL != 0 and out[-1] > 0.0
+        if not states or not (success or model.at_goal(np.array(now))):
             return False
         self._set(list(plan), states)
         return True

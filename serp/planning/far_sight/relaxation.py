@@ -72,11 +72,11 @@ def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> RelaxedTables | No
         ways: list[tuple[g.Test, ...]] = [(way,) for way in goal]
     else:
         schemas = (*ground.events, *ground.actions)
-        ways = [s.preconditions for s in schemas if _succeeds(s, theta)]
+        ways = [s.preconditions for s in schemas if succeeds(s, theta)]
     return _Relaxation(ground, theta).tables(ways[:_WAYS]) if ways else None
 
 
-def _succeeds(schema: g.GroundSchema, theta: Sequence[float]) -> bool:
+def succeeds(schema: g.GroundSchema, theta: Sequence[float]) -> bool:
     """Whether a schema always ends the task and increases the reward by a number of the file."""
     certain = [e for e in schema.effects if e.condition == g.Constant(True)]
     ends = any(isinstance(e, g.SetBoolean) and e.target == g.TERMINAL_TARGET for e in certain)

@@ -103,6 +103,23 @@ def test_no_plan_is_believed_unchecked(plan: tuple[str, ...]) -> None:
     assert planner.searches == 3  # at decisions 1, 3 and 7: less and less often
 
 
+def test_without_a_goal_a_plan_leads_to_an_end_with_a_reward() -> None:
+    text = (
+        FERRY.replace("(unsafe)", "(unsafe) (terminal)", 1)[:-2]
+        + """
+  (:event done :parameters () :precondition (and (cargo a)) :effect (and (terminal) {}))
+  (:event sunk :parameters () :precondition (and (wet)) :effect (and (terminal))))"""
+    )
+    for reward, followed in (("(increase (reward) 1)", WAY), ("(decrease (reward) 1)", ())):
+        domain = text.replace("{}", reward).replace("(:action", "(:functions (reward)) (:action", 1)
+        model = load_texts(Texts(domain, CROSS.replace("(cargo a)", ""))).model
+        plan = [model.action_index(name) for name in WAY]
+        planner = PlanFollower(model, SETTINGS, lambda state, plan=plan: plan)
+        assert model.initial_state is not None
+        planner.forecast(model.initial_state)
+        assert tuple(model.actions[k].name for k in planner.plan) == followed
+
+
 def test_a_follower_continues_as_saved() -> None:
     planner, other = follower(*WAY), follower()
     planner.forecast(start())

@@ -1,0 +1,198 @@
+"""Engines of unified-planning as planners."""
+
+from __future__ import annotations
+
+import functools
+import json
+import random
+import signal
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+from unified_planning.engines.sequential_simulator import UPSequentialSimulator
+
+from serp.errors import Notice, SerpError
+from serp.model.loading import load_domain
+from serp.model.transition_model import TransitionModel
+from serp.planning.plan_follower import PlanFollower
+from serp.settings import PlannerSettings
+from serp_adapters.unified_planning import planner
+from serp_adapters.unified_planning.translation import translated, values_in
+from serp_adapters.unified_planning.worker import Planning, Refused, begin_at, problem_of
+from tests.generated import Texts, load_texts
+
+FILES = Path(__file__).parents[2] / "serp" / "model" / "pddl_files"
+ROVER = """
+(define (domain rover)
+  (:requirements :strips :typing :numeric-fluents :conditional-effects :negative-preconditions
+    :disjunctive-preconditions :time :math-functions)
+  (:types place)
+  (:constants a b c - place)
+  (:predicates (at ?p - place) (link ?p - place ?q - place) (sampled ?p - place) (icy ?p - place)
+    (unsafe) (terminal))
+  (:functions (charge) (load) (reward))
+  (:action drive :parameters (?p - place ?q - place)
+    :precondition (and (at ?p) (or (link ?p ?q) (link ?q ?p)) (>= (charge) 1))
+    :effect (and (not (at ?p)) (at ?q) (decrease (charge) 1) (decrease (reward) 1)))
+  (:action fly :parameters (?p - place) :precondition (and)
+    :effect (and (not (at a)) (not (at b)) (not (at c)) (at ?p) (assign (charge) (/ (charge) 2))
+      (when (> (load) 1) (unsafe)) (decrease (reward) 3)))
+  (:action sample :parameters (?p - place) :precondition (and (at ?p) (not (sampled ?p)))
+    :effect (and (sampled ?p) (increase (load) (* 0.5 (+ (load) 1))) (decrease (reward) 1)))
+  (:action recharge :parameters () :precondition (and (at a))
+    :effect (and (assign (charge) 8.5) (decrease (reward) 2)))
+  (:action give-up :parameters () :precondition (and) :effect (and (terminal)))
+  (:event slide :parameters (?p - place) :precondition (and (at ?p) (icy ?p) (< (charge) 2))
+    :effect (and (unsafe)))
+  (:event home :parameters () :precondition (and (at a) (>= (load) 1.25))
+    :effect (and (increase (reward) 100) (terminal))))
+"""
+START = """
+(define (problem p) (:domain rover)
+  (:init (at a) (icy b) (link a b) (link b c) (= (charge) 3) (= (load) 0)) (:goal (and)))
+"""
+
+
+@functools.cache
+def rover(event: str = "(unsafe)", more: str = "") -> TransitionModel:
+    domain = ROVER.replace("(and (unsafe))", f"(and {event})")
+    return load_texts(Texts(domain.replace("(:event home", f"{more}(:event home"), START)).model
+
+
+def model_of(name: str) -> TransitionModel:
+    return rover() if name == "rover" else load_domain(FILES / f"{name}.pddl").model
+
+
+def sent(model: TransitionModel) -> dict[str, Any]:
+    """The problem as another process receives it."""
+    task: dict[str, Any] = json.loads(json.dumps(translated(model)))
+    return task
+
+
+@pytest.mark.parametrize("name", ["rover", "briefcase", "counters"])
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_the_translated_problem_steps_as_the_model_does(name: str) -> None:
+    model = model_of(name)
+    task = sent(model)
+    problem, start = problem_of(task), model.initial_state
+    assert start is not None
+    columns: Mapping[str, Any] = {k: v for k, v in task["fluents"].items() if v[0] >= 0}
+    begin_at(problem, values_in(task, start))
+    simulator = UPSequentialSimulator(problem, error_on_failed_checks=False)
+    actions = [problem.action(f"a{k}") for k in range(len(model.actions))]
+    rng = random.Random(1)
+    for _ in range(12):
+        ours, theirs = start, simulator.get_initial_state()
+        ended = False
+        while not ended:
+            assert ours is not None
+            following = []
+            for k, action in enumerate(actions):
+                outcome, after = model.step(ours, k), simulator.apply(theirs, action)
+                failed = outcome.unsafe or (outcome.terminal and not outcome.reward > 0.0)
+                if failed and after is not None:  # an event's doing: there is nothing to do then
+                    assert not simulator.is_goal(after)
+                    assert all(simulator.apply(after, other) is None for other in actions)
+                elif not failed:
+                    assert (after is not None) == outcome.applicable, model.actions[k].name
+                if after is None or failed:
+                    continue
+                assert simulator.is_goal(after) == outcome.terminal
+                for fluent, (column, _) in columns.items():
+                    value = after.get_value(problem.fluent(fluent)()).constant_value()
+                    assert float(value) == outcome.state[column], model.fluents[column].name
+                following.append((outcome, after))
+            outcome, theirs = rng.choice(following) if following else (None, theirs)
+            ended = outcome is None or outcome.terminal or rng.random() < 0.1
+            ours = None if outcome is None else outcome.state
+
+
+def test_rewards_that_do_not_depend_on_the_state_are_costs() -> None:
+    names = [action.schema for action in rover().actions]
+    costs = {"drive": 1.0, "fly": 3.0, "sample": 1.0, "recharge": 2.0, "give-up": 0.0}
+    assert sent(rover())["costs"] == [costs[name] for name in names]
+
+
+def play(model: TransitionModel, name: str) -> PlanFollower:
+    """Follow a planner to the end, while every third action fails."""
+    model = TransitionModel(model.ground, own_code=False)  # there is nothing to compile
+    follower = planner.make(model, PlannerSettings(name=name))
+    state, steps = model.initial_state, 0
+    assert state is not None
+    while True:
+        outcome = model.step(state, follower.forecast(state).choice)
+        assert not outcome.unsafe
+        steps += 1
+        if steps % 3:
+            state = outcome.state
+            if outcome.terminal:
+                assert outcome.reward > 0.0
+                return follower
+
+
+def test_a_plan_is_followed_to_the_goal_and_an_engine_that_takes_too_long_is_ended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    follower = play(model_of("logistics"), "up:pyperplan")
+    assert (follower.searches, len(follower.plan)) == (1, 11)
+    state, find_plan = follower.model.initial_state, follower._find_plan
+    assert state is not None and isinstance(find_plan, planner.EnginePlans)
+    monkeypatch.setattr(find_plan, "seconds", 0.05)
+    monkeypatch.setattr(planner, "_GRACE", 0.05)
+    assert find_plan._process is not None
+    find_plan._process.send_signal(signal.SIGSTOP)  # it hangs
+    with pytest.warns(Notice, match="found no plan .no answer in 0.1 seconds"):
+        assert find_plan(state) is None
+    monkeypatch.undo()
+    found = find_plan(state)
+    assert found is not None and len(found) == 11
+
+
+@pytest.mark.skipif(find_spec("up_enhsp") is None, reason="up-enhsp is not installed")
+def test_a_numeric_plan_heeds_what_events_do() -> None:
+    assert play(rover(), "up:enhsp").searches == 1
+
+
+JUMP = """(:action jump :parameters () :precondition (and (> (sqrt (charge)) 2))
+    :effect (and (increase (charge) 1)))"""
+PROCESS = """(:process melt :parameters () :precondition (and)
+    :effect (and (decrease (charge) (* #t 1))))"""
+
+
+@pytest.mark.parametrize(
+    ("name", "event", "more", "message"),
+    [
+        ("up:pyperplan:soon", "(unsafe)", "", "`up:pyperplan:soon` should end with a positive"),
+        ("up:pyperplan", "(increase (load) 1)", "", r"know no events that change fluents\n"),
+        ("up:pyperplan", "(unsafe)", JUMP, r"do not know `sqrt`\n"),
+        ("up:pyperplan", "(unsafe)", PROCESS, r"know no time that passes between actions\n"),
+    ],
+)
+def test_what_no_engine_can_plan_is_refused_with_its_place(
+    name: str, event: str, more: str, message: str
+) -> None:
+    with pytest.raises(SerpError, match=message):
+        planner.make(rover(event, more), PlannerSettings(name=name))
+
+
+@pytest.mark.parametrize(
+    ("engine", "message"),
+    [
+        ("", "name an engine, as in `up:.*; installed: .*pyperplan"),
+        ("fast", "no engine `fast`; installed: .*pyperplan.*; to add it: pip install up-NAME"),
+        ("aries", "to add it: pip install up-aries"),
+        ("pyperplan", "does not take .*REAL_FLUENTS.*; installed engines that do: "),
+    ],
+)
+def test_an_engine_that_cannot_be_used_is_refused(engine: str, message: str) -> None:
+    with pytest.raises(Refused, match=message):
+        Planning(engine, sent(rover()))
+
+
+def test_a_file_without_a_goal_is_refused_with_its_place() -> None:
+    cliff = load_domain(Path(__file__).parents[3] / "domains" / "cliff.pddl", observed=True).model
+    with pytest.raises(SerpError, match=r"cliff.pddl:\d+:1: .* need a goal"):
+        planner.make(cliff, PlannerSettings(name="up:pyperplan"))
