@@ -217,6 +217,7 @@ def test_what_needs_an_extra_says_which_one(tmp_path: Path) -> None:
         "box2d": "plan --domain lunar-lander",
         "tensorboard": "plan-and-learn --domain cartpole --set training.tensorboard=true",
         "check": "check cartpole --portable",
+        "tune": "tune --domain cartpole --vary planner.depth=2..3 --env-steps 30",
         "report": "compare --domain cartpole --algorithms mrp --env-steps 30",
     }
     shown = without_extras(tmp_path, *needs.values(), "check soccer")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from serp.comparison.algorithms import Algorithm, find_algorithm
+from serp.comparison.folder import texts_of
 from serp.comparison.plan import ComparisonPlan
 from serp.comparison.trial_files import digest, is_complete, read_metadata
 from serp.comparison.trial_records import Trial
@@ -74,10 +75,9 @@ class PreparedComparison:
             domain = self.tasks[trial.variant].load()
             task = dataclasses.replace(self.tasks[trial.variant], domain=domain, problem=None)
             job = Job(trial, algorithm, task, settings, self.plan.protocol)
-            texts = [s.text for s in (domain.source, domain.problem_source) if s is not None]
             parts: dict[str, dict[str, Any]] = {
                 "settings": settings.as_dict(),
-                "domain": {"texts": texts},
+                "domain": {"texts": texts_of(task, domain)},
                 "protocol": self.plan.protocol.model_dump(),
                 "algorithm": {"kind": algorithm.kind, "preset": algorithm.preset},
             }

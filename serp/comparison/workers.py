@@ -26,7 +26,7 @@ from serp.comparison.algorithms import Algorithm
 from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trial_records import Trial
 from serp.comparison.trials.trial import Measured, run_trial
-from serp.errors import SerpError
+from serp.errors import RunError, SerpError
 from serp.settings import Settings
 from serp.tasks.task import Task
 from serp.training.stopping import SIGNALS
@@ -114,6 +114,9 @@ def run_in_executor(
 
     Once `stopped`, those that run are finished and no more begin. An exception of the executor
     means that the worker was lost: the trial is begun again, at most `_RETRIES` times.
+
+    Raises:
+        RunError: The executor takes no more jobs.
     """
     waiting = deque(jobs)
     losses: Counter[Trial] = Counter()
@@ -122,7 +125,13 @@ def run_in_executor(
         while True:
             while waiting and len(running) < pool.slots and not stopped():
                 job = waiting.popleft()
-                running[pool.executor.submit(_attempt, job)] = job
+                try:
+                    running[pool.executor.submit(_attempt, job)] = job
+                except Exception as error:
+                    raise RunError(
+                        f"the engine takes no more trials ({type(error).__name__}: {error}). What "
+                        "is complete is kept: give the same command again"
+                    ) from error
             if not running:
                 return
             done = wait_for(running, timeout=0.2, return_when=FIRST_COMPLETED).done

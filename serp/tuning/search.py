@@ -10,6 +10,7 @@ import numpy as np
 
 from serp.comparison.algorithms import find_algorithm
 from serp.comparison.analysis.measures import measure
+from serp.comparison.folder import texts_of
 from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trial_files import digest
 from serp.comparison.trial_records import EPISODE_COLUMNS, EVALUATION_COLUMNS, Record, Trial
@@ -53,7 +54,7 @@ class Search:
         self._measure = _FINAL[algorithm.kind] if evaluated else "training_area"
         parts: dict[str, Any] = {
             "task": self.name,
-            "texts": [s.text for s in (domain.source, domain.problem_source) if s is not None],
+            "texts": texts_of(task, domain),
             "settings": self._settings.as_dict(),
             "protocol": self._protocol.model_dump(),
             "measure": self._measure,

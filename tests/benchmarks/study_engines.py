@@ -21,6 +21,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from serp.comparison.compare import compare
 from serp.tasks.task import Task
 from serp.training.rollout import training_seed
@@ -33,10 +35,17 @@ STEPS = 20
 class Sleeping(Walk):
     """Takes its time, and kills its process at the first step of seed 5, but only once."""
 
-    def __init__(self, seconds: float, killed: Path | None) -> None:
+    def __init__(self, seconds: float, folder: Path, killing: bool) -> None:
         super().__init__()
-        self.pause, self.killed = seconds / STEPS, killed
-        self.training = False
+        self.pause, self.folder = seconds / STEPS, folder
+        self.killed = folder / "killed" if killing else None
+        self.training, self.made = False, time.time()
+
+    def close(self) -> None:
+        if self.training:
+            with (self.folder / "times").open("a") as file:
+                file.write(f"{self.made} {time.time()}\n")
+        super().close()
 
     def reset(self, *, seed: int | None = None, **options: Any) -> Any:
         self.training |= seed in TRAINING
@@ -53,8 +62,8 @@ class Sleeping(Walk):
 TRAINING = {training_seed(seed, 0) for seed in range(1_000)}
 
 
-def sleeping(folder: Path, seconds: float, killed: Path | None = None) -> Task:
-    return walk(folder, functools.partial(Sleeping, seconds, killed))
+def sleeping(folder: Path, seconds: float, *, killing: bool = False) -> Task:
+    return walk(folder, functools.partial(Sleeping, seconds, folder, killing))
 
 
 def timed(task: Task, out: Path, trials: int, **options: Any) -> float:
@@ -69,16 +78,19 @@ def timed(task: Task, out: Path, trials: int, **options: Any) -> float:
 
 def kill(engine: str, trials: int = 64, seconds: float = 10.0) -> None:
     folder = Path(tempfile.mkdtemp())
-    # The engine `local` does not begin a trial again.
-    task = sleeping(folder, seconds, folder / "killed" if engine != "local" else None)
+    task = sleeping(folder, seconds, killing=True)
+    begun = time.time()
     took = timed(task, folder / "c", trials, jobs=WORKERS, engine=engine)
+    lines = (folder / "times").read_text().splitlines()
+    spans = np.array([line.split() for line in lines], dtype=float)
+    busy, first, last = float(np.sum(np.diff(spans))), spans[:, 0].min(), spans[:, 1].max()
     timed(sleeping(folder, 0.0), folder / "here", trials, jobs=1)
     found = everything(folder / "c")
-    ideal = -(-trials // WORKERS) * seconds
-    print(f"{engine}: {trials} trials of {seconds} s over {WORKERS} workers: {took:.1f} s, "
-          f"{took / ideal - 1:.1%} over {ideal:.0f} s; killed: {(folder / 'killed').exists()}; "
-          f"records {len(found)}, equal to local ones: {found == everything(folder / 'here')}"
-          )  # fmt: skip
+    print(f"{engine}: {trials} trials of {seconds} s over {WORKERS} workers: {took:.1f} s; the "
+          f"first began after {first - begun:.1f} s; a trial took {busy / len(spans):.2f} s of a "
+          f"worker; workers waited for {1 - busy / WORKERS / (last - first):.1%} of the time; "
+          f"killed: {(folder / 'killed').exists()}; records {len(found)}, equal to local ones: "
+          f"{found == everything(folder / 'here')}")  # fmt: skip
 
 
 def tiny(engine: str, trials: int = 1_000) -> None:

@@ -19,7 +19,15 @@ def test_everything_installed_is_listed(run: Run) -> None:
     for name in task_entries():
         assert f"\n{name} " in shown
         assert load_task(name).description in shown
-    for name in (*KNOWN, *OWN, *algorithm_entries(), *strategy_names(), "lookahead", "dqn"):
+    for name in (
+        *KNOWN,
+        *OWN,
+        *algorithm_entries(),
+        *strategy_names(),
+        "lookahead",
+        "dqn",
+        "local",
+    ):
         assert f"\n{name} " in shown
     assert "\nfar-sight              the planner that sees to the end of a finite task" in shown
 

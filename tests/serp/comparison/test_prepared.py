@@ -72,6 +72,7 @@ def test_what_is_missing_comes_seed_by_seed_and_of_the_same_making(tmp_path: Pat
         ({"changes": {"learner": {"members": 1}}}, "other settings"),
         ({"protocol": PROTOCOL.model_copy(update={"env_steps": 99})}, "another budget"),
         ({"tasks": {"walk": walk(tmp_path, domain=other)}}, "another domain file"),
+        ({"tasks": {"walk": walk(tmp_path, planners={"a": other})}}, "another domain file"),
         ({"algorithms": {**made.algorithms, "dqn": changed}}, "another algorithm"),
     ):
         with pytest.raises(RunError, match=f"dqn on walk, seed 0 was made with {message}"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from serp.comparison.workers import (
     run_here,
     run_in_executor,
 )
+from serp.errors import RunError
 from serp.tasks.task import Task
 from tests.serp.comparison.contest import PROTOCOL, Deadly, Pothole, Signalled, episodes_of, walk
 
@@ -125,6 +126,10 @@ def test_a_lost_worker_costs_its_trial_only_which_is_begun_again(tmp_path: Path)
         and "the node is gone" in error
     )
     assert list(run_in_executor(todo, Pool(executor, 2), silent, lambda: True)) == []
+    gone = ThreadPoolExecutor()
+    gone.shutdown()
+    with pytest.raises(RunError, match="takes no more trials .RuntimeError: cannot schedule new"):
+        list(run_in_executor(todo, Pool(gone, 2), silent, lambda: False))
 
 
 def test_functions_that_cannot_be_imported_are_noticed(tmp_path: Path) -> None:
