@@ -122,7 +122,7 @@ class ClosedGraph(ArrayGraph):
             ended = self._expand(min(most, limit) if self.edges < limit else self.edges + 1)
             if ended == FULL:
                 self._enlarge()
-            elif self.edges >= most and self.spreads:
+            elif self.edges >= most and self.expanded >= least and self.spreads:
                 break
         self._solve()
 

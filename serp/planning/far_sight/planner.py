@@ -120,7 +120,7 @@ class FarSightPlanner:
 
         Between numbers that are not whole there are always others: most such graphs do not close.
         """
-        if self._decisions == 1 or (state == np.rint(state)).all():
+        if self._decisions == 1 or _whole(state):
             return self._saved >= 0
         return self._saved >= self._limit
 
@@ -138,7 +138,9 @@ class FarSightPlanner:
                 break
             graph.clear()
         full = graph.edges >= self._limit
-        if self.search.goal and not (graph.complete or graph.spreads or graph.ends(state)):
+        # In a symbolic domain a graph spreads where many actions are applicable in any order.
+        hopeless = graph.spreads and not _whole(state)
+        if self.search.goal and not (graph.complete or hopeless or graph.ends(state)):
             found = self._search(state)
             edges += self.search.steps + self.graph.edges
         self._saved -= edges
@@ -258,3 +260,8 @@ class FarSightPlanner:
         cells.values = CellValues.restored(part_of(arrays, "cells"), len(self.model.fluents))
         if self._favoured and not cells.values.value.size:
             raise saved.wrong("favoured is true, and there are no cells")
+
+
+def _whole(state: Vector) -> bool:
+    """Whether all values of a state `[F]` are whole numbers."""
+    return bool((state == np.rint(state)).all())

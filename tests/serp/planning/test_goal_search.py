@@ -22,6 +22,7 @@ from serp.planning.far_sight.relaxation_kernels import RelaxedCosts, relaxed_cos
 from serp.planning.limits import Bound
 from serp.settings import PlannerSettings
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
+from tests.generated.classical import gripper
 
 SETTINGS = PlannerSettings()
 FILES = Path(__file__).parents[1] / "model" / "pddl_files"
@@ -204,6 +205,17 @@ def test_the_graph_grows_around_a_way_where_it_cannot_hold_everything(
     for most in (60, 300):
         assert replanned(model, monkeypatch, most) > 0.0
     assert replanned(boat(60.0), monkeypatch, 2_000) > 0.0
+
+
+def test_a_way_is_searched_where_many_actions_are_applicable_in_any_order() -> None:
+    model = load_texts(gripper(21)).model
+    planner, state = far_sight(model, SETTINGS), start(model)
+    for _ in range(100):
+        out, flags = model.transition(state.tolist(), planner.forecast(state).choice)
+        state = np.array(out[:-1])
+        if flags & TERMINAL:
+            break
+    assert model.at_goal(state)
 
 
 def test_states_that_differ_in_what_was_spent_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
