@@ -33,7 +33,7 @@ class ModelAdaptation:
     Attributes:
         model: The model to plan with: the adapted one, or `written` where nothing is adapted.
         experience: The newest transitions.
-        visits: `[A]` how often each ground action, or an equivalent one of its schema, was observed
+        visits: `[A]` how often each ground action, or an equivalent one of its schema, was visited
             since the last `reset_visits`.
         notice: A message on what is not adapted despite the settings; None if there is none.
     """
@@ -66,6 +66,11 @@ class ModelAdaptation:
                 self._estimation = ParameterEstimation(written)
         self.model: TransitionModel = self._adapted or written
 
+    def visit(self, action: int) -> None:
+        """Count a visit of a ground action; -1 for none."""
+        if action >= 0:
+            self.visits[self._alike == self._alike[action]] += 1
+
     def observe(
         self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
     ) -> None:
@@ -75,11 +80,9 @@ class ModelAdaptation:
         """
         self.experience.add(state, action, next_state, ending, reward)
         adapted = self._adapted
-        if action >= 0:
-            self.visits[self._alike == self._alike[action]] += 1
-            if adapted is not None and self._learners is not None:
-                self._learn(adapted, state, action, next_state, ending == OVER)
-                adapted.buffer.active = self._learners.active or adapted.buffer.revised
+        if action >= 0 and adapted is not None and self._learners is not None:
+            self._learn(adapted, state, action, next_state, ending == OVER)
+            adapted.buffer.active = self._learners.active or adapted.buffer.revised
         if self._estimation is not None and self._estimation.due(self.experience.seen):
             self._estimate_parameters()
         if adapted is not None:

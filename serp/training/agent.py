@@ -135,6 +135,8 @@ class Agent:
             imitates=strategy.imitates,
         )
         self._random = np.random.default_rng(random_seed)
+        self._waiting: dict[int, list[tuple[Vector, int, Vector, int, float]]] = {}
+        """Episode → steps that the model has not learned from, in the order of the episodes."""
 
     def _input_size(self) -> int:
         observation = np.zeros(self.task.observation_size)
@@ -227,14 +229,35 @@ class Agent:
         """Return the learner with an input."""
         return LearnerProposer(self.learner, x)
 
-    def observe(self, step: StepRecord) -> None:
-        """Update vetoes and model with an env step of training."""
+    def observe(self, step: StepRecord, episode: int = 0) -> None:
+        """Update vetoes and model with an env step of training.
+
+        The model learns from whole episodes, one after another in the order in which they begin,
+        from each step as soon as it is that episode's turn. Of episodes that run at the same time,
+        the steps of the later ones wait: in a mixture of all, what the episodes have in common at
+        their ends (a robot that has landed) would look like a change of the world.
+
+        Args:
+            step: The env step.
+            episode: Number of its episode, where several run at the same time.
+        """
         if self.arbiter.vetoes.observe(step):
             self.adaptation.reset_visits()
         ending = OVER if step.terminated else CUT_OFF if step.truncated else GOES_ON
         # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward
-        self.adaptation.observe(step.state, step.ground, step.next_state, ending, reward)
+        self.adaptation.visit(step.ground)
+        seen = step.state, step.ground, step.next_state, ending, reward
+        self._waiting.setdefault(episode, []).append(seen)
+        while self._waiting:
+            first, steps = next(iter(self._waiting.items()))
+            for seen in steps:
+                self.adaptation.observe(*seen)
+            if steps and steps[-1][3] != GOES_ON:
+                del self._waiting[first]
+            else:
+                steps.clear()
+                break
 
     def remember(self, step: StepRecord, following: Decision | None) -> None:
         """Store an env step in the learner's replay memory.

@@ -82,6 +82,18 @@ def test_where_nothing_is_learned_every_episode_is_that_of_a_single_environment(
     assert [one[str(k + 1)] for k in range(common)] == [several[str(k + 1)] for k in range(common)]
 
 
+def test_the_model_learns_from_one_episode_after_the_other(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings, {"training": {"num_envs": ENVS}})
+    with Trainer(task.bind(), settings, 0) as trainer:
+        list(trainer.run())
+        known = trainer.agent.adaptation.experience
+        assert len(known) == trainer.env_steps
+        goes_on = ~known.ended[:-1]
+        assert (known.states[1:][goes_on] == known.next_states[:-1][goes_on]).all()
+        assert known.ended.sum() == trainer.episode
+
+
 class Unsound(Corridor):
     """Goes wrong at its third step."""
 
