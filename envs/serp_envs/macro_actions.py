@@ -13,7 +13,7 @@ Observation = TypeVar("Observation")
 Control = TypeVar("Control")
 Option = Callable[[Observation], Generator[Control, Observation, None]]
 """A generator function: it is given the observation at which it begins, yields controls, is sent
-the observation after each, and returns when it is done."""
+the observation after each, also after one that ends the episode, and returns when it is done."""
 
 
 def option(
@@ -111,9 +111,9 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
                 observation, reward, terminated, truncated, info = self.env.step(control)
                 total, steps = total + float(reward), steps + 1
                 self._observation = observation
+                control = running.send(observation)
                 if terminated or truncated:
                     break
-                control = running.send(observation)
         except StopIteration:
             if not steps:
                 raise ValueError(

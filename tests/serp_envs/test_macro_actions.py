@@ -84,20 +84,22 @@ def test_its_pictures_are_those_of_all_steps() -> None:
     drawn.close()
 
 
-def test_an_episode_that_ends_closes_the_option_that_ran() -> None:
-    closed = []
+def test_an_option_sees_how_the_episode_ends_and_is_closed() -> None:
+    seen_last, closed = [], []
 
     def endless(seen: Any) -> Generator[Any, Any, None]:
         try:
             while True:
-                yield along(seen)
+                seen = yield along(seen)
+                seen_last[:] = [seen]
         finally:
             closed.append(True)
 
     env = MacroActions(gymnasium.make("Pendulum-v1"), {"endless": endless})
     env.reset(seed=0)
-    *_, truncated, info = env.step(0)
+    seen, *_, truncated, info = env.step(0)
     assert (truncated, info["steps"], closed) == (True, 200, [True])
+    assert seen_last[0] is seen
 
 
 def test_what_is_wrong_is_named() -> None:
