@@ -26,6 +26,7 @@ import io
 import itertools
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -195,6 +196,14 @@ def test_examples_of_other_libraries_run_where_these_are(
         [sys.executable, EXAMPLES / script],
         cwd=tmp_path, env={**os.environ, "WANDB_MODE": "offline"}, check=True, timeout=300,
     )  # fmt: skip
+
+
+def test_the_parts_of_the_hierarchical_task_fit_together() -> None:
+    defence = runpy.run_path(str(EXAMPLES / "defence" / "defence.py"))
+    options = dict.fromkeys(("approach", "contest"))
+    for task in (defence["approach"](), defence["contest"](None), defence["defence"](options)):
+        with task.bind() as bound:
+            bound.reset(seed=0)
 
 
 def test_an_extension_is_found_by_its_entry_points(tmp_path: Path) -> None:

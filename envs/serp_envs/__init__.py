@@ -17,6 +17,7 @@ from serp_envs.cartpole import CartPole
 from serp_envs.hill import Hill
 from serp_envs.landing import Landing
 from serp_envs.macro_actions import MacroActions, Option, option
+from serp_envs.sub_task import SubTask
 from serp_envs.swing_up import SwingUp
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ __all__ = [
     "MacroActions",
     "Option",
     "SoccerDefender",
+    "SubTask",
     "SwingUp",
     "option",
 ]

@@ -103,22 +103,36 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
         if not self.action_space.contains(action):
             raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
         name = list(self.options)[int(action)]
-        running = self.options[name](self._observation)
-        total, steps = 0.0, 0
-        try:
-            control = next(running)
-            while True:
-                observation, reward, terminated, truncated, info = self.env.step(control)
-                total, steps = total + float(reward), steps + 1
-                self._observation = observation
-                control = running.send(observation)
-                if terminated or truncated:
-                    break
-        except StopIteration:
-            if not steps:
-                raise ValueError(
-                    f"option `{name}` ended without a control; let it make one step or more"
-                ) from None
-        finally:
-            running.close()
-        return observation, total, terminated, truncated, {**info, "steps": steps}
+        answer = run_option(self.env, self.options[name], self._observation)
+        if answer is None:
+            raise ValueError(
+                f"option `{name}` ended without a control; let it make one step or more"
+            )
+        self._observation = answer[0]
+        return answer
+
+
+def run_option(
+    env: gym.Env[Any, Any], option: Option[Any, Any], observation: Any
+) -> tuple[Any, float, bool, bool, dict[str, Any]] | None:
+    """Run an option to its end or that of the episode.
+
+    Returns:
+        What `MacroActions.step` does; None if the option gave no control.
+    """
+    running = option(observation)
+    total, steps = 0.0, 0
+    try:
+        control = next(running)
+        while True:
+            observation, reward, terminated, truncated, info = env.step(control)
+            total, steps = total + float(reward), steps + 1
+            control = running.send(observation)
+            if terminated or truncated:
+                break
+    except StopIteration:
+        if not steps:
+            return None
+    finally:
+        running.close()
+    return observation, total, terminated, truncated, {**info, "steps": steps}

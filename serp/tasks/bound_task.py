@@ -212,6 +212,10 @@ class BoundTask(Closing):
         with self._calling("reset"):
             return reset_answer(self.env.reset(seed=seed))
 
+    def environment_action(self, action: int) -> Any:
+        """Return what the environment's `step` takes for an environment action 0 ... E-1."""
+        return self._action_space.action(action)
+
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Execute an environment action 0 ... E-1.
 
@@ -222,7 +226,7 @@ class BoundTask(Closing):
             EnvironmentFailure: The environment raised, or did not return these.
         """
         with self._calling(f"step with action {self.actions.name(action)}"):
-            return step_answer(self.env.step(self._action_space.action(action)))
+            return step_answer(self.env.step(self.environment_action(action)))
 
     @contextlib.contextmanager
     def _calling(self, what: str) -> Iterator[None]:

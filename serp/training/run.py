@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import functools
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -129,6 +129,40 @@ class Run:
             TaskError: The grounding failed, or takes what is not given.
         """
         return self.agent.decide_greedily(*self.agent.perceive(observation, info, env))
+
+    def option(self, *, steps: int) -> Callable[[Any], Generator[Any, Any, None]]:
+        """Return the trained policy as an option for `serp_envs.MacroActions`.
+
+        So the run's task is an action of another one. The option decides as `decide` does, for a
+        number of env steps, or until the run's domain file calls an observed step `terminal`.
+        Equal observations make equal decisions, whatever the option did before.
+
+        Args:
+            steps: Most env steps, at least 1.
+
+        Raises:
+            RunError: There is no intact checkpoint, or the grounding takes more than observations.
+        """
+        agent = self.agent
+        if agent.task.grounding.takes:
+            raise RunError(
+                f"{self.path}: the grounding of task {self.task.name} takes "
+                f"{' and '.join(agent.task.grounding.takes)}; an option gets observations only"
+            )
+
+        def decide(observation: Any) -> Generator[Any, Any, None]:
+            with agent.undisturbed():
+                state, x = agent.perceive(observation)
+                for _ in range(steps):
+                    decision = agent.decide_greedily(state, x)
+                    ground = int(decision.forecast.ground[decision.action])
+                    before = state
+                    observation = yield agent.task.environment_action(decision.action)
+                    state, x = agent.perceive(observation)
+                    if agent.task.model.judge(before, ground, state).terminal:
+                        return
+
+        return decide
 
     def evaluate(
         self,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
 
-from serp_envs import MacroActions, option
+from serp_envs import MacroActions, SubTask, option
 
 
 def along(seen: Any) -> Any:
@@ -120,3 +120,32 @@ def test_what_is_wrong_is_named() -> None:
     for steps in (0, 1.5, True):
         with pytest.raises(ValueError, match="1 step or more, not"):
             option(along, steps=steps)  # type: ignore[arg-type]
+
+
+def test_a_sub_task_begins_where_its_option_ends_and_ends_where_it_is_over() -> None:
+    def fast(seen: Any) -> bool:
+        return abs(seen[-1]) > 3.0
+
+    whole = gymnasium.make("Pendulum-v1", max_episode_steps=40)
+    part = SubTask(
+        gymnasium.make("Pendulum-v1", max_episode_steps=40),
+        until=fast,
+        begin=option(along, steps=9),
+    )
+    for seed in range(4):
+        seen, _ = whole.reset(seed=seed)
+        for _ in range(9):
+            seen, *_ = whole.step(along(seen))
+        begun, info = part.reset(seed=seed)
+        assert info["steps"] == 9
+        assert begun.tobytes() == seen.tobytes()
+        ended = False
+        while not ended:
+            seen, reward, terminated, truncated, _ = whole.step(along(seen))
+            step = part.step(along(begun))
+            begun, ended = step[0], step[2] or step[3]
+            assert begun.tobytes() == seen.tobytes()
+            assert step[1:4] == (reward, terminated or fast(seen), truncated)
+    never = SubTask(whole, until=fast, begin=option(along, steps=40))
+    with pytest.raises(gymnasium.error.Error, match="100 episodes in a row ended in the option"):
+        never.reset(seed=0)

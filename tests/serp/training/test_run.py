@@ -89,6 +89,37 @@ def test_a_loaded_run_decides_as_the_trained_one(tmp_path: Path) -> None:
         assert not one.unsafe
 
 
+def test_a_run_is_an_option_that_ends_where_its_file_does(tmp_path: Path) -> None:
+    """It decides as the run does, and what it did before changes nothing."""
+    task = corridor(tmp_path, lambda: Corridor(start=10))
+    run = train(task, tmp_path / "run", episodes=8)
+    option = run.option(steps=6)
+    lengths, controls, ended = [], [], False
+    for seed in [*range(6), *range(6)]:
+        env = Corridor(start=10)
+        observation, _ = env.reset(seed=seed)
+        running, length = option(observation), 0
+        control = next(running)
+        try:
+            while True:
+                assert control == 10 + run.decide(observation).action
+                controls.append(control)
+                observation, *_ = env.step(control)
+                length += 1
+                control = running.send(observation)
+        except StopIteration:
+            over = observation[0] <= -3 or observation[0] >= 4
+            assert over or length == 6
+            ended = ended or (bool(over) and length < 6)
+        lengths.append(length)
+    assert ended
+    assert lengths[:6] == lengths[6:]
+    assert controls[: sum(lengths[:6])] == controls[sum(lengths[:6]) :]
+    told = corridor(tmp_path, Plain, ground=lambda seen, info: {"x": seen[0]})
+    with pytest.raises(RunError, match="takes info; an option gets observations only"):
+        train(told, tmp_path / "told", episodes=1).option(steps=2)
+
+
 # What is refused ----------------------------------------------------------------------------------
 
 
