@@ -12,10 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from .folder import Contents, ControllerError, read_folder
 from .forecast import SAFE, EnvironmentActions, Prospects
-from .lookahead import SafeSearch
+from .lookahead import LeafValues, PathSearch, SearchLimits
 from .network import Network
 from .planner import FrozenPlanner
+from .rows_lookahead import LayerSearch
+from .rows_step import AdaptedRows, FileRows
 from .step import APPLICABLE, RISKY, UNDEFINED, UNSAFE, AdaptedStep, FileStep, State
+
+_SMALL_TREE = 300
+"""Steps of the model in a lookahead up to which one state after the other takes less time."""
+_WIDEST = 8
+"""States in a layer of a larger one up to which it does."""
+_DEEPEST = 200
+"""Deepest lookahead that is searched depth first, by recursion."""
 
 Grounding = Callable[[NDArray[np.float64]], "ArrayLike | Mapping[str, float]"]
 
@@ -78,20 +87,30 @@ class Controller:
         self.fluents: list[str] = policy["fluents"]
         self._pairs = arrays["grounding.observation"], arrays["grounding.state"]
         ground_actions = len(policy["ground_actions"])
-        written = FileStep(contents, arrays["written"].tolist())
+        limits = SearchLimits.of(policy["planner"], ground_actions)
+        theta = arrays["written"].tolist()
         adapted = policy["adaptation"] is not None
+        written = FileStep(contents, theta)
         step = AdaptedStep(contents, written).step if adapted else written.step
-        search = SafeSearch(policy["planner"], step, ground_actions)
+        single = PathSearch(limits, step)
+        rows = FileRows(contents, theta)
+        whole = LayerSearch(limits, AdaptedRows(contents, rows).step if adapted else rows.step)
+        widest = None if limits.tree <= _SMALL_TREE else _WIDEST
+
+        def search(state: State, leaves: LeafValues | None) -> Prospects:
+            return single.forecast(state, leaves, widest) or whole.forecast(state, leaves)
+
         actions = EnvironmentActions(policy["actions"], ground_actions)
         self.actions, self._actions = actions.names, actions
         arbiter = policy["arbiter"]
         self._learner_leads = bool(arbiter["learner_leads"])
         self._planner = FrozenPlanner(
-            policy["planner"], arrays, search, actions, learns=not self._learner_leads
-        )
-        self._quick = search if self._learner_leads and search.unbounded else None
-        if not actions.one_to_one:
-            self._quick = None
+            policy["planner"], arrays, search, limits.periods, actions,
+            learns=not self._learner_leads,
+        )  # fmt: skip
+        self._quick: PathSearch | None = None
+        if actions.one_to_one and limits.unbounded and limits.depth <= _DEEPEST:
+            self._quick = single
         r_min = arbiter["r_min"]
         self._r_min = -math.inf if r_min is None else float(r_min)
         self._looks_ahead = bool(arbiter["looks_ahead"])
@@ -153,7 +172,7 @@ class Controller:
             observation if self._inputs == "observation" else np.concatenate((observation, state))
         )
 
-    def _admits(self, state: State, action: int, search: SafeSearch) -> bool:
+    def _admits(self, state: State, action: int, search: PathSearch) -> bool:
         """Return whether a proposal is certainly admissible, without a plan for every action."""
         ground = self._actions.first[action]
         if ground < 0:

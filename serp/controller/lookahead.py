@@ -11,9 +11,7 @@ from .step import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, TERMINAL, UNDEFINED,
 
 Step = Callable[[State, int], tuple[State, int]]
 LeafValues = Callable[[list[State]], list[float]]
-_BITS = 0x1F
-_DEEPEST = 200
-"""Deepest lookahead that is searched depth first, by recursion."""
+BITS = 0x1F
 
 
 class FollowedEdge(NamedTuple):
@@ -40,33 +38,60 @@ class FollowedEdge(NamedTuple):
     first_flags: int
 
 
-class SafeSearch:
-    """The lookahead of a policy.
+EdgeLayer = list[list[FollowedEdge]]
+ExpandedGraph = tuple[State, list[EdgeLayer], list[list[list[int]]], bool]
+"""A state, the edges of each layer, the nodes that they lead to, and whether no budget was met."""
 
-    Args:
-        data: The settings of the planner.
-        step: The transition model.
-        actions: Number of ground actions.
-    """
 
-    def __init__(self, data: Mapping[str, Any], step: Step, actions: int) -> None:
-        self._step, self._actions = step, actions
-        self._depth, self._repeat = int(data["depth"]), int(data["repeat"])
-        self._discount, self._accepted = float(data["discount"]), float(data["accepted_risk"])
-        self._max_nodes, self._max_edges = int(data["max_nodes"]), int(data["max_edges"])
-        self.periods = sum(self._discount**k for k in range(self._repeat))
-        self.unbounded = self._depth <= _DEEPEST and self._fits()
-        """Whether the whole tree fits into the budgets, so that no part of it can be left out."""
-        self._order = list(range(actions))
+class SearchLimits(NamedTuple):
+    """Limits of a search, and its treatment of rewards and risks; see `serp.PlannerSettings`."""
 
-    def _fits(self) -> bool:
+    actions: int
+    depth: int
+    repeat: int
+    discount: float
+    accepted_risk: float
+    max_nodes: int
+    max_edges: int
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any], actions: int) -> SearchLimits:
+        """Return the limits of a planner for so many ground actions."""
+        return cls(
+            actions, int(data["depth"]), int(data["repeat"]), float(data["discount"]),
+            float(data["accepted_risk"]), int(data["max_nodes"]), int(data["max_edges"]),
+        )  # fmt: skip
+
+    @property
+    def periods(self) -> float:
+        """Discounted number of control periods of an edge."""
+        return float(sum(self.discount**k for k in range(self.repeat)))
+
+    @property
+    def tree(self) -> int:
+        """Steps of the model in the whole tree, or more than its budget if it does not fit."""
         nodes, layer = 0, 1
-        for _ in range(self._depth):
+        for _ in range(self.depth):
             nodes += layer
-            layer *= self._actions
-            if nodes > self._max_nodes:
-                return False
-        return nodes * self._actions <= self._max_edges
+            layer *= self.actions
+            if nodes > self.max_nodes or nodes * self.actions > self.max_edges:
+                return self.repeat * (self.max_edges + 1)
+        return self.repeat * nodes * self.actions
+
+    @property
+    def unbounded(self) -> bool:
+        """Whether the whole tree fits into the budgets, so that no part of it can be left out."""
+        return self.tree <= self.repeat * self.max_edges
+
+
+class PathSearch:
+    """The lookahead of a policy, for one state after the other."""
+
+    def __init__(self, limits: SearchLimits, step: Step) -> None:
+        self._limits, self._step = limits, step
+        self._order = list(range(limits.actions))
+        self._kept: ExpandedGraph | None = None
+        """The graph of the newest state, which is asked for with other leaf values, too."""
 
     def edge(self, state: State, action: int) -> FollowedEdge:
         """Follow an edge of the planning graph."""
@@ -75,8 +100,9 @@ class SafeSearch:
         risk = self._hazard(flags)
         flags = self._marked(flags, risk)
         first_reward, first_flags, rank = reward, flags, rank_of(flags)
-        weight, periods = self._discount, 0 if risk > 0.0 else 1
-        for _ in range(self._repeat - 1):
+        discount = self._limits.discount
+        weight, periods = discount, 0 if risk > 0.0 else 1
+        for _ in range(self._limits.repeat - 1):
             if not flags & APPLICABLE or flags & TERMINAL:
                 break
             then, again = self._step(out, action)
@@ -89,16 +115,16 @@ class SafeSearch:
             if risk == 0.0:
                 periods += 1
             reward += weight * out.pop()
-            weight *= self._discount
+            weight *= discount
         return FollowedEdge(
-            out, reward, weight, flags & _BITS, rank, periods, risk, first_reward, first_flags
+            out, reward, weight, flags & BITS, rank, periods, risk, first_reward, first_flags
         )
 
     def _hazard(self, flags: int) -> float:
         if flags & UNSAFE:
             return 1.0
         risk = (flags >> RISK_SHIFT) * RISK_UNIT
-        return risk if risk > self._accepted else 0.0
+        return risk if risk > self._limits.accepted_risk else 0.0
 
     @staticmethod
     def _marked(flags: int, risk: float) -> int:
@@ -115,7 +141,7 @@ class SafeSearch:
             return False
         if first.flags & TERMINAL:
             return True
-        return self._safe_from(first.target, self._depth - 1)
+        return self._safe_from(first.target, self._limits.depth - 1)
 
     def _safe_from(self, state: State, depth: int) -> bool:
         if depth == 0:
@@ -137,29 +163,49 @@ class SafeSearch:
 
     # The best path -----------------------------------------------------------------------------
 
-    def forecast(self, state: State, leaves: LeafValues | None = None) -> Prospects:
-        """Return the predictions for every ground action; `leaves` values the last layer."""
-        layers: list[list[list[FollowedEdge]]] = []
+    def forecast(
+        self, state: State, leaves: LeafValues | None = None, widest: int | None = None
+    ) -> Prospects | None:
+        """Return the predictions for every ground action.
+
+        Args:
+            state: The state.
+            leaves: Gives the values of the last layer.
+            widest: Most states in a layer; None for any number.
+
+        Returns:
+            None where a layer has more states.
+        """
+        if self._kept is None or self._kept[0] != state:
+            self._kept = self._expanded(state, widest)
+        if self._kept is None:
+            return None
+        _, layers, children, complete = self._kept
+        if leaves is not None and len(layers) == self._limits.depth:
+            layers = [*layers[:-1], _with_values(layers[-1], leaves)]
+        return self._best(layers, children, complete)
+
+    def _expanded(self, state: State, widest: int | None) -> ExpandedGraph | None:
+        layers: list[EdgeLayer] = []
         children: list[list[list[int]]] = []
         layer, applied, complete = [state], 0, True
-        while len(layers) < self._depth and layer:
-            if sum(map(len, layers)) + len(layer) > self._max_nodes:
+        while len(layers) < self._limits.depth and layer:
+            if widest is not None and len(layer) > widest:
+                return None
+            if sum(map(len, layers)) + len(layer) > self._limits.max_nodes:
                 complete = False
                 break
-            edges = [[self.edge(each, a) for a in range(self._actions)] for each in layer]
+            edges = [[self.edge(each, a) for a in range(self._limits.actions)] for each in layer]
             applied += sum(edge.flags & APPLICABLE for of_node in edges for edge in of_node)
-            if applied > self._max_edges and layers:
+            if applied > self._limits.max_edges and layers:
                 complete = False
                 break
-            if len(layers) + 1 < self._depth:
+            layer, known = [], [[-1] * self._limits.actions for _ in edges]
+            if len(layers) + 1 < self._limits.depth:
                 layer, known = _distinct(edges)
-            else:
-                layer, known = [], [[-1] * self._actions for _ in edges]
-                if leaves is not None:
-                    edges = _with_values(edges, leaves)
             layers.append(edges)
             children.append(known)
-        return self._best(layers, children, complete)
+        return state, layers, children, complete
 
     def _best(
         self,
@@ -228,7 +274,7 @@ def _distinct(edges: list[list[FollowedEdge]]) -> tuple[list[State], list[list[i
     return states, known
 
 
-def _with_values(edges: list[list[FollowedEdge]], leaves: LeafValues) -> list[list[FollowedEdge]]:
+def _with_values(edges: EdgeLayer, leaves: LeafValues) -> EdgeLayer:
     """Return edges whose rewards include the value of the states that they lead to."""
     ends = [
         (k, a)
@@ -237,7 +283,8 @@ def _with_values(edges: list[list[FollowedEdge]], leaves: LeafValues) -> list[li
         if edge.flags & APPLICABLE and not edge.flags & TERMINAL
     ]
     values = leaves([edges[k][a].target for k, a in ends])
+    valued = [of_node.copy() for of_node in edges]
     for (k, a), value in zip(ends, values, strict=True):
         edge = edges[k][a]
-        edges[k][a] = edge._replace(reward=edge.reward + edge.weight * value)
-    return edges
+        valued[k][a] = edge._replace(reward=edge.reward + edge.weight * value)
+    return valued

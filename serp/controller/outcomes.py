@@ -19,39 +19,55 @@ CHANGE, RARE = -1, 1e-3
 """In place of an action schema: the outcome is a change. Less likely outcomes are left out."""
 PRIORS = (0.1, 1.0, 10.0)
 BY_PREDICATES, BY_NUMBERS, BY_BOTH = range(3)
-_BASIS, _PRIME, _MASK = 0xCBF29CE484222325, 0x100000001B3, (1 << 64) - 1
+BASIS, PRIME, _MASK = 0xCBF29CE484222325, 0x100000001B3, (1 << 64) - 1
 
 
 class CountTable:
-    """The counts of one feature group."""
+    """The counts of one feature group.
+
+    Attributes:
+        places: Positions of the counted fluents within the inputs.
+        schemas, changes: `[K]` action whose effects an outcome has, or `CHANGE` and the change.
+        ranges: `[columns, 2]` values that were observed.
+        broadest: `[K]` probabilities over all contexts.
+        share: Weight of what predicates say, beside what numbers say.
+        rows: Code of a context → its row.
+        counts, totals, trust, evidence: As in `serp.adaptation.outcomes.table_kernels`.
+    """
 
     def __init__(self, data: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
         self.places: list[int] = data["places"]
-        self._context: list[int] = data["context"]
-        self._predicates = int(data["predicates"])
+        context, predicates = list(data["context"]), int(data["predicates"])
+        both = context if predicates not in (0, len(context)) else []
+        self._contexts = context[:predicates], context[predicates:], both
         self.schemas = [int(schema) for schema in arrays["schemas"].tolist()]
+        self.kinds = len(self.schemas)
         self.changes: list[list[float]] = arrays["changes"].tolist()
         self.ranges: list[list[float]] = arrays["ranges"].tolist()
-        self._counts: list[list[float]] = arrays["counts"].tolist()
-        self._totals: list[float] = arrays["totals"].tolist()
-        self._trust: list[list[float]] = arrays["trust"].tolist()
-        self._evidence: list[list[float]] = arrays["evidence"].tolist()
+        self.counts, self.totals = arrays["counts"][:, : self.kinds], arrays["totals"]
+        self.trust: list[list[float]] = arrays["trust"].tolist()
+        self.evidence = arrays["evidence"]
+        total, counts = float(self.totals[0]), self.counts[0].tolist()
+        self.broadest = [1.0] + [0.0] * (self.kinds - 1)
+        if total > 0.0:
+            self.broadest = [count / total for count in counts]
         paths = arrays["paths"].tolist()
-        self._share = paths[0] / (paths[0] + paths[1])
+        self.share = paths[0] / (paths[0] + paths[1])
         codes = arrays["codes"].tolist()
-        self._rows = {int(code): row for row, code in enumerate(codes) if row}
-        self.kinds = len(self.schemas)
+        self.rows = {int(code): row for row, code in enumerate(codes) if row}
+        self._each = list(
+            zip(self.counts.tolist(), self.totals.tolist(), self.evidence.tolist(), strict=True)
+        )
+
+    def context_of(self, level: int) -> list[int]:
+        """Return the positions within the inputs that a context consists of; none: no context."""
+        return self._contexts[level]
 
     def probabilities(self, inputs: Sequence[int], state: list[float]) -> list[float]:
         """Return the probability of each outcome in a state."""
-        total, counts = self._totals[0], self._counts[0]
-        if total > 0.0:
-            broadest = [count / total for count in counts[: self.kinds]]
-        else:
-            broadest = [1.0] + [0.0] * (self.kinds - 1)
-        one = self._refined(BY_PREDICATES, inputs, state, broadest)
-        other = self._refined(BY_NUMBERS, inputs, state, broadest)
-        share = self._share
+        one = self._refined(BY_PREDICATES, inputs, state, self.broadest)
+        other = self._refined(BY_NUMBERS, inputs, state, self.broadest)
+        share = self.share
         mixed = [share * p + (1.0 - share) * q for p, q in zip(one, other, strict=True)]
         return self._refined(BY_BOTH, inputs, state, mixed)
 
@@ -59,10 +75,17 @@ class CountTable:
         self, level: int, inputs: Sequence[int], state: list[float], broader: list[float]
     ) -> list[float]:
         """Return the probabilities in a context, from those of a broader one."""
-        row = self._row_of(level, inputs, state)
+        context = self._contexts[level]
+        if not context:
+            return broader
+        code = BASIS ^ level
+        for place in context:
+            code = ((code ^ (int(state[inputs[place]]) & _MASK)) * PRIME) & _MASK
+            code ^= code >> 29
+        row = self.rows.get(code >> 11, 0)
         if row == 0:
             return broader
-        trust, evidence, total = self._trust[level], self._evidence[row], self._totals[row]
+        trust, (counts, total, evidence) = self.trust[level], self._each[row]
         weights = trust[-1] * evidence[-1]
         counted, kept = 0.0, weights
         for e, prior in enumerate(PRIORS):
@@ -70,24 +93,14 @@ class CountTable:
             weights += weight
             counted += weight / (total + prior)
             kept += weight * prior / (total + prior)
-        counts = self._counts[row]
         return [(counted * counts[k] + kept * p) / weights for k, p in enumerate(broader)]
 
-    def _row_of(self, level: int, inputs: Sequence[int], state: list[float]) -> int:
-        first, last = 0, len(self._context)
-        if level == BY_PREDICATES:
-            last = self._predicates
-        elif level == BY_NUMBERS:
-            first = self._predicates
-        elif self._predicates in (0, last):
-            return 0
-        if first == last:
-            return 0
-        code = _BASIS ^ level
-        for place in self._context[first:last]:
-            code = ((code ^ (int(state[inputs[place]]) & _MASK)) * _PRIME) & _MASK
-            code ^= code >> 29
-        return self._rows.get(code >> 11, 0)
+
+def made_tables(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> list[CountTable]:
+    """Return all tables of an adaptation."""
+    return [
+        CountTable(each, parts_of(arrays, f"table{k}.")) for k, each in enumerate(data["tables"])
+    ]
 
 
 class GroupCounts(NamedTuple):
@@ -121,10 +134,7 @@ class CountedOutcomes:
     def __init__(
         self, data: Mapping[str, Any], arrays: Mapping[str, Array], file: FileStep
     ) -> None:
-        tables = [
-            CountTable(each, parts_of(arrays, f"table{k}."))
-            for k, each in enumerate(data["tables"])
-        ]
+        tables = made_tables(data, arrays)
         self._file = file
         self._others: list[list[int]] = arrays["others"].tolist()
         self._groups = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .cells import CellTable
 from .folder import ControllerError
 from .forecast import SAFE, EnvironmentActions, Prospects
-from .lookahead import SafeSearch
+from .lookahead import LeafValues
 from .step import State
 
 
@@ -44,7 +44,8 @@ class FrozenPlanner:
     Args:
         data: Its settings.
         arrays: Solved states and cells, where there are any.
-        search: The lookahead.
+        search: The lookahead's predictions for a state.
+        periods: Discounted control periods of an edge.
         actions: The environment's actions.
         learns: Whether the values of visited cells are updated, as serp's planner does. Without it
             a prediction depends on nothing but the state.
@@ -54,11 +55,13 @@ class FrozenPlanner:
         self,
         data: Mapping[str, Any],
         arrays: Mapping[str, NDArray[Any]],
-        search: SafeSearch,
+        search: Callable[[State, LeafValues | None], Prospects],
+        periods: float,
         actions: EnvironmentActions,
         learns: bool,
     ) -> None:
-        self.search, self._actions, self._learns = search, actions, learns
+        self._search, self._periods = search, periods
+        self._actions, self._learns = actions, learns
         self._solved = SolvedStates(arrays) if data["solved"] else None
         self._cells = CellTable(arrays) if data["cells"] else None
         self._favoured = bool(data["favoured"])
@@ -73,14 +76,14 @@ class FrozenPlanner:
         return self._actions.project(self._near(state))
 
     def _near(self, state: State) -> Prospects:
-        search, cells = self.search, self._cells
+        cells = self._cells
         if cells is None:
-            return search.forecast(state)
+            return self._search(state, None)
         if not self._favoured:
-            found = search.forecast(state)
-            if not found.sees_costs_alone(search.periods):
+            found = self._search(state, None)
+            if not found.sees_costs_alone(self._periods):
                 return found
-        found = search.forecast(state, cells.values)
+        found = self._search(state, cells.values)
         if self._learns and found.complete and found.choice >= 0:
             safe = found.safe_steps[found.choice] == SAFE
             if safe:

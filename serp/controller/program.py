@@ -28,9 +28,7 @@ _BINARY: dict[str, Any] = {
 _COMPARISON: dict[str, Any] = {
     "<": ast.Lt, "<=": ast.LtE, ">": ast.Gt, ">=": ast.GtE, "==": ast.Eq, "!=": ast.NotEq,
 }  # fmt: skip
-_UNARY: dict[str, Any] = {"neg": ast.USub, "not": ast.Not}
-_JUNCTION: dict[str, Any] = {"and": ast.And, "or": ast.Or}
-_FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
+FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     **{"sqrt": (1, math.sqrt), "sin": (1, math.sin), "cos": (1, math.cos)},
     "atan2": (2, math.atan2),
 }
@@ -50,13 +48,20 @@ def make_function(
     Raises:
         ControllerError: The body is not what the module describes.
     """
-    builder = _TreeBuilder(sizes)
+    functions = {name: function for name, (_, function) in FUNCTIONS.items()}
+    return compiled_function(arguments, statements, TreeBuilder(sizes), functions)
+
+
+def compiled_function(
+    arguments: Sequence[str], statements: object, builder: TreeBuilder, names: Mapping[str, Any]
+) -> Function:
+    """Return the function whose body a builder makes; it reaches these names and no builtins."""
     given = ast.arguments(
         posonlyargs=[], args=[ast.arg(name) for name in arguments], kwonlyargs=[], kw_defaults=[],
         defaults=[],
     )  # fmt: skip
     try:
-        body = builder.block(statements)
+        body = builder.function(statements)
         function = ast.FunctionDef(
             name="function", args=given, body=body, decorator_list=[], lineno=1, col_offset=0
         )
@@ -66,35 +71,39 @@ def make_function(
         code = compile(module, "<policy>", "exec")
     except (TypeError, ValueError, IndexError, RecursionError) as error:
         raise ControllerError(f"the model of the policy is damaged: {error}") from None
-    namespace: dict[str, Any] = {"__builtins__": {}}
-    namespace.update((name, function) for name, (_, function) in _FUNCTIONS.items())
+    namespace: dict[str, Any] = {"__builtins__": {}, **names}
     exec(code, namespace)
     made: Function = namespace["function"]
     return made
 
 
-class _TreeBuilder:
+class TreeBuilder:
     """Builds syntax trees; whatever is not known raises one of the errors above."""
 
     def __init__(self, sizes: Mapping[str, int]) -> None:
         self._sizes = sizes
 
-    def block(self, statements: Any) -> list[ast.stmt]:
+    def function(self, statements: Any) -> list[ast.stmt]:
+        """Return the body of a function."""
+        return self._block(statements)
+
+    def _block(self, statements: Any) -> list[ast.stmt]:
         return [self._statement(*statement) for statement in statements] or [ast.Pass()]
 
     def _statement(self, kind: str, *parts: Any) -> ast.stmt:
         if kind == "set":
             target, value = parts
-            return ast.Assign(targets=[self._target(target)], value=self.value(value))
+            return ast.Assign(targets=[self.target(target)], value=self.value(value))
         if kind == "return":
             return ast.Return(value=self.value(*parts))
         if kind in ("when", "while"):
-            test, body = self.value(parts[0]), self.block(parts[1])
+            test, body = self.value(parts[0]), self._block(parts[1])
             made = ast.If if kind == "when" else ast.While
             return made(test=test, body=body, orelse=[])
         raise ValueError(f"there is no statement {kind!r}")
 
-    def _target(self, target: Any) -> ast.expr:
+    def target(self, target: Any) -> ast.expr:
+        """Return what a statement changes."""
         kind, name, *position = target
         if kind == "var" and not position:
             return self._variable(name, ast.Store())
@@ -117,6 +126,7 @@ class _TreeBuilder:
         return ast.Subscript(value=ast.Name(id=array, ctx=ast.Load()), slice=place, ctx=context)
 
     def value(self, value: Any) -> ast.expr:
+        """Return the expression of a value."""
         if type(value) in (bool, int, float):
             return ast.Constant(value=value)
         kind, *parts = value
@@ -134,14 +144,20 @@ class _TreeBuilder:
         if kind in _COMPARISON:
             left, right = values
             return ast.Compare(left=left, ops=[_COMPARISON[kind]()], comparators=[right])
-        if kind in _UNARY:
+        if kind == "neg":
             (operand,) = values
-            return ast.UnaryOp(op=_UNARY[kind](), operand=operand)
-        if kind in _FUNCTIONS and len(values) == _FUNCTIONS[kind][0]:
+            return ast.UnaryOp(op=ast.USub(), operand=operand)
+        if kind in FUNCTIONS and len(values) == FUNCTIONS[kind][0]:
             return ast.Call(func=ast.Name(id=kind, ctx=ast.Load()), args=values, keywords=[])
-        if kind in _JUNCTION and len(values) > 1:
-            return ast.BoolOp(op=_JUNCTION[kind](), values=values)
-        if kind == "choose":
-            test, one, other = values
-            return ast.IfExp(test=test, body=one, orelse=other)
+        sizes = {"not": (1, 1), "choose": (3, 3), "and": (2, len(values)), "or": (2, len(values))}
+        if kind in sizes and sizes[kind][0] <= len(values) <= sizes[kind][1]:
+            return self.combined(kind, values)
         raise ValueError(f"there is no value {kind!r}")
+
+    def combined(self, kind: str, values: list[ast.expr]) -> ast.expr:
+        """Return a negation, junction or choice."""
+        if kind == "not":
+            return ast.UnaryOp(op=ast.Not(), operand=values[0])
+        if kind == "choose":
+            return ast.IfExp(test=values[0], body=values[1], orelse=values[2])
+        return ast.BoolOp(op=ast.And() if kind == "and" else ast.Or(), values=values)

@@ -21,6 +21,9 @@ CODES, CHUNK, RANGE, UNKNOWN = 64, 64, 1.3, 0.5
 """Values of a group's predicates; features that are summed at a time; largest normalised input
 within the range of the data; leverage from which on the data say less than the prior."""
 
+_BLOCK = 256
+"""States whose features are computed together: they stay in the processor's cache."""
+
 Array = NDArray[Any]
 
 
@@ -68,7 +71,7 @@ class FittedRegression:
 
     def add(self, group: FeatureColumns, state: list[float], out: list[float]) -> None:
         """Add the residual of a group to `out`."""
-        inputs, targets, depth = group.inputs, group.targets, self.depth
+        inputs, targets = group.inputs, group.targets
         row = self.row_of(group.head, inputs, state)
         u = [
             (state[column] - centre) * shrink
@@ -76,62 +79,126 @@ class FittedRegression:
         ]
         most = self.most
         if most > LINEAR and not all(abs(x) <= RANGE for x in u):
-            most = LINEAR if self._leverage(row, group.head, u) >= UNKNOWN else most
+            unknown = self._leverage(row, group.head, np.array([u]))[0] >= UNKNOWN
+            most = LINEAR if unknown else most
         linear = self._linear[row]
         for t, kind in enumerate(self.kinds):
-            kind = min(kind, most)
             if kind != FILE:
-                weights = linear[kind - 1][t]
-                total = weights[0]
-                for i in range(depth):
-                    total += weights[1 + i] * u[i]
+                total, *weights = linear[(kind if kind < most else most) - 1][t]
+                for weight, x in zip(weights, u):  # noqa: B905  (strict costs a tenth of a step)
+                    total += weight * x
                 out[targets[t]] += total
         if most <= LINEAR:
             return
-        z = self._features(u, CHUNK if most == CURVED else len(self._phase))
+        count = CHUNK if most == CURVED else len(self._phase)
+        z = self._features(np.array(u), slice(count))
         for t, kind in enumerate(self.kinds):
             if kind >= CURVED:
                 used = z[:CHUNK] if kind == CURVED else z
                 products = self._amplitude[kind - CURVED, t, : len(used)] * used
-                for part in _pairwise(products.reshape(-1, CHUNK)):
+                for part in _pairwise(products.reshape(-1, CHUNK)).tolist():
                     out[targets[t]] += part
 
-    def _features(self, u: list[float], count: int) -> Array:
-        """Return the first random features of normalised inputs."""
-        z = self._phase[:count].copy()
-        for i, x in enumerate(u):
-            z += self._frequency[i, :count] * x
+    def add_rows(self, group: FeatureColumns, states: Array, out: Array) -> None:
+        """Add the residual of a group to the columns of `out`, see `add`."""
+        inputs = group.inputs
+        u = [
+            (states[column] - centre) * shrink
+            for column, centre, shrink in zip(inputs, self._centre, self._shrink, strict=True)
+        ]
+        rows = self._rows_of(group.head, inputs, states)
+        far = np.zeros(states.shape[1], np.bool_)
+        if self.most > LINEAR:
+            for x in u:
+                far |= ~(np.abs(x) <= RANGE)
+        for row in np.unique(rows).tolist():
+            some = np.flatnonzero(far & (rows == row))
+            if len(some):
+                by = np.array([x[some] for x in u]).T
+                far[some] = self._leverage(row, group.head, by) >= UNKNOWN
+            for beyond in (False, True):
+                some = np.flatnonzero((rows == row) & (far == beyond))
+                if len(some):
+                    most = min(LINEAR, self.most) if beyond else self.most
+                    self._add_linear(group, [x[some] for x in u], row, most, some, out)
+        near = np.flatnonzero(~far)
+        if self.most > LINEAR and len(near):
+            self._add_features(group, [x[near] for x in u], near, out)
+
+    def _rows_of(self, head: int, inputs: list[int], states: Array) -> Array:
+        rows = np.full(states.shape[1], head)
+        if self.bits:
+            codes, weight = np.full(states.shape[1], float(CODES * head)), 1.0
+            for place in self.bits:
+                codes += np.where(states[inputs[place]] != 0.0, weight, 0.0)
+                weight *= 2.0
+            for code, row in self._rows.items():
+                rows[codes == code] = row
+        return rows
+
+    def _add_linear(
+        self, group: FeatureColumns, u: list[Array], row: int, most: int, some: Array, out: Array
+    ) -> None:
+        for t, kind in enumerate(self.kinds):
+            kind = min(kind, most)
+            if kind != FILE:
+                constant, *weights = self._linear[row][kind - 1][t]
+                total = np.full(len(some), constant)
+                for weight, x in zip(weights, u, strict=True):
+                    total += weight * x
+                out[group.targets[t], some] += total
+
+    def _add_features(self, group: FeatureColumns, u: list[Array], some: Array, out: Array) -> None:
+        by = np.array(u).T
+        last = CHUNK if self.most == CURVED else len(self._phase)
+        for start in range(0, len(some), _BLOCK):
+            block = slice(start, start + _BLOCK)
+            for first in range(0, last, CHUNK):
+                z = self._features(by[block], slice(first, first + CHUNK))
+                for t, kind in enumerate(self.kinds):
+                    if kind == FULL or (kind == CURVED and first == 0):
+                        weights = self._amplitude[kind - CURVED, t, first : first + CHUNK]
+                        out[group.targets[t], some[block]] += _pairwise(weights * z)
+
+    def _features(self, u: Array, part: slice) -> Array:
+        """Return a part of the random features of normalised inputs `[d]` or `[N, d]`."""
+        z = np.broadcast_to(
+            self._phase[part], (*u.shape[:-1], part.stop - (part.start or 0))
+        ).copy()
+        for i in range(self.depth):
+            z += self._frequency[i, part] * u[..., i, None]
         turns = z * 0.15915494309189535 + 0.25
         turns -= np.floor(turns + 0.5)
         y = 8.0 * turns - 16.0 * turns * np.abs(turns)
         found: Array = 0.225 * (y * np.abs(y) - y) + y
         return found
 
-    def _leverage(self, row: int, head: int, u: list[float]) -> float:
-        """Return how far an input is from the data, from 0 to 1."""
+    def _leverage(self, row: int, head: int, u: Array) -> Array:
+        """Return how far inputs `[N, d]` are from the data, from 0 to 1."""
         if self._known == 0:
-            return 1.0
-        block = [1.0, *u]
-        size, columns = len(block), self._columns
-        design = np.zeros(len(self._inverse))
-        design[:size] = block
-        design[(1 + head) * size : (2 + head) * size] = block
+            return np.ones(len(u))
+        block = np.column_stack((np.ones(len(u)), u))
+        size, columns = block.shape[1], self._columns
+        design = np.zeros((len(u), len(self._inverse)))
+        design[:, :size] = block
+        design[:, (1 + head) * size : (2 + head) * size] = block
         if row >= self.heads:
-            design[(1 + row) * size : (2 + row) * size] = block
+            design[:, (1 + row) * size : (2 + row) * size] = block
         if self._known > columns:
-            design[columns:] = self._features(u, CHUNK)
+            design[:, columns:] = self._features(u, slice(CHUNK))
         # The order of this sum is another; it matters only within 1e-12 of the threshold.
-        q = float(((self._inverse[: self._known] @ design) ** 2).sum())
-        return q / (1.0 + q)
+        q = ((design @ self._inverse[: self._known].T) ** 2).sum(axis=1)
+        found: Array = q / (1.0 + q)
+        return found
 
 
-def _pairwise(products: Array) -> list[float]:
+def _pairwise(products: Array) -> Array:
     """Return the sum of each row of `CHUNK` numbers."""
     width = CHUNK
     while width > 1:
         width //= 2
         products = products[:, :width] + products[:, width : 2 * width]
-    sums: list[float] = products[:, 0].tolist()
+    sums: Array = products[:, 0]
     return sums
 
 
@@ -167,6 +234,11 @@ class Residual:
         """Add the residual of an action to `out`."""
         for group in self._groups[action]:
             group.regression.add(group, state, out)
+
+    def add_rows(self, states: Array, action: int, out: Array) -> None:
+        """Add the residual of an action to `out` `[F + 1, N]`, of states `[F, N]`."""
+        for group in self._groups[action]:
+            group.regression.add_rows(group, states, out)
 
 
 def parts_of(arrays: Mapping[str, Array], name: str) -> dict[str, Array]:

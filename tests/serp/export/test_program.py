@@ -8,6 +8,9 @@ from random import Random
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
+from serp.controller.rows_step import FileRows
 from serp.controller.step import FileStep
 from serp.export.syntax_data import programs_of
 from tests.generated import generate, random_states
@@ -26,9 +29,17 @@ def test_any_domain_steps_in_a_policy_as_in_serp() -> None:
         }
         contents: Any = SimpleNamespace(policy=policy)
         exported = FileStep(contents, model.theta.tolist())
-        for state in random_states(random, model, 4).tolist():
-            for action in range(len(model.actions)):
+        together = FileRows(contents, model.theta.tolist())
+        states = random_states(random, model, 4)
+        columns = np.ascontiguousarray(states.T)
+        for action in range(len(model.actions)):
+            with np.errstate(all="ignore"):
+                rows, of_rows = together.step(columns, action)
+            for k, state in enumerate(states.tolist()):
                 out, flags = exported.step(state, action)
+                assert of_rows[k] == flags
+                if flags & 1:
+                    assert rows[:, k].tobytes() == np.array(out).tobytes()
                 expected, wanted = model.transition(state, action)
                 assert flags == wanted
                 if flags & 1:

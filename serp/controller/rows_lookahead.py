@@ -1,0 +1,197 @@
+"""The best path of every first action, a layer of the planning graph at a time.
+
+It gives the same bits as `lookahead.PathSearch.forecast`, and takes less time where layers are
+large. Edges are arrays `[A, N]` of A actions and the N nodes of a layer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .forecast import SAFE, Prospects
+from .lookahead import BITS, LeafValues, SearchLimits
+from .step import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, TERMINAL, UNDEFINED, UNSAFE
+
+Rows = NDArray[np.float64]
+Flags = NDArray[np.int64]
+StepRows = Callable[[Rows, int], tuple[Rows, Flags]]
+
+
+class EdgeRows(NamedTuple):
+    """The edges of a layer; see `lookahead.FollowedEdge`. Targets are `[A, F, N]`."""
+
+    target: Rows
+    reward: Rows
+    weight: Rows
+    flags: Flags
+    rank: Flags
+    periods: Flags
+    risk: Rows
+    first_reward: Rows
+    first_flags: Flags
+
+    @property
+    def goes_on(self) -> NDArray[np.bool_]:
+        """Whether an edge leads to a state in which the task goes on."""
+        found: NDArray[np.bool_] = (self.flags & (APPLICABLE | TERMINAL)) == APPLICABLE
+        return found
+
+
+ExpandedRows = tuple[list[float], list[EdgeRows], list[Flags], bool]
+
+
+class LayerSearch:
+    """The lookahead over arrays."""
+
+    def __init__(self, limits: SearchLimits, step: StepRows) -> None:
+        self._limits, self._step = limits, step
+        self._kept: ExpandedRows | None = None
+
+    def forecast(self, state: list[float], leaves: LeafValues | None = None) -> Prospects:
+        """Return the predictions for every ground action; `leaves` values the last layer."""
+        with np.errstate(all="ignore"):
+            if self._kept is None or self._kept[0] != state:
+                self._kept = self._expanded(state)
+            _, layers, children, complete = self._kept
+            if leaves is not None and len(layers) == self._limits.depth:
+                layers = [*layers[:-1], _with_values(layers[-1], leaves)]
+            return _best(layers, children, complete)
+
+    def _expanded(self, state: list[float]) -> ExpandedRows:
+        limits = self._limits
+        layers: list[EdgeRows] = []
+        children: list[Flags] = []
+        layer = np.array(state)[:, None]
+        nodes, applied, complete = 0, 0, True
+        while len(layers) < limits.depth and layer.shape[1]:
+            nodes += layer.shape[1]
+            if nodes > limits.max_nodes:
+                complete = False
+                break
+            edges = self._edges(layer)
+            applied += int((edges.flags & APPLICABLE).sum())
+            if applied > limits.max_edges and layers:
+                complete = False
+                break
+            known = np.full(edges.flags.shape, -1)
+            if len(layers) + 1 < limits.depth:
+                layer = _distinct(edges, known)
+            layers.append(edges)
+            children.append(known)
+        return state, layers, children, complete
+
+    def _edges(self, layer: Rows) -> EdgeRows:
+        of_actions = [self._edge(layer, action) for action in range(self._limits.actions)]
+        return EdgeRows(*(np.stack(columns) for columns in zip(*of_actions, strict=True)))
+
+    def _edge(self, layer: Rows, action: int) -> EdgeRows:
+        """Follow one action from all states of a layer."""
+        discount = self._limits.discount
+        out, flags = self._step(layer, action)
+        risk = self._hazard(flags)
+        flags = _marked(flags, risk)
+        first_reward, first_flags = out[-1].copy(), flags
+        rank = np.where(flags & UNSAFE, 2, np.where(flags & RISKY, 1, 0))
+        reward, weight = first_reward, np.full(len(flags), discount)
+        periods = np.where(risk > 0.0, 0, 1)
+        for _ in range(self._limits.repeat - 1):
+            going = np.flatnonzero((flags & (APPLICABLE | TERMINAL)) == APPLICABLE)
+            if not len(going):
+                break
+            then, again = self._step(np.ascontiguousarray(out[:-1, going]), action)
+            applicable = again & APPLICABLE != 0
+            going, then, again = going[applicable], then[:, applicable], again[applicable]
+            out[:-1, going] = then[:-1]
+            further = self._hazard(again)
+            flags, risk, periods = flags.copy(), risk.copy(), periods.copy()
+            reward, weight = reward.copy(), weight.copy()
+            flags[going] = (flags[going] | _marked(again, further)) & 0xFF
+            risk[going] += (1.0 - risk[going]) * further
+            periods[going] += risk[going] == 0.0
+            reward[going] += weight[going] * then[-1]
+            weight[going] *= discount
+        return EdgeRows(
+            out[:-1], reward, weight, flags & BITS, rank, periods, risk, first_reward, first_flags
+        )
+
+    def _hazard(self, flags: Flags) -> Rows:
+        risk = (flags >> RISK_SHIFT) * RISK_UNIT
+        risk = np.where(risk > self._limits.accepted_risk, risk, 0.0)
+        return np.where(flags & UNSAFE, 1.0, risk)
+
+
+def _marked(flags: Flags, risk: Rows) -> Flags:
+    return np.where((risk > 0.0) & (flags & UNSAFE == 0), flags | RISKY, flags)
+
+
+def _distinct(edges: EdgeRows, known: Flags) -> Rows:
+    """Return the states `[F, M]` that edges lead to, equal ones once; write which to `known`."""
+    goes_on = edges.goes_on
+    action, node = np.nonzero(goes_on)
+    rows = np.ascontiguousarray(edges.target[action, :, node]) + 0.0  # -0.0 equals 0.0
+    if not len(rows):
+        return rows.T
+    keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    known[goes_on] = which.ravel()
+    return np.ascontiguousarray(rows[first].T)
+
+
+def _with_values(edges: EdgeRows, leaves: LeafValues) -> EdgeRows:
+    """Return edges whose rewards include the value of the states that they lead to."""
+    goes_on = edges.goes_on
+    action, node = np.nonzero(goes_on)
+    reward = edges.reward.copy()
+    values = np.array(leaves(edges.target[action, :, node].tolist()))
+    reward[goes_on] += edges.weight[goes_on] * values
+    return edges._replace(reward=reward)
+
+
+def _best(layers: list[EdgeRows], children: list[Flags], complete: bool) -> Prospects:
+    """Find the best path of every first action, from the last layer to the first."""
+    value = risk = np.zeros(1)
+    steps = np.full(1, SAFE)
+    below = 0
+    for edges, targets in zip(reversed(layers), reversed(children), strict=True):
+        applicable = edges.flags & APPLICABLE != 0
+        total, danger, safe = edges.reward, edges.risk, np.full(edges.flags.shape, SAFE)
+        if below:
+            follows = (targets >= 0) & (targets < below)
+            child = np.where(follows, targets, 0)
+            total = np.where(follows, total + edges.weight * value[child], total)
+            danger = np.where(follows, danger + (1.0 - danger) * risk[child], danger)
+            later = np.where(steps[child] == SAFE, SAFE, steps[child] + edges.periods)
+            safe = np.where(follows, later, safe)
+        safe = np.where(edges.risk > 0.0, edges.periods, safe)
+        count = edges.flags.shape[1]
+        chosen = np.full(count, -1)
+        best = [np.zeros(count) for _ in range(4)]
+        for action in range(len(edges.flags)):
+            score = -edges.rank[action], -danger[action], safe[action], total[action]
+            better, equal = np.zeros(count, np.bool_), np.ones(count, np.bool_)
+            for one, other in zip(score, best, strict=True):
+                better |= equal & (one > other)
+                equal &= one == other
+            better = applicable[action] & (better | (chosen < 0))
+            chosen = np.where(better, action, chosen)
+            best = [np.where(better, one, other) for one, other in zip(score, best, strict=True)]
+        undefined = (chosen < 0) & (~applicable & (edges.flags & UNDEFINED != 0)).any(axis=0)
+        some = chosen >= 0
+        value = np.where(some, best[3], 0.0)
+        risk = np.where(undefined, 1.0, np.where(some, -best[1], 0.0))
+        steps = np.where(undefined, 0, np.where(some, best[2], SAFE)).astype(np.int64)
+        below = count
+    known = applicable[:, 0]
+    return Prospects(
+        int(chosen[0]),
+        np.where(known, total[:, 0], -np.inf).tolist(),
+        np.where(known, danger[:, 0], 1.0).tolist(),
+        np.where(known, safe[:, 0], -1).tolist(),
+        np.where(known, edges.first_reward[:, 0], 0.0).tolist(),
+        edges.first_flags[:, 0].tolist(),
+        complete,
+    )
