@@ -12,6 +12,7 @@ import json
 import subprocess
 import sys
 import threading
+import time
 import warnings
 import weakref
 from importlib.util import find_spec
@@ -57,7 +58,7 @@ def make(model: TransitionModel, settings: PlannerSettings) -> PlanFollower:
 class EnginePlans:
     """Plans of an engine, which works in a process of its own.
 
-    The process is started again after a plan that took too long, and when the model has changed.
+    The process is started again after a plan that took too long.
 
     Args:
         model: The transition model.
@@ -69,12 +70,12 @@ class EnginePlans:
         self.model, self.engine, self.seconds = model, engine, seconds
         self._process: subprocess.Popen[str] | None = None
         self._told = False
-        self._start()
+        self._introduce()
 
     def __call__(self, state: Vector) -> list[int] | None:
         """Return the positions of the ground actions of a plan from a state `[F]`, or None."""
-        if self.model.revision != self._revision or self._process is None:
-            self._start()
+        if self._process is None or self.model.revision != self._revision:
+            self._introduce()
         question = {"state": values_in(self._task, state), "seconds": self.seconds}
         answer = self._ask(question, self.seconds + _GRACE)
         plan: list[int] | None = answer.get("plan")
@@ -89,9 +90,17 @@ class EnginePlans:
             )
         return plan
 
-    def _start(self) -> None:
-        self._end()
+    def _introduce(self) -> None:
+        """Tell the process what the model says now."""
         self._revision, self._task = self.model.revision, translated(self.model)
+        if self._process is None:
+            self._start()
+        answer = self._ask({"engine": self.engine, "task": self._task}, _STARTING)
+        if "error" in answer:
+            self._end()
+            raise SettingsError(f"planner.name: {answer['error']}")
+
+    def _start(self) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "serp_adapters.unified_planning.worker"],
             stdin=subprocess.PIPE,
@@ -101,15 +110,12 @@ class EnginePlans:
             encoding="utf-8",
         )
         self._finalizer = weakref.finalize(self, _finish, self._process)
-        answer = self._ask({"engine": self.engine, "task": self._task}, _STARTING)
-        if "error" in answer:
-            self._end()
-            raise SettingsError(f"planner.name: {answer['error']}")
 
     def _ask(self, question: dict[str, Any], seconds: float) -> dict[str, Any]:
         """Return the answer of the process; where there is none in time, end it."""
         process = self._process
         assert process is not None and process.stdin is not None and process.stdout is not None
+        deadline = time.monotonic() + seconds
         timer = threading.Timer(seconds, _stop, [process])
         timer.start()
         line = ""
@@ -120,7 +126,8 @@ class EnginePlans:
         timer.cancel()
         if not line:
             self._end()
-            return {"error": f"no answer in {seconds:g} seconds"}
+            late = time.monotonic() >= deadline
+            return {"error": f"no answer in {seconds:g} seconds" if late else "its process ended"}
         answer: dict[str, Any] = json.loads(line)
         return answer
 

@@ -1,8 +1,8 @@
 """The process in which an engine of unified-planning plans, so that it can be ended.
 
-It reads lines of JSON: first the name of an engine and a problem as `translation` makes it, then a
-state and a number of seconds for each plan that is wanted. To each it answers with a line: nothing,
-`error`, or a `plan` (null where there is none) with the engine's `status`.
+It reads lines of JSON: the name of an engine and a problem as `translation` makes it, then a state
+and a number of seconds for each plan that is wanted, perhaps another problem. To each it answers
+with a line: nothing, `error`, or a `plan` (null where there is none) with the engine's `status`.
 """
 
 from __future__ import annotations
@@ -220,9 +220,9 @@ def serve(lines: TextIO, answers: TextIO) -> None:
         answer: dict[str, Any] = {}
         try:
             asked = json.loads(line)
-            if planning is None:
+            if "task" in asked:
                 planning = Planning(asked["engine"], asked["task"])
-            else:
+            elif planning is not None:
                 answer = planning.plan(asked["state"], asked["seconds"])
         except Refused as error:
             answer = {"error": str(error)}

@@ -140,10 +140,13 @@ def test_a_plan_is_followed_to_the_goal_and_an_engine_that_takes_too_long_is_end
     assert (follower.searches, len(follower.plan)) == (1, 11)
     state, find_plan = follower.model.initial_state, follower._find_plan
     assert state is not None and isinstance(find_plan, planner.EnginePlans)
+    process = find_plan._process
+    assert process is not None
+    find_plan.model.revision = 1  # the same process plans with another model
+    assert find_plan(state) is not None and find_plan._process is process
     monkeypatch.setattr(find_plan, "seconds", 0.05)
     monkeypatch.setattr(planner, "_GRACE", 0.05)
-    assert find_plan._process is not None
-    find_plan._process.send_signal(signal.SIGSTOP)  # it hangs
+    process.send_signal(signal.SIGSTOP)  # it hangs
     with pytest.warns(Notice, match="found no plan .no answer in 0.1 seconds"):
         assert find_plan(state) is None
     monkeypatch.undo()
