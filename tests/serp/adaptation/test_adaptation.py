@@ -71,6 +71,7 @@ def steps_of(of: ModelAdaptation, count: int, seed: int) -> list[Step]:
 
 def observe(of: ModelAdaptation, steps: list[Step]) -> None:
     for step in steps:
+        of.visit(step[1])
         of.observe(*step)
 
 
@@ -129,6 +130,7 @@ def test_an_action_that_the_model_does_not_know_is_recorded_and_teaches_nothing(
     of = adaptation(PLANE, mode)
     rng = np.random.default_rng(0)
     for _ in range(100):
+        of.visit(-1)
         of.observe(rng.normal(size=2), -1, rng.normal(size=2), False)
     assert len(of.experience) == 100
     assert of.visits.tolist() == [0, 0]
@@ -169,6 +171,7 @@ def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
         state[shut] = 0.0
         after = rng.normal(size=2)
         after[shut] = 0.0
+        of.visit(0)
         of.observe(state, 0, after, False)
     state[shut] = 1.0
     expected = adapted(of).written.step(state, 0).state
@@ -191,6 +194,7 @@ def test_a_model_too_large_to_compile_is_used_as_written_and_that_is_said(
 def test_a_domain_without_fluents_has_nothing_to_correct() -> None:
     of, again = (adaptation("(define (domain nothing) (:action wait))", "full") for _ in range(2))
     for _ in range(40):
+        of.visit(0)
         of.observe(np.zeros(0), 0, np.zeros(0), False)
     assert of.visits.tolist() == [40]
     again.load_state_dict(*of.state_dict())
