@@ -39,12 +39,12 @@ class Sleeping(Walk):
         super().__init__()
         self.pause, self.folder = seconds / STEPS, folder
         self.killed = folder / "killed" if killing else None
-        self.training, self.made = False, time.time()
+        self.training, self.made = False, time.monotonic()
 
     def close(self) -> None:
         if self.training:
             with (self.folder / "times").open("a") as file:
-                file.write(f"{self.made} {time.time()}\n")
+                file.write(f"{self.made} {time.monotonic()}\n")
         super().close()
 
     def reset(self, *, seed: int | None = None, **options: Any) -> Any:
@@ -79,7 +79,7 @@ def timed(task: Task, out: Path, trials: int, **options: Any) -> float:
 def kill(engine: str, trials: int = 64, seconds: float = 10.0) -> None:
     folder = Path(tempfile.mkdtemp())
     task = sleeping(folder, seconds, killing=True)
-    begun = time.time()
+    begun = time.monotonic()
     took = timed(task, folder / "c", trials, jobs=WORKERS, engine=engine)
     lines = (folder / "times").read_text().splitlines()
     spans = np.array([line.split() for line in lines], dtype=float)
