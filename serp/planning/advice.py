@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import Forecast, score_of
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
+
+_MORE: Final = 1e-9
+"""How much more than that of the best other action the value of advice is, at least."""
 
 
 def advised(found: Forecast, action: int) -> Forecast:
@@ -28,7 +32,8 @@ def advised(found: Forecast, action: int) -> Forecast:
     others = np.delete(found.value, action)
     best = others[np.isfinite(others)].max(initial=-np.inf)
     value = found.value.copy()
-    value[action] = max(value[action], np.nextafter(best, np.inf))
+    if np.isfinite(best):
+        value[action] = max(value[action], best + _MORE * max(1.0, abs(best)))
     claimed = found._replace(value=value)
     if score_of(claimed, action) < score_of(claimed, found.choice):
         return found

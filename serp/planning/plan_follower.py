@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 
+MOST_NUMBERS: Final = 10_000_000
+"""Most numbers in all predicted states that are kept: 80 MB."""
 FindPlan = Callable[[Vector], Sequence[int] | None]
 """State `[F]` → positions of the ground actions of a plan to the goal; None where none is found."""
 
@@ -29,10 +31,11 @@ class PlanFollower:
     applicable and of accepted risk, none before the last ends the task, and the goal holds at its
     end (in a problem without one: the last action ends the task with a reward). While the observed
     state is one of those that were predicted, the plan goes on from there, so an action that failed
-    is repeated. In any other state the shortest rest of the plan that still leads to the goal is
-    followed (the triangle tables of Fikes, Hart & Nilsson, "Learning and executing generalized
-    robot plans", 1972). Without a plan the planner `far-sight` decides, and the next plan is asked
-    for after twice as many decisions as before.
+    is repeated, and the next episode needs no other plan. Of several plans through a state the
+    newest is followed, so that they never lead in a circle. In any other state the shortest rest of
+    the newest plan that still leads to the goal is followed (the triangle tables of Fikes, Hart &
+    Nilsson, "Learning and executing generalized robot plans", 1972). Without a plan the planner
+    `far-sight` decides, and the next plan is asked for after twice as many decisions as before.
 
     While a plan is followed the other actions are predicted one step ahead: they need not be
     compared with it, and a symbolic domain has thousands of them.
@@ -56,8 +59,9 @@ class PlanFollower:
         self._near = Lookahead(model, settings.replace(depth=1, repeat=1))
         self._fallback = FarSightPlanner(model, settings)
         self._plan: list[int] = []
-        self._states: list[bytes] = []
-        self._position: dict[bytes, int] = {}
+        self._actions: dict[bytes, int] = {}
+        """State that was predicted → the action that a plan takes in it."""
+        self._most = MOST_NUMBERS // max(1, len(model.fluents))
         self._revision = model.revision
         self._wait = self._patience = 0
 
@@ -72,7 +76,7 @@ class PlanFollower:
 
     @property
     def plan(self) -> tuple[int, ...]:
-        """Positions of the ground actions of the plan that is followed; empty for none."""
+        """Positions of the ground actions of the newest plan; empty for none."""
         return tuple(self._plan)
 
     def forecast(self, state: Vector) -> Forecast:
@@ -88,13 +92,13 @@ class PlanFollower:
             return -1
         if self.model.revision != self._revision:
             self._revision = self.model.revision
-            self._position = {}  # the states were predicted by the model as it was
-        position = self._position.get(state.tobytes())
-        if position is None:
+            self._actions = {}  # the states were predicted by the model as it was
+        action = self._actions.get(state.tobytes())
+        if action is None:
             if not self._resume(state) and not self._replan(state):
                 return -1
-            position = 0
-        return self._plan[position]
+            action = self._plan[0]
+        return action
 
     def _resume(self, state: Vector) -> bool:
         """Follow the shortest rest of the plan that leads from a state to the goal, if any does."""
@@ -103,7 +107,6 @@ class PlanFollower:
 
     def _replan(self, state: Vector) -> bool:
         """Ask for a plan, unless that failed not long ago; return whether one is followed."""
-        self._set([], [])
         if self._wait > 0:
             self._wait -= 1
             return False
@@ -132,23 +135,26 @@ class PlanFollower:
             success = model.ground.goal is None and flags & TERMINAL != 0 and out[-1] > 0.0
         if not states or not (success or model.at_goal(np.array(now))):
             return False
-        self._set(list(plan), states)
+        if len(self._actions) + len(plan) > self._most:
+            self._actions = {}
+        self._plan = list(plan)
+        self._actions.update(zip(states, self._plan, strict=True))
         return True
-
-    def _set(self, plan: list[int], states: list[bytes]) -> None:
-        self._plan, self._states = plan, states
-        self._position = {state: k for k, state in enumerate(states)}
 
     # State -------------------------------------------------------------------------------------
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         width = len(self.model.fluents)
-        states = np.frombuffer(b"".join(self._states)).reshape(len(self._plan), width)
-        arrays: Arrays = {"plan": np.array(self._plan, dtype=np.int64), "states": states.copy()}
+        states = np.frombuffer(b"".join(self._actions)).reshape(len(self._actions), width)
+        arrays: Arrays = {
+            "plan": np.array(self._plan, dtype=np.int64),
+            "states": states.copy(),
+            "actions": np.array(list(self._actions.values()), dtype=np.int64),
+        }
         meta: dict[str, Any] = {
             "searches": self.searches, "wait": self._wait, "patience": self._patience,
-            "revision": self._revision, "current": bool(self._position),
+            "revision": self._revision,
         }  # fmt: skip
         below, meta["fallback"] = self._fallback.state_dict()
         return arrays | nested("fallback", below), meta
@@ -160,11 +166,13 @@ class PlanFollower:
             RunError: It is damaged.
         """
         saved = Saved("planner", arrays, meta)
-        plan = saved.array("plan", np.int64, (-1,), 0, len(self.model.actions) - 1)
-        states = saved.array("states", np.float64, (len(plan), len(self.model.fluents)))
-        self._set(plan.tolist(), [state.tobytes() for state in states])
-        if not saved.truth("current"):
-            self._position = {}
+        last = len(self.model.actions) - 1
+        self._plan = saved.array("plan", np.int64, (-1,), 0, last).tolist()
+        actions = saved.array("actions", np.int64, (-1,), 0, last)
+        states = saved.array("states", np.float64, (len(actions), len(self.model.fluents)))
+        self._actions = {
+            state.tobytes(): action for state, action in zip(states, actions.tolist(), strict=True)
+        }
         self.searches, self._wait = saved.whole("searches"), saved.whole("wait")
         self._patience, self._revision = saved.whole("patience"), saved.whole("revision")
         self._fallback.load_state_dict(*saved.part("fallback"))

@@ -125,6 +125,8 @@ def test_a_follower_continues_as_saved() -> None:
     planner.forecast(start())
     other.load_state_dict(*planner.state_dict())
     assert drive(other, [False] + [True] * 6, start()) == [WAY[0], *WAY]
+    assert drive(other, [True] * 6, start()) == list(WAY)  # another episode
+    assert other.searches == 1
     arrays, meta = planner.state_dict()
     with pytest.raises(RunError, match="plan has entries"):
         other.load_state_dict(arrays | {"plan": arrays["plan"] + 99}, meta)
