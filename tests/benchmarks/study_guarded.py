@@ -2,6 +2,7 @@
 
     python tests/benchmarks/study_guarded.py TASK [TASK ...] [--learners dqn maskable-ppo ...]
         [--strategies alone learner ...] [--seeds 0 1 2] [--env-steps N] [--episodes N]
+        [--gae-lambda X]
 
 Trained alone, a learner proposes and executes what it likes; otherwise it is trained in a
 `serp.GuardedEnv` with this strategy. Each line has the mean return of the training's episodes, the
@@ -38,7 +39,9 @@ _OFF_POLICY = {
     "train_freq": 1, "gradient_steps": 1, "target_update_interval": 200, "gamma": 0.99,
     "exploration_fraction": 0.3, "exploration_final_eps": 0.04,
 }  # fmt: skip
-_ON_POLICY = {"n_steps": 256, "batch_size": 64, "gae_lambda": 0.9, "gamma": 0.99, "n_epochs": 10}
+_ON_POLICY: dict[str, Any] = {
+    "n_steps": 256, "batch_size": 64, "gae_lambda": 0.9, "gamma": 0.99, "n_epochs": 10,
+}  # fmt: skip
 LEARNERS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "dqn": (stable_baselines3.DQN, _OFF_POLICY),
     "qr-dqn": (sb3_contrib.QRDQN, _OFF_POLICY),
@@ -129,7 +132,9 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--env-steps", type=int, default=10_000)
     parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--gae-lambda", type=float, default=0.9, help="of the on-policy learners")
     given = parser.parse_args()
+    _ON_POLICY["gae_lambda"] = given.gae_lambda
     for task in given.tasks:
         for learner in given.learners:
             for strategy in given.strategies:
