@@ -39,12 +39,12 @@ class Sleeping(Walk):
         super().__init__()
         self.pause, self.folder = seconds / STEPS, folder
         self.killed = folder / "killed" if killing else None
-        self.training, self.made = False, time.monotonic()
+        self.training, self.begun = False, time.monotonic()
 
     def close(self) -> None:
         if self.training:
             with (self.folder / "times").open("a") as file:
-                file.write(f"{self.made} {time.monotonic()}\n")
+                file.write(f"{self.begun} {time.monotonic()}\n")
         super().close()
 
     def reset(self, *, seed: int | None = None, **options: Any) -> Any:
