@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Iterator
 
 import threadpoolctl
@@ -19,3 +20,16 @@ def one_thread() -> Iterator[None]:
             yield
     finally:
         torch.set_num_threads(threads)
+
+
+@functools.cache
+def _libraries() -> threadpoolctl.ThreadpoolController:
+    """Return the libraries that are loaded when this is first called; to find them takes 2 ms."""
+    return threadpoolctl.ThreadpoolController()
+
+
+@contextlib.contextmanager
+def blas_on_one_thread() -> Iterator[None]:
+    """Limit BLAS to one thread for a call in somebody else's loop, so that bits do not differ."""
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield

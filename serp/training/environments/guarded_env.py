@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.numbers import seed_of
+from serp._util.threads import blas_on_one_thread
 from serp.control.decision import Decision
 from serp.control.protocols import Proposer
 from serp.control.registry import refuse_unknown_names
@@ -108,7 +109,8 @@ class GuardedEnv(ArbitratedEnv):
         self._log.decision(
             step.decision, agent.arbiter, step.state, self.env_steps, self.episode + 1
         )
-        agent.observe(step)
+        with blas_on_one_thread():
+            agent.observe(step)
         self.env_steps += 1
         if not self._initial:
             agent.strategy.end_unit("step")
