@@ -124,9 +124,10 @@ class Trainer(Closing):
         """Train until no episode is running; yield the rows of the metrics as episodes end.
 
         Every environment begins an episode. Where one ends the next one begins, until `_TOGETHER`
-        env steps were made for each environment; a single environment makes one episode. What
-        happens depends on nothing else, so that a run which is interrupted can be continued from
-        the end exactly.
+        env steps were made for each environment; a single environment makes one episode. At first
+        there are at most one more environments than complete episodes: what is wrong in a file, one
+        robot finds out, and not all at once. What happens depends on nothing else, so that a run
+        which is interrupted can be continued from the end exactly.
 
         Raises:
             TaskError: The grounding failed, or contradicts a symmetry that the task declares.
@@ -144,7 +145,7 @@ class Trainer(Closing):
             raise
 
     def _run(self) -> Iterator[MetricsRow]:
-        running = list(self.lanes)
+        running = list(self.lanes)[: self.episode + 1]
         enough = self.env_steps + (_TOGETHER * len(running) if len(running) > 1 else 0)
         self._begun = self.episode
         for lane in running:

@@ -37,7 +37,7 @@ def test_a_run_that_was_stopped_continues_as_if_it_had_not(tmp_path: Path) -> No
         task = corridor(tmp_path, lambda: CableCut(Corridor(), 25))
         train(task, tmp_path / "cut", env_steps=120)
     assert failure.value.__notes__[0].startswith("It happened in environment ")
-    resume(corridor(tmp_path), tmp_path / "cut", env_steps=70)
+    resume(corridor(tmp_path), tmp_path / "cut", env_steps=40)
     resume(corridor(tmp_path), tmp_path / "cut", env_steps=120)
     assert everything(tmp_path / "cut") == everything(tmp_path / "whole")
     made = rows(tmp_path / "cut", "decisions")
@@ -86,7 +86,9 @@ def test_the_model_learns_from_one_episode_after_the_other(tmp_path: Path) -> No
     task = corridor(tmp_path)
     settings = resolve("default", task.settings, {"training": {"num_envs": ENVS}})
     with Trainer(task.bind(), settings, 0) as trainer:
-        list(trainer.run())
+        assert len(list(trainer.run())) == 1  # one environment alone finds out what is wrong
+        for _ in range(3):
+            list(trainer.run())
         known = trainer.agent.adaptation.experience
         assert len(known) == trainer.env_steps
         goes_on = ~known.ended[:-1]
@@ -134,7 +136,7 @@ def test_what_goes_wrong_in_a_process_is_told(tmp_path: Path, how: str, said: st
     settings = resolve("default", task.settings, {"training": {"num_envs": 2}})
     if not said:
         with Trainer(bound, settings, 0) as trainer:
-            assert len(list(trainer.run())) >= 2
+            assert [*trainer.run(), *trainer.run()][2:]
         return
     with pytest.raises(SerpError, match=said), Trainer(bound, settings, 0) as trainer:
         list(trainer.run())
