@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from typing import Any
 
@@ -26,10 +27,11 @@ def test_dask_runs_a_function_in_every_thread_of_a_cluster() -> None:
 
 
 def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for library, made in (("ray", ray.engine), ("distributed", dask.engine)):
+    """When the engine is looked up, before anything is written."""
+    for library, engine in (("ray", ray), ("distributed", dask)):
         with monkeypatch.context() as patch, pytest.raises(MissingExtra, match="the engine"):
             patch.setitem(sys.modules, library, None)
-            made(None, None).__enter__()
+            importlib.reload(engine)
 
 
 def test_a_cluster_that_is_not_there_is_an_error() -> None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 
-from serp._util.extras import needs_extra
 from serp.comparison.workers import Pool
-from serp.errors import RunError
+from serp.errors import MissingExtra, RunError
+
+if find_spec("distributed") is None:
+    raise MissingExtra("the engine `dask`", "dask")
 
 
 @contextmanager
@@ -16,8 +19,8 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
 
     Without an address it is a cluster of processes on this machine, which ends with the comparison.
     """
-    with needs_extra("dask", "the engine dask"):
-        from distributed import Client, LocalCluster
+    from distributed import Client, LocalCluster
+
     with ExitStack() as stack:
         try:
             there = address or stack.enter_context(

@@ -6,11 +6,14 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import Any
 
-from serp._util.extras import needs_extra
 from serp.comparison.workers import Pool
-from serp.errors import RunError
+from serp.errors import MissingExtra, RunError
+
+if find_spec("ray") is None:
+    raise MissingExtra("the engine `ray`", "ray")
 
 
 @contextmanager
@@ -22,8 +25,8 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
     usage and starts no dashboard.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    with needs_extra("ray", "the engine ray"):
-        import ray
+    import ray
+
     own = not ray.is_initialized()
     if own:
         quiet = {"log_to_driver": False, "configure_logging": False}
