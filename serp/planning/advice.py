@@ -17,7 +17,7 @@ _MORE: Final = 1e-9
 """How much more than that of the best other action the value of advice is, at least."""
 
 
-def advised(found: Forecast, action: int) -> Forecast:
+def advised(found: Forecast, action: int, worth: float = -np.inf) -> Forecast:
     """Return a forecast whose choice is the advised action, where nothing speaks against it.
 
     The value of advice is not known, and larger than that of any other action is what it claims.
@@ -26,12 +26,14 @@ def advised(found: Forecast, action: int) -> Forecast:
     Args:
         found: The planner's own forecast, which knows the risks.
         action: Position of the advised ground action; -1: none.
+        worth: Discounted sum of rewards that it leads to, if that is known.
     """
     if action < 0 or not found.flags[action] & APPLICABLE:
         return found
     others = np.delete(found.value, action)
     best = others[np.isfinite(others)].max(initial=-np.inf)
     value = found.value.copy()
+    value[action] = max(value[action], worth)
     if np.isfinite(best):
         value[action] = max(value[action], best + _MORE * max(1.0, abs(best)))
     claimed = found._replace(value=value)

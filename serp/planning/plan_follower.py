@@ -59,8 +59,9 @@ class PlanFollower:
         self._near = Lookahead(model, settings.replace(depth=1, repeat=1))
         self._fallback = FarSightPlanner(model, settings)
         self._plan: list[int] = []
-        self._actions: dict[bytes, int] = {}
-        """State that was predicted → the action that a plan takes in it."""
+        self._actions: dict[bytes, tuple[int, float]] = {}
+        """State that was predicted → the action that a plan takes in it, and the plan's return."""
+        self._discount = settings.discount
         self._most = MOST_NUMBERS // max(1, len(model.fluents))
         self._revision = model.revision
         self._wait = self._patience = 0
@@ -81,24 +82,22 @@ class PlanFollower:
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
-        action = self._next(state)
-        if action < 0:
+        found = self._next(state)
+        if found is None:
             return self._fallback.forecast(state)
-        return advised(self._near.forecast(state), action)
+        return advised(self._near.forecast(state), *found)
 
-    def _next(self, state: Vector) -> int:
-        """Return the action that the plan takes in a state; -1 if there is no plan."""
+    def _next(self, state: Vector) -> tuple[int, float] | None:
+        """Return the action that a plan takes in a state, and its return; None for no plan."""
         if self.model.at_goal(state):
-            return -1
+            return None
         if self.model.revision != self._revision:
             self._revision = self.model.revision
             self._actions = {}  # the states were predicted by the model as it was
-        action = self._actions.get(state.tobytes())
-        if action is None:
-            if not self._resume(state) and not self._replan(state):
-                return -1
-            action = self._plan[0]
-        return action
+        key = state.tobytes()
+        if key not in self._actions and not self._resume(state) and not self._replan(state):
+            return None
+        return self._actions[key]
 
     def _resume(self, state: Vector) -> bool:
         """Follow the shortest rest of the plan that leads from a state to the goal, if any does."""
@@ -123,6 +122,7 @@ class PlanFollower:
         """Follow a plan from a state, if it holds there by the model; return whether it does."""
         model, now = self.model, state.tolist()
         states: list[bytes] = []
+        rewards: list[float] = []
         success = False
         for action in plan:
             states.append(np.array(now).tobytes())
@@ -130,6 +130,7 @@ class PlanFollower:
             if not flags & APPLICABLE or risk_of(flags) > self._accepted:
                 return False
             now = out[:-1]
+            rewards.append(out[-1])
             if flags & TERMINAL and len(states) < len(plan):
                 return False
             success = model.ground.goal is None and flags & TERMINAL != 0 and out[-1] > 0.0
@@ -138,7 +139,11 @@ class PlanFollower:
         if len(self._actions) + len(plan) > self._most:
             self._actions = {}
         self._plan = list(plan)
-        self._actions.update(zip(states, self._plan, strict=True))
+        worth = [0.0]
+        for reward in reversed(rewards):
+            worth.append(reward + self._discount * worth[-1])
+        # Of a state that the plan passes twice, the later entry counts: it leads out of the circle.
+        self._actions.update(zip(states, zip(self._plan, worth[:0:-1], strict=True), strict=True))
         return True
 
     # State -------------------------------------------------------------------------------------
@@ -150,7 +155,8 @@ class PlanFollower:
         arrays: Arrays = {
             "plan": np.array(self._plan, dtype=np.int64),
             "states": states.copy(),
-            "actions": np.array(list(self._actions.values()), dtype=np.int64),
+            "actions": np.array([a for a, _ in self._actions.values()], dtype=np.int64),
+            "worth": np.array([worth for _, worth in self._actions.values()]),
         }
         meta: dict[str, Any] = {
             "searches": self.searches, "wait": self._wait, "patience": self._patience,
@@ -170,9 +176,9 @@ class PlanFollower:
         self._plan = saved.array("plan", np.int64, (-1,), 0, last).tolist()
         actions = saved.array("actions", np.int64, (-1,), 0, last)
         states = saved.array("states", np.float64, (len(actions), len(self.model.fluents)))
-        self._actions = {
-            state.tobytes(): action for state, action in zip(states, actions.tolist(), strict=True)
-        }
+        worth = saved.array("worth", np.float64, (len(actions),))
+        found = zip(actions.tolist(), worth.tolist(), strict=True)
+        self._actions = dict(zip((state.tobytes() for state in states), found, strict=True))
         self.searches, self._wait = saved.whole("searches"), saved.whole("wait")
         self._patience, self._revision = saved.whole("patience"), saved.whole("revision")
         self._fallback.load_state_dict(*saved.part("fallback"))

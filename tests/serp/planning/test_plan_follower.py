@@ -120,6 +120,14 @@ def test_without_a_goal_a_plan_leads_to_an_end_with_a_reward() -> None:
         assert tuple(model.actions[k].name for k in planner.plan) == followed
 
 
+def test_a_plan_that_passes_a_state_twice_is_left_where_it_goes_on() -> None:
+    round_about = (WAY[0], "sail b a", *WAY)
+    planner = follower(*round_about)
+    assert drive(planner, [True] * 6, start()) == list(WAY)
+    found = planner.forecast(start())
+    assert found.value[found.choice] == pytest.approx(SETTINGS.discount**5)  # the goal's reward
+
+
 def test_a_follower_continues_as_saved() -> None:
     planner, other = follower(*WAY), follower()
     planner.forecast(start())
