@@ -52,11 +52,12 @@ def _by_function(
     def advice(state: Vector) -> int:
         try:
             action = advise(model.values(state))
+        except Exception as error:
+            raise TaskError(f"planner `{name}`: {type(error).__name__}: {error}") from error
+        try:
             return -1 if action is None else model.action_index(action)
         except StateError as error:
             raise TaskError(f"planner `{name}` advises {action!r}: {error}") from None
-        except Exception as error:
-            raise TaskError(f"planner `{name}`: {type(error).__name__}: {error}") from error
 
     return AdvisedPlanner(model, settings, advice)
 
@@ -83,6 +84,12 @@ class FilePlanner(AdvisedPlanner):
         observed = [fluent.name for fluent in model.fluents]
         other = load_domain(file, observed=True).observed(observed).model.replace(dt=model.dt)
         self._fluents = _positions(name, "fluent", [f.name for f in other.fluents], observed)
+        for fluent, position in zip(other.fluents, self._fluents, strict=True):
+            if fluent.numeric != model.fluents[position].numeric:
+                raise TaskError(
+                    f"planner `{name}`: `{fluent.name}` is a number in one of its file and the "
+                    "task's own file, and a predicate in the other"
+                )
         self._actions = _positions(
             name, "action", [a.name for a in other.actions], [a.name for a in model.actions]
         )

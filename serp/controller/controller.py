@@ -285,12 +285,15 @@ class Controller:
             if set(found) != set(self.fluents):
                 odd = sorted(set(found) ^ set(self.fluents))
                 raise ControllerError(f"the grounding must give every fluent, and no other: {odd}")
-            found = [float(found[name]) for name in self.fluents]
+            found = [found[name] for name in self.fluents]
         return self._vector(found, len(self.fluents), "a grounded state")
 
     @staticmethod
     def _vector(values: ArrayLike | Sequence[float], size: int, what: str) -> NDArray[np.float64]:
-        vector = np.asarray(values, dtype=np.float64)
+        try:
+            vector = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ControllerError(f"{what} has {size} numbers, not {values!r}") from None
         if vector.shape != (size,):
             raise ControllerError(f"{what} has {size} numbers, not shape {vector.shape}")
         if not np.isfinite(vector).all():

@@ -36,9 +36,9 @@ def planner_data(
         "favoured": False,
     }
     arrays: Arrays = {}
-    if isinstance(planner, FarSightPlanner):
+    if type(planner) is FarSightPlanner:
         data |= _far_sight(planner, arrays)
-    elif not isinstance(planner, Lookahead):
+    elif type(planner) is not Lookahead or planner.settings != settings:
         raise RunError(
             f"the run's planner is `{settings.name}`; the planners that can be exported are "
             "far-sight and lookahead. Train with one of these: --set planner.name=lookahead"

@@ -94,7 +94,7 @@ def _refuse_occupied(folder: Path) -> None:
 
 def _network(agent: Agent) -> bytes:
     learner = agent.learner
-    if not isinstance(learner, DQN):
+    if type(learner) is not DQN:
         raise RunError(
             f"the run's learner is `{agent.settings.learner.name}`; only `dqn` can be exported"
         )
@@ -103,7 +103,7 @@ def _network(agent: Agent) -> bytes:
 
 def _arbiter(agent: Agent) -> dict[str, Any]:
     vetoes, settings = agent.arbiter.vetoes, agent.settings.arbiter
-    if not isinstance(vetoes, VetoPolicy):
+    if type(vetoes) is not VetoPolicy:
         raise RunError("the run is of a baseline, which has no vetoes; the controller always has")
     return {
         "learner_leads": _learner_leads(agent),

@@ -18,6 +18,8 @@ from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 
+MOST_EDGES: Final = 20_000
+"""Most edges that the lookahead beside a plan follows; they take some milliseconds."""
 MOST_NUMBERS: Final = 10_000_000
 """Most numbers in all predicted states that are kept: 80 MB."""
 FindPlan = Callable[[Vector], Sequence[int] | None]
@@ -37,8 +39,8 @@ class PlanFollower:
     Nilsson, "Learning and executing generalized robot plans", 1972). Without a plan the planner
     `far-sight` decides, and the next plan is asked for after twice as many decisions as before.
 
-    While a plan is followed the other actions are predicted one step ahead: they need not be
-    compared with it, and a symbolic domain has thousands of them.
+    While a plan is followed a lookahead says what is unsafe ahead. It follows few edges, because a
+    symbolic domain has thousands of actions; where these are spent by one layer, it is one step.
 
     Args:
         model: The transition model.
@@ -56,7 +58,8 @@ class PlanFollower:
         self.searches = 0
         self._accepted = settings.accepted_risk
         self._find_plan = find_plan
-        self._near = Lookahead(model, settings.replace(depth=1, repeat=1))
+        most = max(1, min(settings.max_nodes, MOST_EDGES // max(1, len(model.actions))))
+        self._near = Lookahead(model, settings.replace(max_nodes=most))
         self._fallback = FarSightPlanner(model, settings)
         self._plan: list[int] = []
         self._actions: dict[bytes, tuple[int, float]] = {}

@@ -73,6 +73,8 @@ class FileWorld(gym.Env[Vector, int]):
         Raises:
             TaskError: The step has no result, such as after a division by zero.
         """
+        if not self.action_space.contains(action):
+            raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
         fails = self._failure > 0.0 and self.np_random.random() < self._failure
         model, out, flags = self.model, [0.0], 0
         if not fails:

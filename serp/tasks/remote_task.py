@@ -17,7 +17,7 @@ from typing import Any, Final
 from gymnasium.vector.utils import CloudpickleWrapper
 
 from serp._util.closing import Closing
-from serp.errors import EnvironmentFailure
+from serp.errors import EnvironmentFailure, SerpError
 from serp.model.transition_model import Vector
 from serp.tasks.bound_task import BoundTask, EnvironmentCall
 
@@ -164,7 +164,7 @@ def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
                 said = said, _perceived(task, said)
         except Exception as error:
             said = error
-            if not isinstance(error, EnvironmentFailure):
+            if not isinstance(error, SerpError):
                 said.add_note(traceback.format_exc())
         _send(pipe, said, task.name, asked)
 

@@ -75,6 +75,13 @@ class Task:
     counters: Sequence[str] = ()
     description: str = ""
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.planners, Mapping):
+            raise TaskError(
+                "task: planners must be a mapping {name: function or domain file}, not "
+                f"{self.planners!r}"
+            )
+
     def load(self) -> Domain:
         """Return the domain, loading it if a file was given.
 

@@ -35,7 +35,11 @@ def compiled_trainer(task: BoundTask, settings: Settings, seed: int, *, quiet: b
     """Return a trainer whose loops are compiled."""
     with show_compiling(quiet=quiet):
         trainer = Trainer(task, settings, seed)
-        trainer.prepare()
+        try:
+            trainer.prepare()
+        except BaseException:
+            trainer.close()
+            raise
     return trainer
 
 

@@ -52,6 +52,12 @@ class TuningRequest(Section):
     def _given(cls, values: dict[str, Any]) -> dict[str, Any]:
         return {name: value for name, value in values.items() if value is not None}
 
+    @model_validator(mode="after")
+    def _addressed(self) -> TuningRequest:
+        if self.address is not None and self.engine == LOCAL:
+            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
+        return self
+
     @field_validator("vary", mode="before")
     @classmethod
     def _varied(cls, value: Any) -> Any:

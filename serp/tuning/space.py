@@ -93,7 +93,7 @@ def _dimension(name: str, given: Any) -> Dimension:
             raise SettingsError(f"{name}: say which values: {FORMS}")
         return Dimension(section, setting, choices=choices)
     if not isinstance(given, str):
-        if not isinstance(given, Sequence):
+        if not isinstance(given, Sequence) or not given:
             raise SettingsError(f"{name}: expected a list of values or a text such as {FORMS}")
         return Dimension(section, setting, choices=_checked(name, field, given))
     ends = re.fullmatch(r"\s*(log:)?\s*([^,\s]+?)\s*\.\.\s*([^,\s]+?)\s*", given)

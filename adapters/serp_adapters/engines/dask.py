@@ -31,4 +31,7 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
             raise RunError(
                 f"engine dask: there is no cluster {address or 'here'}: {error}"
             ) from error
-        yield Pool(client.get_executor(), most or sum(client.nthreads().values()))
+        slots = sum(client.nthreads().values())
+        if slots == 0:
+            raise RunError("engine dask: the cluster has no workers yet; start them first")
+        yield Pool(client.get_executor(), most or slots)

@@ -38,6 +38,8 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
             raise RunError(f"engine ray: there is no cluster {there or 'here'}: {error}") from error
     try:
         cpus = int(ray.cluster_resources().get("CPU", 1))
+        if cpus == 0:
+            raise RunError("engine ray: the cluster has no CPU yet; start its workers first")
         yield Pool(_RayExecutor(ray), most or cpus)
     finally:
         if own:

@@ -117,13 +117,19 @@ class EnginePlans:
         assert process is not None and process.stdin is not None and process.stdout is not None
         deadline = time.monotonic() + seconds
         timer = threading.Timer(seconds, _stop, [process])
+        timer.daemon = True
         timer.start()
         line = ""
-        with contextlib.suppress(OSError):  # it is dead
-            process.stdin.write(json.dumps(question) + "\n")
-            process.stdin.flush()
-            line = process.stdout.readline()
-        timer.cancel()
+        try:
+            with contextlib.suppress(OSError):  # it is dead
+                process.stdin.write(json.dumps(question) + "\n")
+                process.stdin.flush()
+                line = process.stdout.readline()
+        except BaseException:  # Ctrl-C: a late answer must not be that of the next question
+            self._end()
+            raise
+        finally:
+            timer.cancel()
         if not line:
             self._end()
             late = time.monotonic() >= deadline

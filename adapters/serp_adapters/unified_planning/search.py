@@ -140,7 +140,11 @@ def _values(ground: g.GroundModel) -> Iterator[g.Value]:
 def _whole(value: g.Value) -> bool:
     match value:
         case g.Operation(operator, left, right):
-            product = operator == "*" and (any(g.fluents_of(left)) and any(g.fluents_of(right)))
+            product = (
+                operator == "*"
+                and any(True for _ in g.fluents_of(left))
+                and any(True for _ in g.fluents_of(right))
+            )
             kept = operator not in ("/", "atan2") and not product
             return kept and _whole(left) and _whole(right)
         case g.Unary(operator, operand):

@@ -16,6 +16,7 @@ from serp.control.decision import Decision
 from serp.control.protocols import Proposer
 from serp.control.registry import refuse_unknown_names
 from serp.control.step_record import StepRecord
+from serp.errors import SettingsError
 from serp.model.transition_model import Vector
 from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
@@ -76,6 +77,8 @@ class GuardedEnv(ArbitratedEnv):
         task = find_task(task) if isinstance(task, str) else task
         resolved = resolve(preset, task.settings, settings)
         refuse_unknown_names(resolved, task.planners)
+        if resolved.training.num_envs > 1:
+            raise SettingsError("training.num_envs: a guarded environment is one; set it to 1")
         bound = task.bind(render_mode=render_mode)
         try:
             agent = Agent(bound, resolved, seed)
@@ -167,5 +170,6 @@ class EvaluationEnv(ArbitratedEnv):
         return super().next_seed(seed)
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
-        """Return the decision in a state, as after training."""
-        return self._agent.arbiter.decide_greedily(state, learner)
+        """Return the decision in a state, as after training; the planner is then as before."""
+        with self._agent.undisturbed():
+            return self._agent.arbiter.decide_greedily(state, learner)
