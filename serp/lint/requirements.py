@@ -43,8 +43,9 @@ def _unused_extension(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find the requirement that makes a file unreadable for other tools, and that it can go."""
     declarations = subject.domain.syntax.declarations
     sections = subject.sections(*SCHEMAS, ":goal", ":metric")
+    numeric = {name for name, declared in declarations.items() if declared.numeric}
     used = {group.head for section in sections for group in groups_in(section)}
-    if used & (x.MATH_FUNCTIONS.keys() - declarations):
+    if used & (x.MATH_FUNCTIONS.keys() - numeric):
         return
     for section in subject.sections(":requirements"):
         for word in words_in(section):

@@ -144,7 +144,7 @@ def train(
             if answer is not None:
                 progress.answer(answer)
             if events is not None and settings.tensorboard == "steps":
-                events.append_step(trainer.env_steps, step)
+                events.append_step(trainer.under_way, step)
             callbacks.step(step)
             progress.refresh()
 

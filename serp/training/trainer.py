@@ -152,13 +152,15 @@ class Trainer(Closing):
             self._begin(lane)
         while running:
             self.under_way = self.env_steps + 1
+            before = self.env_steps
             steps = [(lane, self._advance(lane)) for lane in running]
             self._decide_next([lane for lane, step in steps if step is None or not step.last])
-            for lane, step in steps:
-                if step is not None:
-                    self._learn(lane, step)
-            for lane, step in steps:
-                if step is None or not step.last:
+            made = [(lane, step) for lane, step in steps if step is not None]
+            for number, (lane, step) in enumerate(made, before + 1):
+                self.under_way = number
+                self._learn(lane, step)
+            for lane, step in made:
+                if not step.last:
                     continue
                 yield self._end_episode(lane)
                 if self.env_steps < enough:

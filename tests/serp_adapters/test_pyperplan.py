@@ -84,7 +84,7 @@ def test_operators_are_what_the_file_does_without_harm() -> None:
             if operator.needs <= holding:
                 out, flags = model.transition(state.tolist(), operator.action)
                 after = (holding - operator.deletes) | operator.adds
-                burnt = any(way <= after for way in strips.forbidden)
+                burnt = any(way <= after for way in (*strips.unsafe, *strips.ends))
                 assert flags & 1 and bool(flags & 2) == burnt
                 assert after == strips.holding(np.array(out[:-1]))
                 done.add(operator.action)
@@ -105,6 +105,46 @@ def test_a_plan_keeps_away_from_what_is_unsafe(name: str) -> None:
     assert sorted(way) == ["go a c", "go c d", "toggle", "toggle"]
     moon = model.state(model.values(start) | {"moon": True})
     assert Search(model, settings(f"pyperplan:{name}")).plan(moon) == [model.action_index("jump a")]
+
+
+ACT = "(:action {0} :parameters () :precondition (and {1}) :effect (and ({2})))"
+EVENT = "(:event {0} :parameters () :precondition (and {1}) :effect (and ({2})))"
+
+
+@pytest.mark.parametrize(
+    ("schemas", "goal", "expected"),
+    [
+        (  # what is needed is a part of what is unsafe, too
+            [ACT.format("fetch", "", "a"), ACT.format("power", "", "b"),
+             ACT.format("soak", "(a)", "c"), ACT.format("finish", "(c)", "d"),
+             EVENT.format("shock", "(c) (b)", "unsafe")],
+            "(d)", ["fetch", "soak", "finish"],
+        ),
+        (  # several ways to a goal at which an event ends the task
+            [ACT.format("go", "", "a"), EVENT.format("won", "(or (a) (b))", "terminal")],
+            "(or (a) (b))", ["go"],
+        ),
+        (  # a goal that is unsafe in one way and not in another
+            [ACT.format("go", "", "a"), ACT.format("prepare", "", "b"),
+             EVENT.format("crash", "(a) (not (b))", "unsafe")],
+            "(a)", ["prepare", "go"],
+        ),
+    ],
+)  # fmt: skip
+def test_events_keep_a_plan_from_harm_and_from_nothing_else(
+    schemas: list[str], goal: str, expected: list[str]
+) -> None:
+    declared = "(:predicates (a) (b) (c) (d) (unsafe) (terminal))"
+    model = load_texts(
+        Texts(
+            f"(define (domain w) {declared} {' '.join(schemas)})",
+            f"(define (problem p) (:domain w) (:init) (:goal {goal}))",
+        ),
+        observed=True,
+    ).model
+    plan = Search(model, settings()).plan(np.zeros(len(model.fluents)))
+    assert plan is not None
+    assert [model.actions[action].name for action in plan] == expected
 
 
 def print_plans() -> None:

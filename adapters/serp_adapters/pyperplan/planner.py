@@ -104,7 +104,9 @@ class _Task(pyperplan_task.Task):  # type: ignore[misc]  # pyperplan has no type
             for k, o in enumerate(operators)
         ]
         super().__init__("serp", named(strips.facts), named(start), named(strips.goal), made)
-        self._forbidden = [named(way) for way in strips.forbidden]
+        self._unsafe, self._ends, self._goals = (
+            [named(way) for way in ways] for ways in (strips.unsafe, strips.ends, strips.goals)
+        )
         self._left = most
 
     def get_successor_states(self, state: frozenset[Any]) -> list[tuple[Any, frozenset[Any]]]:
@@ -112,12 +114,15 @@ class _Task(pyperplan_task.Task):  # type: ignore[misc]  # pyperplan has no type
         if self._left < 0:
             raise _Spent
         found: list[tuple[Any, frozenset[Any]]] = super().get_successor_states(state)
-        if not self._forbidden:
+        if not (self._unsafe or self._ends):
             return found
         return [(operator, after) for operator, after in found if self._allowed(after)]
 
     def _allowed(self, state: frozenset[Any]) -> bool:
-        return self.goals <= state or not any(way <= state for way in self._forbidden)
+        if any(way <= state for way in self._unsafe):
+            return False
+        over = any(way <= state for way in self._ends)
+        return not over or any(way <= state for way in self._goals)
 
 
 class _Name(str):

@@ -55,7 +55,8 @@ class Strips:
             its own, which operators without an action add.
         facts: The facts that matter.
         operators: The operators that can contribute to the goal.
-        forbidden: Facts that together are unsafe or end the task, by an event.
+        goals: The sets of facts in each of which the goal holds.
+        unsafe, ends: Facts that together are unsafe, or end the task, by an event.
 
     Raises:
         DomainError: There is no goal, or numbers or events decide what can be done.
@@ -71,17 +72,21 @@ class Strips:
             )
         self._planner = planner
         self._theta = [parameter.value for parameter in ground.parameters]
-        ways = self._ways(ground.goal, True)
+        self.goals = ways = self._ways(ground.goal, True)
         made = [Operator(-1, way, frozenset({-1}), frozenset()) for way in ways]
         self.goal = ways[0] if len(ways) == 1 else frozenset({-1})
         operators = made if len(ways) != 1 else []
         for position, action in enumerate(ground.actions):
             operators += self._operators(position, action)
-        ends = [(event, self._forbidden(event)) for event in ground.events]
-        self.forbidden = [way for _, ways in ends for way in ways]
-        self.facts, self.operators = _relevant(operators, self.goal, self.forbidden)
-        for event, ways in ends:
-            if not ways:  # else what it changes comes too late
+        damage, over = (
+            [(event, self._flagging(event, flag)) for event in ground.events]
+            for flag in (g.UNSAFE_TARGET, g.TERMINAL_TARGET)
+        )
+        self.unsafe, self.ends = ([w for _, ways in of for w in ways] for of in (damage, over))
+        forbidden = [*self.unsafe, *self.ends, *self.goals]
+        self.facts, self.operators = _relevant(operators, self.goal, forbidden)
+        for (event, harmful), (_, last) in zip(damage, over, strict=True):
+            if not (harmful or last):  # else what it changes comes too late
                 self._refuse_changes(event, ground)
         self._users: dict[int, list[int]] = {}
         for position, operator in enumerate(self.operators):
@@ -195,15 +200,14 @@ class Strips:
 
     # Events ------------------------------------------------------------------------------------
 
-    def _forbidden(self, event: g.GroundSchema) -> list[Facts]:
-        """Return the facts under which an event makes a step unsafe, or ends the task.
+    def _flagging(self, event: g.GroundSchema, flag: int) -> list[Facts]:
+        """Return the facts under which an event sets a flag.
 
         Where numbers decide, nothing is known; the plan is checked by the model.
         """
-        flags = (g.UNSAFE_TARGET, g.TERMINAL_TARGET)
         found: list[Facts] = []
         for effect in event.effects:
-            if any(_sets(effect, flag) for flag in flags):
+            if _sets(effect, flag):
                 tests = [*event.preconditions, effect.condition]
                 if not any(self._reads_numbers(test) for test in tests):
                     ways = (self._ways(test, True) for test in tests)
@@ -254,28 +258,26 @@ def _operator(action: int, way: Facts, changes: Changes) -> Operator:
 
 
 def _relevant(
-    operators: list[Operator], goal: Facts, forbidden: list[Facts]
+    operators: list[Operator], goal: Facts, watched: list[Facts]
 ) -> tuple[Facts, list[Operator]]:
     """Return the facts that matter for the goal, and the operators that add some of them.
 
-    A fact matters if the goal has it, if it keeps something forbidden from being true, or if an
-    operator that adds a fact that matters needs it.
+    A fact matters if the goal has it, if it keeps something watched from being true, or if an
+    operator that adds a fact that matters needs it. What is watched itself is only kept track of.
     """
     adders: dict[int, list[Operator]] = {}
     for operator in operators:
         for fact in operator.adds:
             adders.setdefault(fact, []).append(operator)
     facts = set(goal)
-    for way in forbidden:
+    for way in watched:
         facts |= {fact ^ 1 for fact in way}
     open_ = list(facts)
-    for way in forbidden:
-        facts |= way
     while open_:
         for operator in adders.get(open_.pop(), ()):
             new = operator.needs - facts
             facts |= new
             open_ += new
-    kept = frozenset(facts)
+    kept = frozenset(facts).union(*watched)
     trimmed = (o._replace(adds=o.adds & kept, deletes=o.deletes & kept) for o in operators)
     return kept, [operator for operator in trimmed if operator.adds]

@@ -62,7 +62,7 @@ def find_plan(model: TransitionModel, state: Vector, deadline: float) -> Found:
             graph.grow(state, limit)
             if graph.complete:
                 plan = _followed(model, graph, state)
-                return Found(plan, proven=plan is None and exact(model))
+                return Found(plan, proven=plan is None and exact(model) and graph.largest < 2.0**53)
         if time.monotonic() > deadline:
             return Found(None, late=True)
         way = search.way(state, limit)

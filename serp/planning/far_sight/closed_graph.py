@@ -153,6 +153,12 @@ class ClosedGraph(ArrayGraph):
         bound = Bound.EXHAUSTED if self.complete else Bound.NODES
         return Forecast(choice, *found, self._depth, bound)
 
+    @property
+    def largest(self) -> float:
+        """Largest magnitude of a number in all its states."""
+        states = self._arrays.states[: self.nodes * self._width]
+        return float(np.abs(states).max(initial=0.0))
+
     def table(self) -> Arrays:
         """Return the forecast for each of the N states that have one, as arrays.
 
