@@ -40,7 +40,7 @@ class SubTask(gym.Wrapper[Any, Any, Any, Any]):
         """Start an episode, and run it to where the part begins.
 
         Raises:
-            gymnasium.error.Error: 100 episodes in a row, or their part, ended in `begin`.
+            gymnasium.error.Error: The option `begin` ended 100 episodes in a row.
         """
         observation, info = self.env.reset(seed=seed, options=options)
         if self._begin is None:
@@ -50,7 +50,7 @@ class SubTask(gym.Wrapper[Any, Any, Any, Any]):
             if answer is None:  # the part begins at once
                 return observation, info
             after, _, terminated, truncated, its_info = answer
-            if not (terminated or truncated or self._until(after)):
+            if not (terminated or truncated):
                 return after, its_info
             observation, info = self.env.reset(options=options)
         raise gym.error.Error(
