@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from typing import TYPE_CHECKING
 
 from serp._util.number_format import readable
 from serp._util.text import plural
 from serp.planning.limits import Bound
 from serp.planning.plan_follower import PlanFollower
-from serp.planning.replanner import MonitorReplanner, PlannedStep
+from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
     from serp.control.protocols import Planner
     from serp.model.transition_model import TransitionModel, Vector
-    from serp.planning.replanner import Plan
     from serp.settings import PlannerSettings
 
 
@@ -66,26 +64,11 @@ class ChosenPlanner(MonitorReplanner):
 
     def plan(self, state: ArrayLike) -> Plan:
         """Plan from an observed state `[F]`; the planner is then as it was before."""
-        with self._undisturbed():
-            return self._plan(state)
-
-    def _plan(self, state: ArrayLike) -> Plan:
-        lookahead, planner = self.lookahead(state), self._planner
         now = self.model.check_state(state)
-        found = planner.forecast(now)
-        chosen = found.choice if found.choice >= 0 else None
-        return dataclasses.replace(
-            lookahead,
-            action=chosen,
-            name=None if chosen is None else self.model.actions[chosen].name,
-            path=self._path(now, found.choice),
-            reward=0.0 if chosen is None else float(found.value[chosen]),
-            safe=found.safe,
-            indifferent=found.indifferent,
-            depth=found.depth,
-            bound=found.bound,
-            forecast=found,
-        )
+        graph = self.lookahead(now).planning_graph
+        with self._undisturbed():
+            found = self._planner.forecast(now)
+            return Plan.of(self.model, found, self._path(now, found.choice), graph)
 
     def _path(self, state: Vector, choice: int) -> tuple[PlannedStep, ...]:
         path: list[PlannedStep] = []

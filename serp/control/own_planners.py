@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,9 @@ from serp.control.protocols import MakePlanner
 from serp.errors import TaskError
 from serp.model.loading import load_domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.advice import AdvisedPlanner
+from serp.planning.advice import Advise, AdvisedPlanner
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.settings import PlannerSettings
-
-Advise = Callable[[Mapping[str, float | bool]], Any]
 
 
 def own_planners(declared: Mapping[str, Advise | str | Path]) -> dict[str, MakePlanner]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from serp.planning.forecast import Forecast, score_of
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 
+Advise = Callable[[Mapping[str, float | bool]], Any]
+"""Fluent → value, and returned: the name or position of a ground action, None for no advice."""
 _MORE: Final = 1e-9
 """How much more than that of the best other action the value of advice is, at least."""
 

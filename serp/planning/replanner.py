@@ -49,6 +49,7 @@ class Plan:
         depth: Layers that were expanded.
         bound: What ended the expansion: depth, nodes, time, or nothing left to expand.
         forecast: The prediction for every first action.
+        planning_graph: The planning graph of the lookahead.
     """
 
     action: int | None
@@ -60,17 +61,40 @@ class Plan:
     depth: int
     bound: Bound
     forecast: Forecast
-    _graph: PlanningGraph = field(repr=False)
+    planning_graph: PlanningGraph = field(repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        model: TransitionModel,
+        forecast: Forecast,
+        path: tuple[PlannedStep, ...],
+        graph: PlanningGraph,
+    ) -> Plan:
+        """Return the decision that a forecast for the root of a planning graph makes."""
+        chosen = forecast.choice if forecast.choice >= 0 else None
+        return cls(
+            action=chosen,
+            name=None if chosen is None else model.actions[chosen].name,
+            path=path,
+            reward=0.0 if chosen is None else float(forecast.value[chosen]),
+            safe=forecast.safe,
+            indifferent=forecast.indifferent,
+            depth=forecast.depth,
+            bound=forecast.bound,
+            forecast=forecast,
+            planning_graph=graph,
+        )
 
     @property
     def nodes(self) -> int:
         """Number of states in the planning graph."""
-        return len(self._graph.states)
+        return len(self.planning_graph.states)
 
     @functools.cached_property
     def graph(self) -> nx.MultiDiGraph:
         """The planning graph; see `PlanningGraph.to_networkx`."""
-        return self._graph.to_networkx()
+        return self.planning_graph.to_networkx()
 
 
 class MonitorReplanner:
@@ -122,7 +146,6 @@ class MonitorReplanner:
         start = time.perf_counter()
         deadline = math.inf if self.time_budget is None else start + self.time_budget
         graph = PlanningGraph(self.model, self.settings, self.model.check_state(state), deadline)
-        forecast = graph.forecast
         names = [action.name for action in self.model.actions]
         path = tuple(
             PlannedStep(
@@ -134,16 +157,4 @@ class MonitorReplanner:
             )
             for e in graph.best_path
         )
-        chosen = forecast.choice if forecast.choice >= 0 else None
-        return Plan(
-            action=chosen,
-            name=None if chosen is None else names[chosen],
-            path=path,
-            reward=0.0 if chosen is None else float(forecast.value[chosen]),
-            safe=forecast.safe,
-            indifferent=forecast.indifferent,
-            depth=forecast.depth,
-            bound=forecast.bound,
-            forecast=forecast,
-            _graph=graph,
-        )
+        return Plan.of(self.model, graph.forecast, path, graph)

@@ -17,10 +17,9 @@ from serp.model.transition_model import TransitionModel
 from serp.tasks.declared_symmetry import Symmetry
 
 if TYPE_CHECKING:
+    from serp.planning.advice import Advise
     from serp.tasks.bound_task import BoundTask
 
-Advise = Callable[[Mapping[str, float | bool]], Any]
-"""Fluent → value, and returned: the name or position of a ground action, None for no advice."""
 Grounded = Mapping[str, float | bool] | NDArray[Any]
 Overrides = Mapping[str, Mapping[str, Any]]
 

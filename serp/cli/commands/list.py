@@ -22,7 +22,7 @@ def command() -> None:
     from serp.comparison.algorithms import GROUP, OWN
     from serp.comparison.engines import GROUP as ENGINES
     from serp.comparison.engines import LOCAL
-    from serp.control.registry import KINDS
+    from serp.control.registry import KINDS, PLANNERS
     from serp.tasks.registry import task_entries
 
     console = open_console()
@@ -37,7 +37,8 @@ def command() -> None:
         console.print("No task is installed.")
     own = {name: algorithm.description for name, algorithm in OWN.items()}
     groups = {GROUP: ("algorithm", "algorithm (serp compare)", own)} | {
-        group: (what, f"{setting} (--set)", {}) for group, (what, setting) in KINDS.items()
+        group: (what, f"{setting} ({'--planner' if group == PLANNERS else '--set'})", {})
+        for group, (what, setting) in KINDS.items()
     }
     groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes of this machine"}
     console.print("")
