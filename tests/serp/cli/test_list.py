@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -29,8 +30,8 @@ def test_everything_installed_is_listed(run: Run) -> None:
         "local",
     ):
         assert f"\n{name} " in shown
-    table = shown.partition("\nplanner.name (--planner) ")[2]
-    assert "\nfar-sight                the planner that sees to the end of a finite task" in table
+    table = re.sub(" +", " ", shown.partition("\nplanner.name (--planner) ")[2])
+    assert "\nfar-sight the planner that sees to the end of a finite task" in table
 
 
 def test_a_domain_of_the_working_directory_is_named(run: Run) -> None:
