@@ -21,7 +21,6 @@ from serp.comparison.trial_files import file_name
 from serp.errors import RunError
 from serp.model.facts import MAX_GROUND_SCHEMAS
 from serp.model.loading import Domain, load_domain
-from serp.pddl.source import Source
 from serp.runs.config import CONFIG
 from serp.runs.lock import LOCK, RunLock
 from serp.tasks.task import Task
@@ -102,11 +101,10 @@ def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
     return with_domain(task, place, domain.max_ground_schemas)
 
 
-def texts_of(task: Task, domain: Domain) -> list[str]:
-    """Return the texts of all files of a task: domain, problem, and those of its planners."""
-    own = [s.text for s in (domain.source, domain.problem_source) if s is not None]
-    files = (given for given in task.planners.values() if isinstance(given, str | Path))
-    return own + [Source.read(file).text for file in files]
+def texts_of(task: Task) -> list[str]:
+    """Return the texts of all files of a loaded task: domain, problem, and its planners' ones."""
+    domains = [d for d in (task.domain, *task.planners.values()) if isinstance(d, Domain)]
+    return [source.text for domain in domains for source in domain.sources]
 
 
 def with_domain(task: Task, file: Path, limit: int = MAX_GROUND_SCHEMAS) -> Task:

@@ -72,12 +72,11 @@ class PreparedComparison:
         key = (trial.algorithm, trial.variant)
         if key not in self._known:
             algorithm, settings = self.algorithms[trial.algorithm], self.settings(trial)
-            domain = self.tasks[trial.variant].load()
-            task = dataclasses.replace(self.tasks[trial.variant], domain=domain, problem=None)
+            task = self.tasks[trial.variant].loaded()
             job = Job(trial, algorithm, task, settings, self.plan.protocol)
             parts: dict[str, dict[str, Any]] = {
                 "settings": settings.as_dict(),
-                "domain": {"texts": texts_of(task, domain)},
+                "domain": {"texts": texts_of(task)},
                 "protocol": self.plan.protocol.model_dump(),
                 "algorithm": {"kind": algorithm.kind, "preset": algorithm.preset},
             }

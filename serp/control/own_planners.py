@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,15 +13,15 @@ from serp._util.saved_state import Arrays
 from serp._util.text import did_you_mean
 from serp.control.protocols import MakePlanner
 from serp.errors import TaskError
-from serp.model.loading import load_domain
+from serp.model.loading import Domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.advice import Advise, AdvisedPlanner
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.settings import PlannerSettings
 
 
-def own_planners(declared: Mapping[str, Advise | str | Path]) -> dict[str, MakePlanner]:
-    """Return what makes the planners of `serp.Task.planners`, by name.
+def own_planners(declared: Mapping[str, Any]) -> dict[str, MakePlanner]:
+    """Return what makes the planners of `serp.Task.planners`, by name; their files are loaded.
 
     Raises:
         TaskError: A planner is neither a function nor a file, or its name cannot be a planner's.
@@ -35,7 +34,7 @@ def own_planners(declared: Mapping[str, Advise | str | Path]) -> dict[str, MakeP
             )
         if callable(given):
             made[name] = partial(_by_function, name, given)
-        elif isinstance(given, str | Path):
+        elif isinstance(given, Domain):
             made[name] = partial(FilePlanner, name, given)
         else:
             raise TaskError(f"planners: `{name}` must be a function or a file, not {given!r}")
@@ -67,20 +66,20 @@ class FilePlanner(AdvisedPlanner):
 
     Args:
         name: Name of the planner, for messages.
-        file: The other domain file.
+        domain: The other domain.
         model: The model of the task's own file.
         settings: The settings of both planners.
 
     Raises:
-        DomainError: The file is missing or wrong.
+        DomainError: It is wrong.
         TaskError: It has a fluent or an action that the task's own file has not.
     """
 
     def __init__(
-        self, name: str, file: str | Path, model: TransitionModel, settings: PlannerSettings
+        self, name: str, domain: Domain, model: TransitionModel, settings: PlannerSettings
     ) -> None:
         observed = [fluent.name for fluent in model.fluents]
-        other = load_domain(file, observed=True).observed(observed).model.replace(dt=model.dt)
+        other = domain.observed(observed).model.replace(dt=model.dt)
         self._fluents = _positions(name, "fluent", [f.name for f in other.fluents], observed)
         for fluent, position in zip(other.fluents, self._fluents, strict=True):
             if fluent.numeric != model.fluents[position].numeric:

@@ -59,8 +59,7 @@ def read_recorded(run: Path) -> Recorded:
     checkpoint = folder.load_checkpoint()
     refuse_changes(folder, checkpoint, domain_only=True)
     domain = load_domain(
-        folder.domain_file,
-        folder.problem_file,
+        *folder.copies(),
         observed=made.observed is not None,
         max_ground_schemas=made.max_ground_schemas,
     )

@@ -65,10 +65,14 @@ class Domain:
         return self.syntax.name
 
     @property
+    def sources(self) -> tuple[Source, ...]:
+        """The domain file and, if there is one, the problem file."""
+        return (self.source,) if self.problem_source is None else (self.source, self.problem_source)
+
+    @property
     def warnings(self) -> tuple[DomainWarning, ...]:
         """Remarks on the files that are not errors, such as syntax that other tools refuse."""
-        sources = [s for s in (self.source, self.problem_source) if s is not None]
-        return tuple(dict.fromkeys(w for source in sources for w in source.warnings))
+        return tuple(dict.fromkeys(w for source in self.sources for w in source.warnings))
 
     def observed(self, supplied: Iterable[str] = ()) -> Domain:
         """Return the same domain for states that come from an environment.

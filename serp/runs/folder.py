@@ -2,6 +2,7 @@
 
 ``config.json``             resolved configuration, seed, command, versions, machine
 ``domain.pddl``             copy of the domain (and ``problem.pddl``, if there is one)
+``planner-1.pddl``, …       copies of the domains of the task's own planners (and their problems)
 ``metrics.csv``             one row per episode
 ``decisions.csv``           one row per decision
 ``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
@@ -16,6 +17,7 @@ import contextlib
 import datetime
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -38,12 +40,27 @@ from serp.runs.tables import Position, Table
 METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
-COPIES: Final = ("domain.pddl", "problem.pddl")
+_COPY: Final = re.compile(r"(domain|problem|planner-[0-9]+(-problem)?)\.pddl")
 _TABLES: Final = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
-_BEGUN_WITH: Final = (*COPIES, *_TABLES)
-"""Files that are written before ``config.json``, which makes the folder a run."""
-TRACES: Final = (*_BEGUN_WITH, *(aside_of(Path(n)).name for n in (*_BEGUN_WITH, CONFIG)))
 _POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
+Texts = Sequence[tuple[str, str]]
+"""Name and text of a domain file and, if there is one, of its problem file."""
+
+
+def is_trace(name: str) -> bool:
+    """Return whether a file may be what a run left that was stopped before its beginning.
+
+    ``config.json`` is none: it is written last, and makes the folder a run.
+    """
+    written = name.removesuffix(aside_of(Path("x")).suffix)
+    return bool(_COPY.fullmatch(written)) or written in _TABLES or written == CONFIG != name
+
+
+def _copies(number: int) -> tuple[str, str]:
+    """Return the names of a domain's copy and of its problem's; 0 is the task's own."""
+    if number:
+        return f"planner-{number}.pddl", f"planner-{number}-problem.pddl"
+    return "domain.pddl", "problem.pddl"
 
 
 class RunFolder(Closing):
@@ -72,8 +89,9 @@ class RunFolder(Closing):
         cls,
         path: Path | str,
         config: Mapping[str, Any],
-        domain_files: Sequence[tuple[str, str]],
+        domain_files: Texts,
         *,
+        planners: Sequence[Texts] = (),
         command: Sequence[str] = (),
         now: datetime.datetime | None = None,
     ) -> RunFolder:
@@ -85,23 +103,28 @@ class RunFolder(Closing):
             path: The folder; its parents are created.
             config: The resolved configuration, JSON values (also paths, enums and NumPy scalars);
                 its ``seed`` is repeated at the top level of ``config.json``.
-            domain_files: Name and text of the domain, and of the problem if there is one. They
-                become ``domain.pddl`` and ``problem.pddl``.
+            domain_files: The task's own domain.
+            planners: The domains of its planners; they are numbered from 1.
             command: The command line.
             now: The time of the beginning.
         """
         path = Path(path)
-        copies = dict(zip(COPIES, domain_files, strict=False))
+        copies = {
+            copy: file
+            for number, files in enumerate((domain_files, *planners))
+            for copy, file in zip(_copies(number), files, strict=False)
+        }
         names = {copy: name for copy, (name, _) in copies.items()}
         text = config_text(config, names, command, now or datetime.datetime.now())
-        make_empty(path, TRACES)
+        make_empty(path, is_trace)
         run = cls(path, json.loads(text), RunLock(path))
         try:
             # Another process may have begun a run since the folder was checked.
             if os.path.lexists(path / CONFIG):
                 raise occupied(path)
-            if (path / COPIES[1]).is_file():  # of a run that was stopped before its beginning
-                (path / COPIES[1]).unlink()
+            for file in path.iterdir():  # of a run that was stopped before its beginning
+                if _COPY.fullmatch(file.name) and file.name not in copies:
+                    file.unlink()
             for copy, (_, content) in copies.items():
                 write_durably(path / copy, content.encode())
             write_durably(path / CONFIG, text)  # last, because it makes the folder a run
@@ -122,19 +145,17 @@ class RunFolder(Closing):
         config: dict[str, Any] = self.metadata["config"]
         return config
 
-    @property
-    def domain_file(self) -> Path:
-        """The copy of the domain."""
-        file = require_regular(self.path / COPIES[0])
-        require_regular(problem_beside(file))  # not written by serp, but it would be loaded
-        return file
+    def copies(self, number: int = 0) -> tuple[Path, Path | None]:
+        """Return the copies of a domain and of its problem, None if it has none.
 
-    @property
-    def problem_file(self) -> Path | None:
-        """The copy of the problem; None if the run has none."""
-        if COPIES[1] not in self.metadata["domain_files"]:
-            return None
-        return require_regular(self.path / COPIES[1])
+        Number 0 is the task's own domain; those of its planners count from 1.
+        """
+        domain, problem = _copies(number)
+        file = require_regular(self.path / domain)
+        require_regular(problem_beside(file))  # perhaps not written by serp, but it would be loaded
+        if problem not in self.metadata["domain_files"]:
+            return file, None
+        return file, require_regular(self.path / problem)
 
     @property
     def metrics(self) -> Table:

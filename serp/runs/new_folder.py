@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import os
 import re
-from collections.abc import Collection
+from collections.abc import Callable
 from pathlib import Path
 
 from serp._util.files import cannot_write
@@ -26,19 +26,19 @@ def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path
     return path
 
 
-def make_empty(path: Path, traces: Collection[str]) -> None:
+def make_empty(path: Path, is_trace: Callable[[str], bool]) -> None:
     """Create the folder of a new run, unless it exists and is empty; see `refuse_occupied`."""
-    refuse_occupied(path, traces)
+    refuse_occupied(path, is_trace)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
 
 
-def refuse_occupied(path: Path, traces: Collection[str]) -> None:
+def refuse_occupied(path: Path, is_trace: Callable[[str], bool]) -> None:
     """Raise a RunError if a new run cannot have a folder, because there is something in it.
 
-    The files that a run stopped before its beginning may have left (`traces`) are ignored.
+    The files that a run stopped before its beginning may have left (`is_trace`) are ignored.
     """
     if path.is_file():
         raise RunError(f"{path} is a file. Give another folder with --out.")
@@ -50,7 +50,7 @@ def refuse_occupied(path: Path, traces: Collection[str]) -> None:
         raise cannot_write(path, error, "Nothing was made.") from error
     # The lock file shows that a run left the other files. Without it, a domain.pddl may be the
     # user's own.
-    if names and not (LOCK in names and names <= {LOCK, *traces}):
+    if names and not (LOCK in names and all(map(is_trace, names - {LOCK}))):
         raise occupied(path)
 
 

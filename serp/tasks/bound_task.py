@@ -41,14 +41,15 @@ class EnvironmentCall(NamedTuple):
 class BoundTask(Closing):
     """A task with an environment, its loaded domain and its resolved actions.
 
-    As a context manager it closes its environment at the end. `rewarded_by` is the source of the
+    As a context manager it closes its environment at the end. `task` is the task with its files
+    loaded; `rewarded_by` is the source of the
     reward that the task declares, `domain` or `environment`; `grounding` the task's function;
     `call` the call of the environment that has not returned yet; `on_notice`, if set, is called
     with each line that the user should read.
     """
 
     def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
-        self.task = task
+        self.task = task = task.loaded()
         self.domain = task.load()
         self.name = str(task.name or self.domain.name)
         self._check_fields()

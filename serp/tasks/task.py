@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -54,7 +55,8 @@ class Task:
             `:init`, as one made of the file does (`serp.file_task`). The model then has nothing
             else; so it is smaller, and no other state can be grounded.
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
-            value) → name of a ground action, None for no advice; or another domain file.
+            value) → name of a ground action, None for no advice; or another domain file,
+            or a loaded domain.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
         description: One line for `serp list`.
     """
@@ -70,7 +72,7 @@ class Task:
     settings: Mapping[str, Overrides] = field(default_factory=dict)
     symmetries: Sequence[Symmetry] = ()
     closed: bool = False
-    planners: Mapping[str, Advise | str | Path] = field(default_factory=dict)
+    planners: Mapping[str, Advise | str | Path | Domain] = field(default_factory=dict)
     counters: Sequence[str] = ()
     description: str = ""
 
@@ -96,6 +98,29 @@ class Task:
             ):
                 raise TaskError(f"task: {what} must be a file or a loaded domain, not {file!r}")
         return load_domain(self.domain, self.problem, observed=not self.closed)
+
+    def loaded(self) -> Task:
+        """Return the task with all of its files loaded, those of its planners, too.
+
+        So it is the same on another machine, and after an edit. The planners' files share the limit
+        on the size of the task's own domain.
+
+        Raises:
+            DomainError: A file is missing or wrong.
+            TaskError: `domain` or `problem` is not the name of a file.
+        """
+        domain = self.load()
+        limit = domain.max_ground_schemas
+
+        def of_planner(given: Advise | str | Path | Domain) -> Advise | Domain:
+            if isinstance(given, str | os.PathLike):
+                return load_domain(given, observed=True, max_ground_schemas=limit)
+            if isinstance(given, Domain) and given.max_ground_schemas != limit:
+                return dataclasses.replace(given, max_ground_schemas=limit)
+            return given
+
+        planners = {name: of_planner(given) for name, given in self.planners.items()}
+        return dataclasses.replace(self, domain=domain, problem=None, planners=planners)
 
     def bind(self, *, render_mode: str | None = None) -> BoundTask:
         """Make an environment and check that it fits domain, grounding and actions.

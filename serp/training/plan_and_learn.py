@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from serp._util.numbers import seed_of
 from serp.control.registry import refuse_unknown_names
 from serp.errors import RunError, SettingsError, TaskError
-from serp.runs.folder import TRACES, RunFolder
+from serp.runs.folder import RunFolder, is_trace
 from serp.runs.new_folder import default_path, refuse_occupied
 from serp.runs.tensorboard import require_tensorboard
 from serp.settings import resolve
@@ -95,7 +95,7 @@ def plan_and_learn(
     if resolved.training.tensorboard:
         require_tensorboard()
     if out is not None:
-        refuse_occupied(Path(out), TRACES)
+        refuse_occupied(Path(out), is_trace)
     with task.bind() as bound:
         path = Path(out) if out is not None else default_path(bound.name, begun)
         from serp.training.saved_training import compiled_trainer, train

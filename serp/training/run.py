@@ -215,20 +215,20 @@ class Run:
 
 
 def task_of_run(folder: RunFolder, task: Task) -> Task:
-    """Return the task with the run's own copy of the domain; refuse another task."""
+    """Return the task with the run's own copies of its domains; refuse another task."""
     made = read_run_metadata(folder)
     if task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
-    domain = load_domain(
-        folder.domain_file,
-        folder.problem_file,
-        observed=not task.closed,
-        max_ground_schemas=made.max_ground_schemas,
-    )
+    limit = made.max_ground_schemas
+    own = {
+        name: load_domain(*folder.copies(number), observed=True, max_ground_schemas=limit)
+        for number, name in enumerate(made.planners, 1)
+    }
     return dataclasses.replace(
         task,
-        domain=domain,
+        domain=load_domain(*folder.copies(), observed=not task.closed, max_ground_schemas=limit),
         problem=None,
+        planners={**task.planners, **own},
         name=made.task,
         reward=made.reward,
         dt=made.control_period,

@@ -23,7 +23,7 @@ from serp._util.files import read_regular
 from serp._util.numbers import COUNTED
 from serp._util.saved_state import Saved
 from serp.errors import RunError, SettingsError
-from serp.model.loading import problem_beside
+from serp.model.loading import Domain, problem_beside
 from serp.runs.checkpoint import Checkpoint
 from serp.runs.config import CONFIG
 from serp.runs.folder import RunFolder
@@ -55,8 +55,10 @@ class RunMetadata(BaseModel):
     observed: list[str] | None = []
     """Fluents that the environment gives although the problem's `:init` states them. None: all
     states can be reached from there, see `Task.closed`."""
+    planners: list[str] = []
+    """Planners of the task that are domain files, in the order of their copies."""
     max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
-    """Limit on the size of the grounded domain."""
+    """Limit on the size of each grounded domain."""
 
 
 def begin_run(
@@ -70,6 +72,7 @@ def begin_run(
     begun: datetime.datetime,
 ) -> RunFolder:
     """Begin a run in a new or empty folder, and lock it for writing."""
+    planners = {n: d for n, d in task.task.planners.items() if isinstance(d, Domain)}
     config = {
         "task": task.name,
         "domain": task.domain.name,
@@ -81,12 +84,15 @@ def begin_run(
         "learned_from": reward_source(task.rewarded_by, settings),
         "file_rewards": task.model.rewarding,
         "control_period": task.model.dt,
+        "planners": list(planners),
         "budget": budget.as_dict(),
         "settings": settings.as_dict(),
     }
-    files = (task.domain.source, task.domain.problem_source)
-    sources = [(file.name, file.text) for file in files if file is not None]
-    return RunFolder.create(path, config, sources, command=sys.argv, now=begun)
+    own, *others = (
+        [(source.name, source.text) for source in domain.sources]
+        for domain in (task.domain, *planners.values())
+    )
+    return RunFolder.create(path, config, own, planners=others, command=sys.argv, now=begun)
 
 
 def read_run_metadata(folder: RunFolder) -> RunMetadata:
@@ -107,13 +113,15 @@ def content_digests(folder: RunFolder) -> dict[str, str]:
     """Return digests of a run's domain files and of its configuration except the budget."""
     config = {name: value for name, value in folder.config.items() if name != "budget"}
     made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
-    beside = problem_beside(folder.domain_file)  # not written by serp, but it would be loaded
-    for file in (folder.domain_file, folder.problem_file, beside):
-        if file is not None and (file is not beside or os.path.lexists(file)):
-            try:
-                made[file.name] = read_regular(file)
-            except OSError as error:
-                raise RunError(f"cannot read {file}: {error.strerror or error}") from error
+    for number in range(1 + len(read_run_metadata(folder).planners)):
+        domain, problem = folder.copies(number)
+        beside = problem_beside(domain)  # perhaps not written by serp, but it would be loaded
+        for file in (domain, problem, beside):
+            if file is not None and (file is not beside or os.path.lexists(file)):
+                try:
+                    made[file.name] = read_regular(file)
+                except OSError as error:
+                    raise RunError(f"cannot read {file}: {error.strerror or error}") from error
     return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
 
 

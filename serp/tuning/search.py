@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Generator
 from typing import Any
 
@@ -43,8 +42,7 @@ class Search:
             raise SettingsError(f"`{algorithm.name}` has no settings that serp could tune")
         with task.bind() as bound:  # checks the task
             self.name = bound.name
-        domain = task.load()
-        self._task = dataclasses.replace(task, domain=domain, problem=None)
+            self._task = bound.task
         self._settings = algorithm.settings(task, request.settings)
         steps = request.env_steps or self._settings.training.env_steps
         evaluated = request.objective == "evaluation"
@@ -54,7 +52,7 @@ class Search:
         self._measure = _FINAL[algorithm.kind] if evaluated else "training_area"
         parts: dict[str, Any] = {
             "task": self.name,
-            "texts": texts_of(task, domain),
+            "texts": texts_of(self._task),
             "settings": self._settings.as_dict(),
             "protocol": self._protocol.model_dump(),
             "measure": self._measure,

@@ -182,7 +182,7 @@ def _planning(
             domain.model.replace(dt=period), time_budget=time_budget, **used
         )
     chosen = PlannerSettings(**used, name=planner_name)
-    own = own_planners(task.planners) if task is not None else {}
+    own = own_planners(task.loaded().planners) if task is not None else {}
     refuse_unknown_names(Settings(planner=chosen), own)
 
     def chosen_planner(domain: Domain) -> MonitorReplanner:

@@ -49,7 +49,7 @@ KINDS = {
 def use(path):
     """Everything that is done with a run."""
     with RunFolder.open(path, writing=True) as run:
-        run.domain_file.read_text()
+        run.copies()[0].read_text()
         run.resume()
         load_newest(path)
         run.decisions.append((0,) * len(DECISIONS_COLUMNS))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 import shlex
 from pathlib import Path
 from typing import Any
@@ -67,16 +68,19 @@ def test_what_is_missing_comes_seed_by_seed_and_of_the_same_making(tmp_path: Pat
     ]
     other = tmp_path / "other.pddl"
     other.write_text(CORRIDOR.replace("decrease (reward) 5", "decrease (reward) 6"))
+    with_planner = walk(tmp_path, planners={"a": other})
     changed = dataclasses.replace(made.algorithms["dqn"], kind="guided")
     for changes, message in (
         ({"changes": {"learner": {"members": 1}}}, "other settings"),
         ({"protocol": PROTOCOL.model_copy(update={"env_steps": 99})}, "another budget"),
         ({"tasks": {"walk": walk(tmp_path, domain=other)}}, "another domain file"),
-        ({"tasks": {"walk": walk(tmp_path, planners={"a": other})}}, "another domain file"),
+        ({"tasks": {"walk": with_planner}}, "another domain file"),
         ({"algorithms": {**made.algorithms, "dqn": changed}}, "another algorithm"),
     ):
         with pytest.raises(RunError, match=f"dqn on walk, seed 0 was made with {message}"):
             prepared(tmp_path, **changes).missing()
+    sent = pickle.loads(pickle.dumps(prepared(tmp_path, tasks={"walk": with_planner}).job(done)))
+    assert sent.task.planners["a"].source.text == other.read_text()  # not only its path
 
 
 def test_names_with_a_colon_are_made_of_what_they_change() -> None:

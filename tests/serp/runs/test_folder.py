@@ -85,12 +85,9 @@ def test_a_new_run_holds_what_is_needed_to_repeat_it(tmp_path):
         opened = RunFolder.open(path)
         assert opened.metadata == run.metadata
     assert opened.config["settings"] == {"r_min": "-inf", "layers": [64, 64]}
-    assert (opened.domain_file, opened.problem_file) == (
-        path / "domain.pddl",
-        path / "problem.pddl",
-    )
-    assert opened.domain_file.read_text() == DOMAIN[1]
-    assert opened.problem_file.read_bytes() == PROBLEM[1].encode()
+    assert opened.copies() == (path / "domain.pddl", path / "problem.pddl")
+    assert (path / "domain.pddl").read_text() == DOMAIN[1]
+    assert (path / "problem.pddl").read_bytes() == PROBLEM[1].encode()
     made = opened.metadata
     assert (made["command"], made["seed"]) == (command, 3)
     assert made["domain_files"] == {"domain.pddl": DOMAIN[0], "problem.pddl": PROBLEM[0]}
@@ -159,7 +156,7 @@ def test_a_run_killed_before_it_began_is_begun_anew(tmp_path):
             RunFolder.open(path)
         create(path).close()
         run = RunFolder.open(path)
-        assert run.domain_file.read_text() == DOMAIN[1]
+        assert run.copies()[0].read_text() == DOMAIN[1]
         assert not (path / "problem.pddl").exists()
 
 

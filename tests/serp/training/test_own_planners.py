@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from serp.errors import SerpError, SettingsError, TaskError
+from serp.diagnosis.recorded_run import read_recorded
+from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.tasks.task import Task
 from serp.training.plan_and_learn import plan_and_learn
-from serp.training.run import Run
+from serp.training.run import Run, load_run
 from tests.serp.sample_tasks import CORRIDOR, corridor
 from tests.serp.training.runs import everything, resume, without_pictures
 
@@ -41,8 +42,17 @@ def test_the_better_planner_is_found_and_a_resumed_run_equals_an_uninterrupted_o
     assert evidence["planners"]["mistaken"]["mean"] < evidence["planner"]["mean"]
     assert sum(worth["episodes"] for worth in evidence["planners"].values()) == 30
     train(task, tmp_path / "half", names, 15, **leads)
+    (tmp_path / "mistaken.pddl").unlink()  # the run has its own copy
     resume(task, tmp_path / "half", episodes=30)
     assert everything(tmp_path / "half") == everything(tmp_path / "whole")
+    assert load_run(tmp_path / "half", task).evaluate("planner", episodes=1, quiet=True).returns
+    copy = tmp_path / "half" / "planner-1.pddl"
+    copy.write_text(copy.read_text().replace("-9", "9"))
+    for use in (lambda: resume(task, copy.parent, episodes=31), lambda: read_recorded(copy.parent)):
+        with pytest.raises(
+            RunError, match=r"planner-1\.pddl of the run was changed since it began"
+        ):
+            use()
 
 
 @pytest.mark.parametrize(
