@@ -42,9 +42,9 @@ _NAMES = {
         "TrainingSettings",
     ),
     "serp.tasks.declared_symmetry": ("Symmetry",),
-    "serp.tasks.file_world": ("file_task",),
     "serp.tasks.registry": ("load_task",),
     "serp.tasks.task": ("Task",),
+    "serp.tasks.worlds.file_world": ("file_task",),
     "serp.training.environments.guarded_env": ("GuardedEnv",),
     "serp.training.plan_and_learn": ("plan_and_learn",),
     "serp.training.run": ("Run", "load_run"),
@@ -95,9 +95,9 @@ if TYPE_CHECKING:
     from serp.settings import Settings as Settings
     from serp.settings import TrainingSettings as TrainingSettings
     from serp.tasks.declared_symmetry import Symmetry as Symmetry
-    from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
     from serp.tasks.task import Task as Task
+    from serp.tasks.worlds.file_world import file_task as file_task
     from serp.training.environments.guarded_env import GuardedEnv as GuardedEnv
     from serp.training.plan_and_learn import plan_and_learn as plan_and_learn
     from serp.training.run import Run as Run

@@ -138,7 +138,9 @@ class AdaptedModel(TransitionModel):
             kernels.adapt_row(self.data, action, before, self.dt, changed, group, kind)
             out[:] = changed.tolist()
 
-        return self._trace(state, action, self.buffer.parameters.tolist(), adapt)
+        theta = self.buffer.parameters.tolist()
+        _, flags, sites = self.traced(state, action, theta=theta, amend=adapt)
+        return sites, flags
 
 
 def same_arguments(actions: Sequence[GroundSchema]) -> NDArray[np.int64]:

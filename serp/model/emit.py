@@ -55,6 +55,21 @@ class Site:
     schema: g.GroundSchema | None
     item: g.Test | g.GroundEffect | None
 
+    @property
+    def without_result(self) -> str:
+        """Say where a step ended here without a result, and why."""
+        if self.what == "conflict":
+            why = "contradicts another effect"
+        elif isinstance(self.item, g.SetBoolean | g.SetNumber) or self.item is None:
+            why = "gives no finite number"
+        else:
+            why = "is neither true nor false, it divides by zero"
+        item = self.schema if self.item is None or isinstance(self.item, g.Constant) else self.item
+        if item is None:
+            return f"the reward {why}"
+        place = item.place
+        return f"{place.source.name}:{place.line}:{place.column}: `{place.text}` {why}"
+
 
 def joined(operator: str, tests: Sequence[str]) -> str:
     """Join tests by `and` or `or`; a single test is returned as it is."""

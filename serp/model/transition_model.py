@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from serp.model.emit import Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.goal_value import GoalValue
-from serp.model.ground import REWARD_TARGET, Constant, GroundModel, SetBoolean, SetNumber
+from serp.model.ground import REWARD_TARGET, GroundModel
 from serp.model.program import Amendment, Functions, Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
 
@@ -281,7 +281,7 @@ class TransitionModel(StateSpace):
         if not flags & APPLICABLE:
             site = self.trace_judged(state, action, next_state)[-1]
             raise StateError(
-                f"an observed transition cannot be judged: {_without_result(site)}; "
+                f"an observed transition cannot be judged: {site.without_result}; "
                 f"observed state: {self.values(next_state)}"
             )
         return Judgement(reward, bool(flags & UNSAFE), bool(flags & TERMINAL))
@@ -308,39 +308,38 @@ class TransitionModel(StateSpace):
             The sites passed, in order, and the flags.
         """
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
-        return self._trace(values, action, self._theta_list)
+        _, flags, sites = self.traced(values, action)
+        return sites, flags
 
-    def _trace(
+    def traced(
         self,
         state: list[float],
         action: int,
-        theta: list[float],
+        *,
+        theta: list[float] | None = None,
         amend: Amendment | None = None,
-    ) -> tuple[list[Site], int]:
+    ) -> tuple[list[float], int, list[Site]]:
+        """Predict one step on plain lists by the file, as `transition` does.
+
+        Args:
+            state: F floats; unchanged.
+            action: Position of a ground action; -1 for none.
+            theta: Other parameters.
+            amend: Changes the result of effects and processes before events are evaluated.
+
+        Returns:
+            What `transition` returns, and the sites passed, in order.
+        """
         sites: list[Site] = []
         functions, out = self._program.traced(sites), [*state, 0.0]
         flags = self._program.step(
-            state, action, theta, self.dt, out, functions=functions, amend=amend
-        )
-        return sites, flags
+            state, action, self._theta_list if theta is None else theta, self.dt, out,
+            functions=functions, amend=amend,
+        )  # fmt: skip
+        return out, flags, sites
 
     def trace_judged(self, state: Vector, action: int, next_state: Vector) -> list[Site]:
         """Return which effects, rates and events take part in the judgement of a transition."""
         sites: list[Site] = []
         self._judge(state.tolist(), action, next_state.tolist(), self._program.traced(sites))
         return sites
-
-
-def _without_result(site: Site) -> str:
-    """Say where a step has no result, and why."""
-    if site.what == "conflict":
-        why = "contradicts another effect"
-    elif isinstance(site.item, SetBoolean | SetNumber) or site.item is None:
-        why = "gives no finite number"
-    else:
-        why = "is neither true nor false, it divides by zero"
-    item = site.schema if site.item is None or isinstance(site.item, Constant) else site.item
-    if item is None:
-        return f"the reward {why}"
-    place = item.place
-    return f"{place.source.name}:{place.line}:{place.column}: `{place.text}` {why}"

@@ -16,6 +16,7 @@ from serp.errors import TaskError
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import TransitionModel
 from serp.tasks.declared_symmetry import Symmetry
+from serp.tasks.worlds.options import WorldOptions
 
 if TYPE_CHECKING:
     from serp.planning.advice import Advise
@@ -51,9 +52,8 @@ class Task:
             key `*` stands for every preset.
         symmetries: Transformations that leave the task unchanged (`serp.Symmetry`); the learner
             uses them if `learner.symmetry` is set.
-        closed: Whether the environment keeps to the states that can be reached from the problem's
-            `:init`, as one made of the file does (`serp.file_task`). The model then has nothing
-            else; so it is smaller, and no other state can be grounded.
+        world: The options of an environment that `serp.file_task` made of the file; None for any
+            other. A run with them needs no task to be opened again.
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
             value) → name of a ground action, None for no advice; or another domain file,
             or a loaded domain.
@@ -71,7 +71,7 @@ class Task:
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)
     symmetries: Sequence[Symmetry] = ()
-    closed: bool = False
+    world: WorldOptions | None = None
     planners: Mapping[str, Advise | str | Path | Domain] = field(default_factory=dict)
     counters: Sequence[str] = ()
     description: str = ""
@@ -82,6 +82,14 @@ class Task:
                 "task: planners must be a mapping {name: function or domain file}, not "
                 f"{self.planners!r}"
             )
+
+    @property
+    def closed(self) -> bool:
+        """Whether the environment keeps to states that can be reached from the problem's `:init`.
+
+        The model then has nothing else; so it is smaller, and no other state can be grounded.
+        """
+        return self.world is not None
 
     def load(self) -> Domain:
         """Return the domain, loading it if a file was given.

@@ -18,11 +18,11 @@ from serp.runs.folder import RunFolder, is_trace
 from serp.runs.new_folder import default_path, refuse_occupied
 from serp.runs.tensorboard import require_tensorboard
 from serp.settings import resolve
-from serp.tasks.registry import find_task, load_task
+from serp.tasks.registry import find_task
 from serp.tasks.task import Task
 from serp.training.budget import Budget
 from serp.training.callbacks import Callbacks, TrainingCallbacks
-from serp.training.run_metadata import begin_run, read_run_metadata
+from serp.training.run_metadata import begin_run
 
 if TYPE_CHECKING:
     from serp.training.run import Run
@@ -81,12 +81,12 @@ def plan_and_learn(
             raise RunError("to resume, name the run's folder (--out RUN)")
         folder = RunFolder.open(out, writing=True)
         with folder:
-            if isinstance(task, str):  # the run has its own copy of the domain
-                task = load_task(read_run_metadata(folder).task)
             from serp.training.run import task_of_run
             from serp.training.saved_training import continue_training
 
-            with task_of_run(folder, task).bind() as bound:
+            # The run has its own copy of the domain.
+            own = task_of_run(folder, None if isinstance(task, str) else task)
+            with own.bind() as bound:
                 return continue_training(folder, bound, budget, called, quiet=quiet)
     if isinstance(task, str):
         task = find_task(task)

@@ -26,6 +26,7 @@ from serp.runs.reading import read_metrics
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import load_task
 from serp.tasks.task import Task
+from serp.tasks.worlds.file_world import world_task
 from serp.training.agent import Agent
 from serp.training.evaluation import EPISODES, EvaluationResult, evaluate
 from serp.training.policies import Policy
@@ -37,7 +38,8 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
 
     Args:
         folder: The run's folder.
-        task: The task it was trained on; by default the installed task of that name.
+        task: The task it was trained on; by default the installed task of that name, or the world
+            of the run's own files.
 
     Raises:
         RunError: It is not a run, or a file of it is damaged.
@@ -45,10 +47,7 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
     """
     if not isinstance(folder, str | os.PathLike):
         raise RunError(f"a run is given by its folder, not by {folder!r}")
-    opened = RunFolder.open(folder)
-    if task is None:
-        task = load_task(read_run_metadata(opened).task)
-    return Run(Path(folder), task_of_run(opened, task))
+    return Run(Path(folder), task_of_run(RunFolder.open(folder), task))
 
 
 class Run:
@@ -214,19 +213,31 @@ class Run:
             yield task
 
 
-def task_of_run(folder: RunFolder, task: Task) -> Task:
-    """Return the task with the run's own copies of its domains; refuse another task."""
+def task_of_run(folder: RunFolder, task: Task | None = None) -> Task:
+    """Return a run's task with the run's own copies of its domains; refuse another task.
+
+    By default it is the world that the run's files describe, if it was trained on that, else the
+    installed task of that name.
+    """
     made = read_run_metadata(folder)
-    if task.name not in (None, made.task):
+    if task is not None and task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
     limit = made.max_ground_schemas
+    if task is None and made.world is None:
+        task = load_task(made.task)
+    domain = load_domain(
+        *folder.copies(), observed=task is not None and not task.closed, max_ground_schemas=limit
+    )
+    if task is None:
+        assert made.world is not None
+        task = world_task(domain, made.world, made.control_period)
     own = {
         name: load_domain(*folder.copies(number), observed=True, max_ground_schemas=limit)
         for number, name in enumerate(made.planners, 1)
     }
     return dataclasses.replace(
         task,
-        domain=load_domain(*folder.copies(), observed=not task.closed, max_ground_schemas=limit),
+        domain=domain,
         problem=None,
         planners={**task.planners, **own},
         name=made.task,

@@ -29,6 +29,7 @@ from serp.runs.config import CONFIG
 from serp.runs.folder import RunFolder
 from serp.settings import Settings
 from serp.tasks.reward import reward_source
+from serp.tasks.worlds.options import WorldOptions
 from serp.training.budget import Budget
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ class RunMetadata(BaseModel):
     """Planners of the task that are domain files, in the order of their copies."""
     max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
     """Limit on the size of each grounded domain."""
+    world: Annotated[WorldOptions | None, BeforeValidator(WorldOptions.from_dict)] = None
+    """What the environment was made with, if it was made of the file itself."""
 
 
 def begin_run(
@@ -77,6 +80,7 @@ def begin_run(
         "task": task.name,
         "domain": task.domain.name,
         "observed": None if task.task.closed else sorted(task.domain.supplied or ()),
+        "world": None if task.task.world is None else task.task.world.as_dict(),
         "max_ground_schemas": task.domain.max_ground_schemas,
         "preset": preset,
         "seed": seed,

@@ -27,7 +27,8 @@ from pyperplan.task import Task
 from serp.model.loading import load_domain
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
-from serp.tasks.file_world import FileWorld
+from serp.tasks.worlds.file_world import FileWorld
+from serp.tasks.worlds.options import WorldOptions
 from serp_adapters.pyperplan.planner import make
 from tests.generated.classical import blocks, gripper, logistics
 
@@ -90,7 +91,9 @@ def main() -> None:
             planner.forecast(loaded.model.initial_state)
             ours += perf_counter() - start
             states[1] += expanded[0]
-            each = play(FileWorld(loaded, failure=options.failure), planner, options.episodes)
+            each = play(
+                FileWorld(loaded, WorldOptions(failure=options.failure)), planner, options.episodes
+            )
             played = [a + b for a, b in zip(played, each, strict=True)]
         count = len(problems) * options.rounds
         print(

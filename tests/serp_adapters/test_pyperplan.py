@@ -14,7 +14,8 @@ from serp.errors import SerpError
 from serp.model.transition_model import TransitionModel
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
-from serp.tasks.file_world import FileWorld
+from serp.tasks.worlds.file_world import FileWorld
+from serp.tasks.worlds.options import WorldOptions
 from serp_adapters.pyperplan.planner import Search, make
 from serp_adapters.pyperplan.strips import Strips
 from tests.generated import Texts, load_texts
@@ -57,7 +58,7 @@ def settings(name: str = "pyperplan", most: int = 10_000) -> PlannerSettings:
     ids=["blocks", "gripper", "logistics"],
 )
 def test_plans_are_followed_to_the_goal_while_actions_fail(texts: Texts, name: str) -> None:
-    world = FileWorld(load_texts(texts), failure=0.1)
+    world = FileWorld(load_texts(texts), WorldOptions(failure=0.1))
     planner = make(world.model, settings(name))
     state, _ = world.reset(seed=0)
     for _ in range(100):

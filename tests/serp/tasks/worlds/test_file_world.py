@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pickle
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
@@ -12,7 +14,9 @@ import serp
 from serp.errors import SerpError
 from serp.model.loading import Domain
 from serp.pddl.source import Source
-from serp.tasks.file_world import FileWorld
+from serp.tasks.worlds.file_world import FileWorld
+from serp.tasks.worlds.options import WorldOptions
+from tests.serp.training.runs import train, without_pictures
 
 FERRY = """(define (domain ferry)
   (:requirements :strips :fluents)
@@ -48,7 +52,7 @@ def test_a_step_is_that_of_the_file() -> None:
 
 
 def test_what_fails_or_cannot_be_done_changes_nothing_while_the_world_goes_on() -> None:
-    world = FileWorld(ferry(), failure=0.25)
+    world = FileWorld(ferry(), WorldOptions(failure=0.25))
     cross, waited = world.model.action_index("cross"), 0
     for seed in range(400):
         world.reset(seed=seed)
@@ -63,6 +67,48 @@ def test_what_fails_or_cannot_be_done_changes_nothing_while_the_world_goes_on() 
     world.step(cross)
     state, reward, _, _, info = world.step(cross)
     assert (world.model.values(state)["clock"], reward, info["applied"]) == (2.0, -1.0, False)
+
+
+def test_a_slip_is_another_action_that_can_be_done_and_noise_scales_changes() -> None:
+    world, seen = FileWorld(ferry(), WorldOptions(slip=0.5)), Counter[int]()
+    for seed in range(400):
+        world.reset(seed=seed)
+        *_, info = world.step(1)
+        seen[world.happened.action] += 1
+        assert info["applied"] == (world.happened.action == 1)
+        assert [site.schema.name for site in world.happened.sites if site.schema][:1] == [
+            world.model.actions[world.happened.action].name
+        ]
+    assert sorted(seen) == [0, 1, 2] and 160 < seen[1] < 240 and 75 < seen[0] < 125
+
+    world = FileWorld(ferry(), WorldOptions(noise=0.1), dt=0.5)
+    ends, wait = [], world.model.action_index("dive")
+    for seed in range(400):
+        world.reset(seed=seed)
+        world.step(wait)
+        ends.append(world.model.values(world.state))
+    clock = np.array([end["clock"] for end in ends]) / 0.5  # rises by dt
+    assert abs(clock.mean() - 1.0) < 0.02 and 0.08 < clock.std() < 0.12
+    assert all(end["load"] == 2 and end["here"] for end in ends)  # what does not change is exact
+
+
+def test_a_run_is_opened_again_with_nothing_but_its_folder(tmp_path: Path) -> None:
+    file = tmp_path / "ferry.pddl"
+    file.write_text(FERRY, encoding="utf-8")
+    (tmp_path / "ferry-problem.pddl").write_text(START.format(load=2), encoding="utf-8")
+    task = serp.file_task(file, slip=0.25, noise=0.5, max_steps=5, dt=0.5)
+    out = train(task, tmp_path / "run", "paper", episodes=2).path
+    file.unlink()
+    run = serp.load_run(out)
+    assert run.task.world == task.world and run.task.closed
+    assert run.evaluate(episodes=2, quiet=True).returns
+    with without_pictures():
+        more = serp.plan_and_learn("", out=out, resume=True, episodes=3, quiet=True)
+    assert more.metrics["episode"][-1] == 3
+    config = out / "config.json"
+    config.write_text(config.read_text().replace('"slip": 0.25', '"slip": 1.25'))
+    with pytest.raises(serp.RunError, match=r"config.json was changed.*slip must be less than 1"):
+        serp.load_run(out)
 
 
 def test_a_task_is_made_of_a_file_in_one_line(tmp_path: Path) -> None:
@@ -85,8 +131,8 @@ def test_a_world_needs_a_start() -> None:
 
 
 def test_a_step_without_a_result_says_so() -> None:
-    with pytest.raises(SerpError, match="failure must be a probability"):
-        FileWorld(ferry(), failure=1.0)
+    with pytest.raises(SerpError, match="world.failure must be less than 1"):
+        serp.file_task(ferry(), failure=1.0)
     world = FileWorld(ferry(START.format(load=0)))
     world.reset()
     with pytest.raises(SerpError, match="`share` has no result in .*divides by zero"):

@@ -1,0 +1,1 @@
+"""Worlds made of domain files, without an environment of their own."""
