@@ -56,6 +56,10 @@ class LookaheadReliability:
             self._since[lane] = since
         return failed
 
+    def cut_off(self, lane: int = 0) -> None:
+        """Note that the episode of an environment goes on no further."""
+        self._since.pop(lane, None)
+
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
         return {"failures": self.failures, "steps": self.steps}

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import Saved
+from serp._util.text import plural
 from serp.control.decision import Reason
 from serp.control.lookahead_reliability import LookaheadReliability
 from serp.control.step_record import StepRecord
@@ -81,9 +82,10 @@ class VetoPolicy:
         return self._reliability.reliable
 
     @property
-    def lookahead_failures(self) -> int:
-        """Number of failures of the lookahead."""
-        return self._reliability.failures
+    def lookahead_failures(self) -> str:
+        """In words: how often the lookahead failed."""
+        found = self._reliability
+        return f"{plural(found.failures, 'time')} in {plural(found.steps, 'env step')}"
 
     def observe(self, step: StepRecord) -> bool:
         """Return whether the lookahead failed in an env step of training.
@@ -94,6 +96,10 @@ class VetoPolicy:
         known = bool(self._actions.modelled[decision.action])
         safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
         return self._reliability.observe(safe if known else None, step.unsafe, step.last, self.lane)
+
+    def cut_off(self) -> None:
+        """Treat the step observed last as the last one of its episode."""
+        self._reliability.cut_off(self.lane)
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
@@ -119,7 +125,7 @@ class NoVeto:
     """
 
     lookahead_reliable = False
-    lookahead_failures = 0
+    lookahead_failures = ""
 
     def __init__(self, actions: ActionMap) -> None:
         self.available: Mask = ~actions.modelled
@@ -136,6 +142,9 @@ class NoVeto:
     def observe(self, step: StepRecord) -> bool:
         """Return False: the lookahead is not used."""
         return False
+
+    def cut_off(self) -> None:
+        """Do nothing: nothing is kept from step to step."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return an empty mapping: there is no state."""

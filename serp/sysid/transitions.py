@@ -68,6 +68,12 @@ class TransitionMemory:
             part[head] = value
         self.seen += 1
 
+    def cut_off(self) -> None:
+        """Note that the newest transition was the last one of its episode."""
+        endings = self._ring[3]
+        newest = (self.seen - 1) % self._capacity
+        endings[newest] = max(endings[newest], CUT_OFF)
+
     def __len__(self) -> int:
         return min(self.seen, self._capacity)
 

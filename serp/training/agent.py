@@ -230,7 +230,7 @@ class Agent:
         return LearnerProposer(self.learner, x)
 
     def observe(self, step: StepRecord, episode: int = 0) -> None:
-        """Update vetoes and model with an env step of training.
+        """Update vetoes and model with an env step of training; notify when vetoes see less far.
 
         The model learns from whole episodes, one after another in the order in which they begin,
         from each step as soon as it is that episode's turn. Of episodes that run at the same time,
@@ -241,8 +241,16 @@ class Agent:
             step: The env step.
             episode: Number of its episode, where several run at the same time.
         """
-        if self.arbiter.vetoes.observe(step):
+        vetoes, say = self.arbiter.vetoes, self.task.on_notice
+        relied_on = vetoes.lookahead_reliable
+        if vetoes.observe(step):
             self.adaptation.reset_visits()
+        if relied_on and not vetoes.lookahead_reliable and say is not None:
+            say(
+                f"{vetoes.lookahead_failures} something unsafe happened that was avoidable by the "
+                "domain file. From now on vetoes use only its prediction of the next step. Check "
+                "the effects of its actions."
+            )
         ending = OVER if step.terminated else CUT_OFF if step.truncated else GOES_ON
         # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward
@@ -258,6 +266,15 @@ class Agent:
             else:
                 steps.clear()
                 break
+
+    def cut_off(self) -> None:
+        """Treat the env step observed last as if it had truncated its episode.
+
+        This is for a single environment whose episode is not gone on with.
+        """
+        self.arbiter.vetoes.cut_off()
+        self.adaptation.experience.cut_off()
+        self._waiting.clear()
 
     def remember(self, step: StepRecord, following: Decision | None) -> None:
         """Store an env step in the learner's replay memory.

@@ -130,6 +130,10 @@ class Rollout:
         self._observation, self.state, self.x = observation, next_state, next_x
         return record
 
+    def cut_off(self) -> None:
+        """Truncate the episode after the steps that were made."""
+        self.totals.truncated = True
+
     def steps(self, decide: Decide) -> Iterator[StepRecord]:
         """Yield the steps of a policy to the end of the episode; each is executed when needed."""
         while not self.over:

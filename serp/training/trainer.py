@@ -188,7 +188,7 @@ class Trainer(Closing):
             return None
         self.under_way = self.env_steps + 1
         step = lane.rollout.step(lane.decision)
-        self._observe(step, lane.episode)
+        self.agent.observe(step, lane.episode)
         self.env_steps += 1
         self.tally.count(step.decision)
         return step
@@ -235,18 +235,6 @@ class Trainer(Closing):
         self._notice_unit(lane, step.info)
         if self.on_step is not None:
             self.on_step(step)
-
-    def _observe(self, step: StepRecord, episode: int) -> None:
-        """Update the agent, and notify the user when the lookahead becomes unreliable."""
-        vetoes, say = self.agent.arbiter.vetoes, self.task.on_notice
-        relied_on = vetoes.lookahead_reliable
-        self.agent.observe(step, episode)
-        if relied_on and not vetoes.lookahead_reliable and say is not None:
-            say(
-                f"{vetoes.lookahead_failures} times in {self.env_steps + 1} env steps something "
-                "unsafe happened that was avoidable by the domain file. From now on vetoes use "
-                "only its prediction of the next step. Check the effects of its actions."
-            )
 
     def _end_episode(self, lane: Lane) -> MetricsRow:
         assert lane.rollout is not None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -25,6 +25,9 @@ of the newer half of all episodes alone."""
 
 _LARGEST: Final = 1e150
 """Larger returns have no finite square; such an episode is no evidence."""
+
+Belief = tuple[float, float]
+"""Mean and variance of an expected return."""
 
 
 class Returns:
@@ -123,7 +126,7 @@ class Evidence(Strategy):
         worths = [self._worth(*pair) for pair in zip(self.planners, planners, strict=True)]
         named = tuple(zip(self.names, worths, strict=True)) if len(worths) > 1 else ()
         return LeadEvidence(
-            worths[self.best_planner], self._worth(self.learner, learner), self._rho, named
+            worths[_best(planners)], self._worth(self.learner, learner), self._rho, named
         )
 
     @property
@@ -139,10 +142,9 @@ class Evidence(Strategy):
     @property
     def best_planner(self) -> int:
         """Position of the planner whose episodes are believed to be worth most."""
-        means = [mean for mean, _ in self._beliefs()[:-1]]
-        return means.index(max(means))
+        return _best(self._beliefs()[:-1])
 
-    def _worth(self, led: Returns, belief: tuple[float, float]) -> Worth | None:
+    def _worth(self, led: Returns, belief: Belief) -> Worth | None:
         if not led.episodes:
             return None
         mean, variance = belief
@@ -172,7 +174,7 @@ class Evidence(Strategy):
         """The returns of each planner, and of the learner."""
         return [*self.planners, self.learner]
 
-    def _beliefs(self) -> list[tuple[float, float]]:
+    def _beliefs(self) -> list[Belief]:
         """Return mean and variance of the expected return of each planner, and of the learner.
 
         The unit is the range of all returns, from 0 for the worst to 1 for the best. The prior has
@@ -182,7 +184,7 @@ class Evidence(Strategy):
         squares = sum(led.squares for led in self._leads_so_far) / span / span
         noise = (squares + 1.0 / 12.0) / self._freedom
 
-        def belief(led: Returns) -> tuple[float, float]:
+        def belief(led: Returns) -> Belief:
             share = led.count / (led.count + noise)
             return share * (led.mean - self._worst) / span, 1.0 - share
 
@@ -207,7 +209,7 @@ class Evidence(Strategy):
             # probability 1 / (n + 2), and is better as probably as worse.
             return 0.5 / (episodes + 2.0)
         *planners, (other, more) = self._beliefs()
-        mean, variance = planners[self.best_planner]
+        mean, variance = planners[_best(planners)]
         return float(special.stdtr(self._freedom, (other - mean) / math.sqrt(variance + more)))
 
     def _draw(self) -> None:
@@ -293,3 +295,9 @@ class Evidence(Strategy):
             raise saved.wrong("range is that of no episode, or of none")
         self._random.bit_generator.state = saved.generator_state("random", self._random)
         self._rho = self._probability()
+
+
+def _best(beliefs: Sequence[Belief]) -> int:
+    """Return the position of the largest mean, the first of equal ones."""
+    means = [mean for mean, _ in beliefs]
+    return means.index(max(means))

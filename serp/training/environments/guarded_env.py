@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.numbers import seed_of
+from serp._util.terminal import visible
 from serp._util.threads import blas_on_one_thread
 from serp.control.decision import Decision
 from serp.control.protocols import Proposer
 from serp.control.registry import refuse_unknown_names
-from serp.control.step_record import StepRecord
-from serp.errors import SettingsError
+from serp.control.step_record import EpisodeTotals, StepRecord
+from serp.errors import Notice, SettingsError
 from serp.model.transition_model import Vector
 from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
@@ -43,7 +46,8 @@ class GuardedEnv(ArbitratedEnv):
     steps it is always the learner's turn.
 
     `reset(seed=s)` begins the sequence of episodes of seed s; without a seed the next episode of
-    the sequence begins. An environment has an arbiter and a model of its own, so a learner uses
+    the sequence begins. A reset in the middle of an episode truncates it, as a wrapper
+    `TimeLimit` around this environment does. An environment has an arbiter and a model of its own, so a learner uses
     one at a time.
 
     Args:
@@ -81,6 +85,7 @@ class GuardedEnv(ArbitratedEnv):
             raise SettingsError("training.num_envs: a guarded environment is one; set it to 1")
         bound = task.bind(render_mode=render_mode)
         try:
+            bound.on_notice = lambda line: warnings.warn(visible(line), Notice, stacklevel=2)
             agent = Agent(bound, resolved, seed)
             super().__init__(bound, agent, seed, training_seed)
             self._log = RunLog(bound, resolved, preset, seed, out, begun)
@@ -88,19 +93,22 @@ class GuardedEnv(ArbitratedEnv):
             bound.close()
             raise
         self._lane = Lane(0, bound)
+        self._evaluation: contextlib.ExitStack | None = None
         self.env_steps = self.episode = 0
         self._initial = resolved.training.random_steps > 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin the next episode."""
+        """Begin the next episode; one that is running is truncated."""
+        self._cut_off()
         x, info = super().reset(seed=seed, options=options)
         self._notice_unit(info, reset=True)
         return x, info
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
         """Return the decision in a state, as in training."""
+        self._end_evaluation()
         arbiter = self._agent.arbiter
         if self._initial:
             return arbiter.judge_proposal(state, learner.propose(None))
@@ -119,17 +127,25 @@ class GuardedEnv(ArbitratedEnv):
             agent.strategy.end_unit("step")
         self._notice_unit(step.info)
         if step.last:
-            self._end_episode(step)
+            self._end_episode(step.episode)
         return super().after_step(step)
+
+    def _cut_off(self) -> None:
+        """Truncate the running episode, if a step was made in it."""
+        rollout = self._rollout
+        if rollout is not None and not rollout.over and rollout.totals.length:
+            rollout.cut_off()
+            self._agent.cut_off()
+            self._end_episode(rollout.totals)
 
     def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
         unit = self._agent.settings.arbiter.rho_unit
         if self._lane.unit_ended(unit, info, reset=reset) and not self._initial:
             self._agent.strategy.end_unit(unit)
 
-    def _end_episode(self, step: StepRecord) -> None:
+    def _end_episode(self, totals: EpisodeTotals) -> None:
         self.episode += 1
-        agent, totals = self._agent, step.episode
+        agent = self._agent
         if self._initial:
             self._initial = self.env_steps < agent.settings.training.random_steps
         else:
@@ -145,7 +161,20 @@ class GuardedEnv(ArbitratedEnv):
             render_mode: One of Gymnasium's render modes, if pictures are needed.
         """
         bound = self._task.task.bind(render_mode=render_mode)
-        return EvaluationEnv(bound, self._agent, seed_of(seed), self._task)
+        return EvaluationEnv(
+            bound, self._agent, seed_of(seed), self._task, self._begin_evaluation
+        )
+
+    def _begin_evaluation(self) -> None:
+        """Let what the planner keeps from now on be forgotten at the training's next decision."""
+        if self._evaluation is None:
+            self._evaluation = contextlib.ExitStack()
+            self._evaluation.enter_context(self._agent.undisturbed())
+
+    def _end_evaluation(self) -> None:
+        if self._evaluation is not None:
+            self._evaluation.close()
+            self._evaluation = None
 
     def close(self) -> None:
         """Close the environment, and write the results of the run."""
@@ -158,11 +187,26 @@ class EvaluationEnv(ArbitratedEnv):
 
     The strategy decides as after training. Proposals should be greedy. The episodes are those of
     `serp evaluate` with the same seed.
+
+    Args:
+        task: The task, with an environment of its own.
+        agent: The agent in training.
+        seed: Seed of the episodes.
+        trained_in: The task in which it is trained.
+        begin: Called before each decision; from the first one on, the planner keeps what it finds
+            for the evaluation alone.
     """
 
-    def __init__(self, task: BoundTask, agent: Agent, seed: int, trained_in: BoundTask) -> None:
+    def __init__(
+        self,
+        task: BoundTask,
+        agent: Agent,
+        seed: int,
+        trained_in: BoundTask,
+        begin: Callable[[], None],
+    ) -> None:
         super().__init__(task, agent, seed, evaluation_seed)
-        self._trained_in = trained_in
+        self._trained_in, self._begin = trained_in, begin
 
     def next_seed(self, seed: int | None) -> int:
         """Begin an episode with the running statistics of the training; return its seed."""
@@ -170,6 +214,6 @@ class EvaluationEnv(ArbitratedEnv):
         return super().next_seed(seed)
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
-        """Return the decision in a state, as after training; the planner is then as before."""
-        with self._agent.undisturbed():
-            return self._agent.arbiter.decide_greedily(state, learner)
+        """Return the decision in a state, as after training."""
+        self._begin()
+        return self._agent.arbiter.decide_greedily(state, learner)
