@@ -16,9 +16,15 @@ _MOST_TRIES: Final = 100
 class SubTask(gym.Wrapper[Any, Any, Any, Any]):
     """The part of another environment's episodes that begins after an option and ends early.
 
+    Like an option that is chosen as an action, a part has one step or more. Whether an option ends
+    is a property of the states that it leads to, not of the one in which it is chosen (Sutton,
+    Precup and Singh 1999). So `until` may hold where a part begins: it is the first step that shows
+    whether it holds any longer, and the part is trained from every state that it is chosen in.
+
     Args:
         env: The environment of the whole task.
-        until: Observation → whether the part is over; a step that leads there is terminated.
+        until: Observation → whether the part is over; asked after every step, which is then
+            terminated.
         begin: An option that is run after a reset, so that the part begins where it ends. An
             episode that ends meanwhile is begun anew. None: the part begins with the episode.
     """

@@ -168,12 +168,11 @@ def _reason(what: str, score: str, track_records: Sequence[TrackRecord]) -> str:
         for column in ("written", "learned")
     )
     seen = plural(steps, "step")
-    if written == 0.0 and not used:
+    if written == 0.0:
         return f"the file was right in {seen}"
     if steps < FEW and not used:
         return f"{what} not in use: it has seen only {seen}"
-    share = percent(learned / written) if written else "0 %"
-    compared = f"{score} {share} of that of the file, in {seen}"
+    compared = f"{score} {percent(learned / written)} of that of the file, in {seen}"
     if used:
         after = dict.fromkeys(j.schema for j in used)
         everywhere = len(used) == len(judged)

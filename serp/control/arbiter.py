@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from serp._util.saved_state import Saved
 from serp.control.decision import Actor, Decision, Reason
 from serp.control.ensemble import Ensemble
-from serp.control.protocols import Planner, Proposer
+from serp.control.protocols import ForeseeingPlanner, Planner, Proposer
 from serp.control.strategies.mixture import Mixture
 from serp.control.strategies.strategy import Situation, Strategy
 from serp.control.veto import NoVeto, VetoPolicy
@@ -76,16 +77,34 @@ class Arbiter:
         """Return the planner's forecast for a state `[F]`, by environment action."""
         return self.actions.project(self.planner.forecast(state))
 
-    def _forecast(self, state: Vector, strategy: Strategy) -> Forecast:
-        """Return the forecast of the planner that acts in this episode of training."""
+    def leader(self, strategy: Strategy) -> Planner:
+        """Return the planner that acts in this episode of training."""
         planner = self.planner
-        if isinstance(planner, Ensemble):
-            planner = planner.led_by(strategy.planner)
-        return planner.forecast(state)
+        return planner.led_by(strategy.planner) if isinstance(planner, Ensemble) else planner
+
+    @contextmanager
+    def foreseeing(self, states: Mapping[int, Vector]) -> Iterator[None]:
+        """Have the forecasts for states of several environments at hand in the body.
+
+        Each is that of the planner that acts in the environment, if it can.
+
+        Args:
+            states: Environment, from 0 → state `[F]`.
+        """
+        led: dict[int, tuple[Planner, list[Vector]]] = {}
+        for lane, state in states.items():
+            self.strategy.lane = lane
+            leader = self.leader(self.strategy)
+            led.setdefault(id(leader), (leader, []))[1].append(state)
+        with ExitStack() as foreseen:
+            for planner, own in led.values():
+                if len(own) > 1 and isinstance(planner, ForeseeingPlanner):
+                    foreseen.enter_context(planner.foreseeing(own))
+            yield
 
     def decide(self, state: Vector, learner: Proposer) -> Decision:
         """Decide on the action in a monitored state `[F]`, as in training."""
-        planned = self._forecast(state, self.strategy)
+        planned = self.leader(self.strategy).forecast(state)
         situation = self._situation(self.actions.project(planned))
         proposal = self.strategy.propose(situation, learner)
         preferred = planned if proposal is not None else self._exploration_bonus(planned)
@@ -104,7 +123,8 @@ class Arbiter:
 
     def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
         """Decide as in training by a given strategy, without the exploration bonus."""
-        situation = self._situation(self.actions.project(self._forecast(state, strategy)))
+        planned = self.leader(strategy).forecast(state)
+        situation = self._situation(self.actions.project(planned))
         return self._follow(situation, strategy.propose(situation, learner))
 
     def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:

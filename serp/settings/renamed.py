@@ -14,6 +14,7 @@ _SETTINGS: Final = {
 _BY_EVIDENCE: Final = "the strategy `evidence` decides on lead and imitation by returns"
 _REMOVED: Final = {
     ("planner", "leaf_value"): "the planner `far-sight` values the leaves by itself",
+    ("arbiter", "rho_max"): "ρ grows to 1; `arbiter.rho_increment=0` keeps it as it is",
     ("arbiter", "surety"): _BY_EVIDENCE,
     ("arbiter", "broken_promises"): "three failures, and one in 1,000 steps, are tolerated",
     ("arbiter", "after_veto"): "after a veto the planner acts",

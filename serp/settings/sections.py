@@ -80,8 +80,6 @@ class ArbiterSettings(Section):
     rho_unit: str = "episode"
     """`step`, `episode`, or the name of a counter in the environment's `info`, such as `game`:
     ρ grows whenever it changes."""
-    rho_max: Probability = 1.0
-    """Largest ρ."""
     r_min: Finite | None = None
     """R_min: a proposal with a smaller predicted reward is vetoed. None: no proposal is."""
     veto_horizon: Literal["step", "lookahead"] = "lookahead"
@@ -90,14 +88,6 @@ class ArbiterSettings(Section):
     the lookahead has failed too often to predict what is unsafe."""
     unmodelled: Literal["allow", "veto"] = "allow"
     """What to do with environment actions that the domain does not mention."""
-
-    @model_validator(mode="after")
-    def _starts_below_its_maximum(self) -> ArbiterSettings:
-        if self.rho > self.rho_max:
-            raise ValueError(
-                f"rho is {self.rho!r}, but must be at most rho_max, which is {self.rho_max!r}"
-            )
-        return self
 
 
 class GuideSettings(Section):

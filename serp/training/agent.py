@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import gymnasium as gym
@@ -20,7 +20,6 @@ from serp.control.own_planners import own_planners
 from serp.control.proposers import LearnerProposer
 from serp.control.protocols import (
     ExperiencedPlanner,
-    ForeseeingPlanner,
     Mask,
     Proposer,
     StatefulPlanner,
@@ -194,13 +193,6 @@ class Agent:
     def turn_to(self, lane: int) -> None:
         """Note from which of several environments, from 0, the next calls come."""
         self.strategy.lane = self.arbiter.vetoes.lane = self.learner.lane = lane
-
-    def foreseeing(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
-        """Have the planner's forecasts for several states at hand in the body, if it can."""
-        planner = self.arbiter.planner
-        if len(states) > 1 and isinstance(planner, ForeseeingPlanner):
-            return planner.foreseeing(states)
-        return nullcontext()
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""

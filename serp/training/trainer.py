@@ -213,7 +213,8 @@ class Trainer(Closing):
         Environments in other processes execute them while the learner learns.
         """
         rollouts = [lane.rollout for lane in lanes if lane.rollout is not None]
-        with self.agent.foreseeing([rollout.state for rollout in rollouts]):
+        states = {lane.number: r.state for lane, r in zip(lanes, rollouts, strict=True)}
+        with self.agent.arbiter.foreseeing(states):
             for k, (lane, rollout) in enumerate(zip(lanes, rollouts, strict=True)):
                 self.agent.turn_to(lane.number)
                 if self._pretrained:

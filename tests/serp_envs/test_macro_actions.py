@@ -122,7 +122,9 @@ def test_what_is_wrong_is_named() -> None:
             option(along, steps=steps)  # type: ignore[arg-type]
 
 
-def test_a_sub_task_begins_where_its_option_ends_and_ends_where_it_is_over() -> None:
+def test_a_sub_task_begins_where_its_option_ends_and_ends_with_a_step_to_where_it_is_over() -> None:
+    """It has that step even if it begins where it would be over."""
+
     def fast(seen: Any) -> bool:
         return abs(seen[-1]) > 3.0
 
@@ -132,6 +134,7 @@ def test_a_sub_task_begins_where_its_option_ends_and_ends_where_it_is_over() -> 
         until=fast,
         begin=option(along, steps=9),
     )
+    began_over = 0
     for seed in range(4):
         seen, _ = whole.reset(seed=seed)
         for _ in range(9):
@@ -139,6 +142,7 @@ def test_a_sub_task_begins_where_its_option_ends_and_ends_where_it_is_over() -> 
         begun, info = part.reset(seed=seed)
         assert info["steps"] == 9
         assert begun.tobytes() == seen.tobytes()
+        began_over += fast(begun)
         ended = False
         while not ended:
             seen, reward, terminated, truncated, _ = whole.step(along(seen))
@@ -146,6 +150,7 @@ def test_a_sub_task_begins_where_its_option_ends_and_ends_where_it_is_over() -> 
             begun, ended = step[0], step[2] or step[3]
             assert begun.tobytes() == seen.tobytes()
             assert step[1:4] == (reward, terminated or fast(seen), truncated)
+    assert 0 < began_over < 4
     never = SubTask(whole, until=fast, begin=option(along, steps=40))
     with pytest.raises(gymnasium.error.Error, match="100 episodes in a row ended in the option"):
         never.reset(seed=0)

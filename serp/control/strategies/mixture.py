@@ -21,7 +21,7 @@ class Mixture(Strategy):
     The learner explores among all actions; its proposals may be refused.
     """
 
-    reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit", "arbiter.rho_max")
+    reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit")
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
@@ -53,8 +53,7 @@ class Mixture(Strategy):
     def end_unit(self, unit: str) -> None:
         """Increase ρ if this is the unit by which it grows."""
         if unit == self._settings.arbiter.rho_unit:
-            settings = self._settings.arbiter
-            self._rho = min(settings.rho_max, self._rho + settings.rho_increment)
+            self._rho = min(1.0, self._rho + self._settings.arbiter.rho_increment)
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly."""

@@ -43,7 +43,7 @@ class Strategy:
         seed: Seed of random draws.
 
     Attributes:
-        reads: Settings that only this strategy reads, such as `arbiter.rho_max`.
+        reads: Settings that only this strategy reads, such as `arbiter.rho_unit`.
         imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
             `imitation_weight`.
         chooses_planner: Whether it chooses among several planners (`planner.name` is `a+b`).

@@ -16,7 +16,7 @@ from serp.planning.far_sight.cell_graph import COARSEST, FINEST, CellGraph, Visi
 from serp.planning.far_sight.cell_values import NO_CELLS, CellValues, set_value
 from serp.planning.far_sight.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.far_sight.goal_search import GoalSearch
-from serp.planning.far_sight.rollouts import Rollouts
+from serp.planning.far_sight.rollouts import favour_cells
 from serp.planning.forecast import Forecast, score_of
 from serp.planning.limits import Bound, lookahead_nodes
 from serp.planning.lookahead import Lookahead
@@ -82,7 +82,6 @@ class FarSightPlanner:
         self._limit, self._price = _SMALL_GRAPH, 1
         self._closes = self._favoured = False
         self._trial_at = _FIRST_TRIAL
-        self._rollouts = Rollouts(self._near)
 
     @property
     def favours_cells(self) -> bool:
@@ -204,8 +203,8 @@ class FarSightPlanner:
         """Keep the cells up to date, and find out, where that is due, whether to favour them."""
         if self._find_cells(state, visited) and visited.seen >= self._trial_at:
             self._trial_at = 2 * visited.seen
-            self._favoured = not self.cells.explores and self._rollouts.favour(
-                self.cells.values, visited.next_states
+            self._favoured = not self.cells.explores and favour_cells(
+                self._near, self.cells.values, visited.next_states
             )
 
     def _to_the_unknown(self, state: Vector, found: Forecast) -> Forecast:

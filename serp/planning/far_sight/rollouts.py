@@ -38,61 +38,54 @@ class Played(NamedTuple):
     risk: float
 
 
-class Rollouts:
-    """Episodes that a lookahead plays in its model.
+def favour_cells(lookahead: Lookahead, cells: CellValues, states: Vector) -> bool:
+    """Return whether a lookahead acts better with values of cells at its leaves than without.
 
-    Args:
-        lookahead: The lookahead; a call sets the values at its leaves.
+    Pairs of episodes begin in the same states, from all over `states` `[N, F]`, those that were
+    visited. A pair counts if both episodes stay within what the model knows; with fewer than four
+    the answer is no. The mean of their differences decides: less risk, or with equal risk more
+    reward. The leaves of the lookahead are set.
     """
-
-    def __init__(self, lookahead: Lookahead) -> None:
-        self._lookahead, self._model = lookahead, lookahead.model
-
-    def favour(self, cells: CellValues, states: Vector) -> bool:
-        """Return whether the lookahead acts better with these values at its leaves than without.
-
-        Pairs of episodes begin in the same states, from all over `states` `[N, F]`, those that were
-        visited. A pair counts if both episodes stay within what the model knows; with fewer than
-        four the answer is no. The mean of their differences decides: less risk, or with equal risk
-        more reward.
-        """
-        starts = np.linspace(0, len(states) - 1, _MOST + 2).astype(np.intp)[1:-1]
-        gains, risks = [], []
-        for start in states[starts]:
-            without = self._play(start, NO_CELLS, cells)
-            found = without and self._play(start, cells, cells)
-            if not (without and found):
-                continue
-            gains.append(found.value - without.value)
-            risks.append(found.risk - without.risk)
-            mean = float(np.mean(gains))
-            if len(gains) >= _FEWEST:
-                error = float(np.std(gains, ddof=1)) / math.sqrt(len(gains))
-                if abs(mean) >= _SURE * error:
-                    break
-        if len(gains) < _FEWEST:
-            return False
-        risk = float(np.mean(risks))
-        return risk < 0.0 or (risk == 0.0 and float(np.mean(gains)) > 0.0)
-
-    def _play(self, state: Vector, leaves: CellValues, cells: CellValues) -> Played | None:
-        """Play an episode; return None if it left what the model knows, or the range of `cells`."""
-        lookahead, model = self._lookahead, self._model
-        discount, accepted = lookahead.settings.discount, lookahead.settings.accepted_risk
-        lookahead.leaves = leaves
-        value = risk = 0.0
-        weight = 1.0
-        for _ in range(_PERIODS):
-            choice = lookahead.forecast(state).choice
-            if choice < 0 or model.uncertainty(state)[choice] >= UNKNOWN:
-                return None
-            row, flags = model.transition(state.tolist(), choice)
-            value += weight * row.pop()
-            risk += weight * hazard(flags, accepted)
-            if flags & TERMINAL:
+    starts = np.linspace(0, len(states) - 1, _MOST + 2).astype(np.intp)[1:-1]
+    gains, risks = [], []
+    for start in states[starts]:
+        without = _play(lookahead, start, NO_CELLS, cells)
+        found = without and _play(lookahead, start, cells, cells)
+        if not (without and found):
+            continue
+        gains.append(found.value - without.value)
+        risks.append(found.risk - without.risk)
+        mean = float(np.mean(gains))
+        if len(gains) >= _FEWEST:
+            error = float(np.std(gains, ddof=1)) / math.sqrt(len(gains))
+            if abs(mean) >= _SURE * error:
                 break
-            weight *= discount
-            state = np.array(row)
-            if not in_range(cells, state, len(state)):
-                return None
-        return Played(value, risk)
+    if len(gains) < _FEWEST:
+        return False
+    risk = float(np.mean(risks))
+    return risk < 0.0 or (risk == 0.0 and float(np.mean(gains)) > 0.0)
+
+
+def _play(
+    lookahead: Lookahead, state: Vector, leaves: CellValues, cells: CellValues
+) -> Played | None:
+    """Play an episode; return None if it left what the model knows, or the range of `cells`."""
+    model = lookahead.model
+    discount, accepted = lookahead.settings.discount, lookahead.settings.accepted_risk
+    lookahead.leaves = leaves
+    value = risk = 0.0
+    weight = 1.0
+    for _ in range(_PERIODS):
+        choice = lookahead.forecast(state).choice
+        if choice < 0 or model.uncertainty(state)[choice] >= UNKNOWN:
+            return None
+        row, flags = model.transition(state.tolist(), choice)
+        value += weight * row.pop()
+        risk += weight * hazard(flags, accepted)
+        if flags & TERMINAL:
+            break
+        weight *= discount
+        state = np.array(row)
+        if not in_range(cells, state, len(state)):
+            return None
+    return Played(value, risk)

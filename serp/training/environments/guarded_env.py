@@ -46,9 +46,9 @@ class GuardedEnv(ArbitratedEnv):
     steps it is always the learner's turn.
 
     `reset(seed=s)` begins the sequence of episodes of seed s; without a seed the next episode of
-    the sequence begins. A reset in the middle of an episode truncates it, as a wrapper
-    `TimeLimit` around this environment does. An environment has an arbiter and a model of its own, so a learner uses
-    one at a time.
+    the sequence begins. A reset in the middle of an episode truncates it, so that a wrapper like
+    `TimeLimit` may be around the environment. An environment has an arbiter and a model of its own,
+    so a learner uses one at a time.
 
     Args:
         task: The task, the name of an installed one, or a domain file that belongs to one.
@@ -161,9 +161,7 @@ class GuardedEnv(ArbitratedEnv):
             render_mode: One of Gymnasium's render modes, if pictures are needed.
         """
         bound = self._task.task.bind(render_mode=render_mode)
-        return EvaluationEnv(
-            bound, self._agent, seed_of(seed), self._task, self._begin_evaluation
-        )
+        return EvaluationEnv(bound, self._agent, seed_of(seed), self._task, self._begin_evaluation)
 
     def _begin_evaluation(self) -> None:
         """Let what the planner keeps from now on be forgotten at the training's next decision."""

@@ -30,11 +30,17 @@ def failures(steps: list[tuple[bool, bool, bool]], horizon: int) -> int:
 def test_it_fails_by_what_is_unsafe_within_the_horizon_of_a_prediction_and_the_episode(
     steps: list[tuple[bool, bool, bool]], others: list[tuple[bool, bool, bool]], horizon: int
 ) -> None:
-    """The steps of two environments alternate."""
+    """The steps of two environments alternate; that of one cuts its episodes off afterwards."""
     lookahead = LookaheadReliability(horizon)
     failed = 0
-    for pair in zip_longest(steps, others):
-        failed += sum(lookahead.observe(*s, lane=k) for k, s in enumerate(pair) if s is not None)
+    for first, second in zip_longest(steps, others):
+        if first is not None:
+            failed += lookahead.observe(*first)
+        if second is not None:
+            *seen, last = second
+            failed += lookahead.observe(*seen, last=False, lane=1)
+            if last:
+                lookahead.cut_off(1)
     assert lookahead.failures == failed == failures(steps, horizon) + failures(others, horizon)
 
 

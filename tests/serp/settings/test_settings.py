@@ -84,7 +84,6 @@ def test_every_setting_has_a_description() -> None:
             {"learner": {"target_period": 200, "target_polyak": 0.01}},
             "target_polyak is 0.01.*target_period is",
         ),
-        ({"arbiter": {"rho": 0.5, "rho_max": 0.4}}, "rho is 0.5, but must be at most rho_max"),
     ],
 )
 def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) -> None:

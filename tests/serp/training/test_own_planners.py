@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from serp.control.strategies.evidence import Lead
 from serp.diagnosis.recorded_run import read_recorded
 from serp.errors import RunError, SerpError, SettingsError, TaskError
+from serp.model.transition_model import Vector
+from serp.planning.lookahead import Lookahead
+from serp.settings import resolve
 from serp.tasks.task import Task
+from serp.training.agent import Agent
 from serp.training.plan_and_learn import plan_and_learn
 from serp.training.run import Run, load_run
 from tests.serp.sample_tasks import CORRIDOR, corridor
@@ -53,6 +61,27 @@ def test_the_better_planner_is_found_and_a_resumed_run_equals_an_uninterrupted_o
             RunError, match=r"planner-1\.pddl of the run was changed since it began"
         ):
             use()
+
+
+def test_each_planner_foresees_the_environments_that_it_leads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    foreseen: list[list[float]] = []
+
+    def note(planner: Lookahead, states: Sequence[Vector]) -> AbstractContextManager[None]:
+        foreseen.append([float(state[0]) for state in states])
+        return nullcontext()
+
+    monkeypatch.setattr(Lookahead, "foreseeing", note)
+    task = with_planners(tmp_path)
+    changes = {"planner": {"name": "lookahead+rightwards+far-sight"}, "training": {"num_envs": 6}}
+    with task.bind() as bound:
+        agent = Agent(bound, resolve("default", task.settings, changes), 0)
+        agent.strategy._leads = [Lead(k % 3, k > 3) for k in range(6)]  # type: ignore[attr-defined]
+        states = {lane: np.array([lane + 0.5]) for lane in range(6)}
+        with agent.arbiter.foreseeing(states):
+            pass
+    assert foreseen == [[0.5, 3.5], [2.5, 5.5]]
 
 
 @pytest.mark.parametrize(

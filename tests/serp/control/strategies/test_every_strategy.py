@@ -25,7 +25,7 @@ def changes(strategy: str) -> dict[str, dict[str, Any]]:
     """So that every phase of a strategy is met within a few episodes."""
     return {
         "guide": {"strategy": strategy},
-        "arbiter": {"rho": 0.2, "rho_increment": 0.1, "rho_unit": "episode", "rho_max": 1.0},
+        "arbiter": {"rho": 0.2, "rho_increment": 0.1, "rho_unit": "episode"},
         "learner": {"epsilon_end": 0.2},
         "training": {"checkpoint_seconds": 1_000.0},
     }

@@ -12,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import serp
+from serp.errors import Notice
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.runs.folder import DECISIONS, METRICS
 from serp.training.evaluation import evaluate
@@ -29,6 +30,13 @@ ALWAYS = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}, "learner": 
 def table(folder: Path, name: str) -> list[dict[str, str]]:
     with open(folder / name, newline="") as file:
         return list(csv.DictReader(file))
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two states are equal: arrays and JSON values."""
+    assert one[0].keys() == other[0].keys()
+    equal = all(np.array_equal(one[0][name], other[0][name]) for name in one[0])
+    return equal and bool(one[1] == other[1])
 
 
 @without_pictures()
@@ -62,11 +70,10 @@ def test_a_loop_outside_makes_the_steps_of_a_training(tmp_path: Path) -> None:
         for one, other in zip(ours, theirs, strict=True):
             assert all(one[column] == other[column] for column in one.keys() - unknown)
     assert (tmp_path / "outside" / "report.md").exists()
-    adapted, known = env._agent.adaptation.state_dict(), run.agent.adaptation.state_dict()
-    assert adapted[1] == known[1]
-    assert all((adapted[0][name] == known[0][name]).all() for name in known[0])
+    assert same(env._agent.adaptation.state_dict(), run.agent.adaptation.state_dict())
 
 
+@pytest.mark.filterwarnings("ignore::serp.errors.Notice")
 @pytest.mark.parametrize("strategy", ["mixture", "evidence"])
 def test_what_the_masks_allow_is_executed_and_nothing_else_and_nothing_unsafe(
     strategy: str,
@@ -109,13 +116,48 @@ def test_it_is_an_environment_as_gymnasium_has_it(tmp_path: Path) -> None:
     assert began[0] == began[2] != began[1]
 
 
+@without_pictures()
+def test_a_reset_in_mid_episode_is_a_truncation(tmp_path: Path) -> None:
+    limit, agents, random = 7, [], np.random.default_rng(2)
+    proposed = random.integers(4, size=60 * limit)
+    for limited in (True, False):
+        settings = {
+            "learner": SMALL,
+            "planner": {"depth": 2},
+            "training": {"episode_steps": limit if limited else 10_000},
+        }
+        folder = tmp_path / f"{limited}"
+        env = serp.GuardedEnv(lava.task(), settings=settings, seed=4, out=folder)
+        env.reset()
+        env.reset()  # an episode without a step is none
+        made = 0
+        with pytest.warns(Notice, match=r"^4 times in \d+ env steps something unsafe"):
+            for action in proposed:
+                _, _, terminated, truncated, _ = env.step(action)
+                made += 1
+                if terminated or made == limit:
+                    assert limited or not truncated
+                    env.reset()
+                    made = 0
+        agents.append(env._agent)
+        env.close()
+    assert same(*(agent.state_dict() for agent in agents))
+    assert agents[0].strategy.evidence.learner.episodes > 5
+    for name in (DECISIONS, METRICS):
+        one, other = (table(tmp_path / f"{limited}", name) for limited in (True, False))
+        assert [{**row, "wall_time": ""} for row in one] == [
+            {**row, "wall_time": ""} for row in other
+        ]
+
+
 def test_its_evaluation_plays_the_episodes_of_the_trained_policy(tmp_path: Path) -> None:
+    """The training goes on as if there had not been any."""
     task = corridor(tmp_path)
-    env = serp.GuardedEnv(task, settings=ALWAYS, seed=2)
+    env, undisturbed = (serp.GuardedEnv(task, settings=ALWAYS, seed=2) for _ in range(2))
     agent = env._agent
-    env.reset()
-    env.step(1)
-    known = agent.adaptation.state_dict()[1]
+    for one in (env, undisturbed):
+        one.reset()
+        one.step(1)
     apart, lengths = env.evaluation(seed=5), []
     for _ in range(3):
         x, over = apart.reset()[0], False
@@ -124,11 +166,12 @@ def test_its_evaluation_plays_the_episodes_of_the_trained_policy(tmp_path: Path)
             over = terminated or truncated
         lengths.append(apart._rollout.totals.length)  # type: ignore[union-attr]
     apart.close()
+    for one in (env, undisturbed):
+        one.step(1)
+    assert same(agent.state_dict(), undisturbed._agent.state_dict())
     with task.bind() as bound:
         expected = evaluate(agent, bound, "serp", episodes=3, seed=5)
     assert tuple(lengths) == expected.lengths
-    assert agent.adaptation.state_dict()[1] == known
-    env.step(1)  # the training goes on where it was
 
 
 def test_rho_grows_by_its_unit_once_the_initial_data_are_there(tmp_path: Path) -> None:
