@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -17,7 +19,10 @@ from serp.tuning.space import Dimension, changes_of
 
 _ASKED: Final = "serp"
 _FAILED: Final = "error"
-"""Names of Optuna's attributes: the digest of what a study is for, and why a trial failed."""
+_OWN: Final = "as they were"
+_PROCESS: Final = "process"
+"""Names of Optuna's attributes: the digest of what a study is for; why a trial failed, whether it
+has the settings as they were, and the host and the process that run it."""
 _STARTUP: Final = 5
 """Trials before any is pruned."""
 
@@ -79,8 +84,16 @@ class Study:
     @property
     def finished(self) -> int:
         """Number of trials that came to an end; those that were interrupted did not."""
+        return sum(map(self._ended, self._trials()))
+
+    def _ended(self, trial: Any) -> bool:
         ends = (self._state.COMPLETE, self._state.PRUNED)
-        return sum(t.state in ends or _FAILED in t.user_attrs for t in self._trials())
+        return trial.state in ends or _FAILED in trial.user_attrs
+
+    def _under_way(self, trial: Any) -> bool:
+        """Return whether a trial may still come to an end: not if its process was killed."""
+        running = trial.state == self._state.RUNNING and not _is_dead(trial.user_attrs)
+        return running or trial.state == self._state.WAITING
 
     def run_trial(self) -> str | None:
         """Run the next trial; return what came of it, None if it was interrupted."""
@@ -101,7 +114,10 @@ class Study:
                     pruned = self._search.request.prune and not last and trial.should_prune()
                     if pruned:
                         break
-        except SerpError as error:
+        except BaseException as error:
+            if not isinstance(error, SerpError):
+                self._study.tell(trial, state=self._state.FAIL)
+                raise
             trial.set_user_attr(_FAILED, str(error))
             self._study.tell(trial, state=self._state.FAIL)
             return f"{shown}: failed. {error}"
@@ -140,21 +156,35 @@ class Study:
 
     def _next(self) -> tuple[Any, Mapping[Dimension, Any]]:
         """Return a new trial of Optuna, and the settings that it suggests."""
-        finished = self.finished
-        if not finished:
-            own = self._search.own_parameters()
-            if own:
-                self._study.enqueue_trial(own, skip_if_exists=True)
+        counted = [t for t in self._trials() if self._ended(t) or self._under_way(t)]
+        own = self._search.own_parameters()
+        if own and not any(_OWN in t.user_attrs or t.params == own for t in counted):
+            self._study.enqueue_trial(own, user_attrs={_OWN: True})
         trial = self._study.ask()
+        trial.set_user_attr(_PROCESS, [socket.gethostname(), os.getpid()])
         # The search draws anew for every trial, by the number of those that have ended: a study
         # that was interrupted goes on as it would have. Trials that run beside it count, too.
-        beside = [
+        before = [
             t for t in self._trials()
-            if t.state == self._state.RUNNING and t.number < trial.number
+            if self._ended(t) or (t.number < trial.number and self._under_way(t))
         ]  # fmt: skip
-        seed = self._search.request.seed + finished + len(beside)
+        seed = self._search.request.seed + len(before)
         self._study.sampler = self._optuna.samplers.TPESampler(seed=seed)
         return trial, self._values(trial)
 
     def _values(self, trial: Any) -> dict[Dimension, Any]:
         return {dimension: dimension.suggest(trial) for dimension in self._search.space}
+
+
+def _is_dead(attributes: Mapping[str, Any]) -> bool:
+    """Return whether the process of a trial is known to have died; those of other hosts are not."""
+    host, process = attributes.get(_PROCESS, (None, 0))
+    if host != socket.gethostname() or os.name != "posix":
+        return False
+    try:
+        os.kill(process, 0)  # sends nothing
+    except ProcessLookupError:
+        return True
+    except PermissionError:
+        pass
+    return False

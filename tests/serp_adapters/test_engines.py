@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import socket
 import sys
 from typing import Any
 
@@ -38,3 +39,9 @@ def test_a_cluster_that_is_not_there_is_an_error() -> None:
     pytest.importorskip("distributed")
     with pytest.raises(RunError, match="engine dask: there is no cluster nowhere: "):
         dask.engine("nowhere", None).__enter__()
+    pytest.importorskip("ray")  # which would try again for minutes
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        free = server.getsockname()[1]
+    for address in (f"127.0.0.1:{free}", f"ray://localhost:{free}", "nowhere.invalid:6379"):
+        with pytest.raises(RunError, match=f"engine ray: there is no cluster {address}: "):
+            ray.engine(address, None).__enter__()

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, Final
+from urllib.parse import urlsplit
 
 from serp.comparison.workers import Pool
 from serp.errors import MissingExtra, RunError
 
 if find_spec("ray") is None:
     raise MissingExtra("the engine `ray`", "ray")
+
+_HERE: Final = "local"
+"""Ray's address of a new cluster on this machine."""
+_PATIENCE: Final = 10.0
+"""Seconds within which the head of a cluster has to take a connection."""
+_RETRIES: Final = "RAY_gcs_server_port_wait_time_s"
+"""Ray's number of attempts to reach a head, each of 40 s; by default 20."""
 
 
 @contextmanager
@@ -30,12 +39,13 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
     own = not ray.is_initialized()
     if own:
         quiet = {"log_to_driver": False, "configure_logging": False}
-        there = address or os.environ.get("RAY_ADDRESS")
-        here = {"num_cpus": most, "include_dashboard": False} if there is None else {}
+        there = address or os.environ.get("RAY_ADDRESS") or _HERE
+        here = {"num_cpus": most, "include_dashboard": False} if there == _HERE else {}
         try:
-            ray.init(address=there or "local", **quiet, **here)
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            raise RunError(f"engine ray: there is no cluster {there or 'here'}: {error}") from error
+            with nullcontext() if here else _one_attempt(there):
+                ray.init(address=there, **quiet, **here)
+        except (OSError, RuntimeError, ValueError) as error:
+            raise RunError(f"engine ray: there is no cluster {there}: {error}") from error
     try:
         cpus = int(ray.cluster_resources().get("CPU", 1))
         if cpus == 0:
@@ -44,6 +54,29 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
     finally:
         if own:
             ray.shutdown()
+
+
+@contextmanager
+def _one_attempt(address: str) -> Iterator[None]:
+    """Let a wrong address fail soon: Ray tries for a quarter of an hour.
+
+    What does not listen is found out at once; what listens and is no head of a cluster, such as
+    its dashboard, by a single attempt.
+
+    Raises:
+        OSError: Nothing listens at `host:port` or `ray://host:port`.
+        ValueError: The port is no number.
+    """
+    place = urlsplit(address if "://" in address else f"//{address}")
+    if place.hostname is not None and place.port is not None:
+        socket.create_connection((place.hostname, place.port), _PATIENCE).close()
+    before = os.environ.get(_RETRIES)
+    os.environ[_RETRIES] = before or "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_RETRIES]
 
 
 class _RayExecutor(Executor):

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from serp.errors import RunError, SerpError, SettingsError
+from serp.errors import Interrupted, RunError, SerpError, SettingsError
+from serp.tasks.task import Task
+from serp.training.stopping import StoppedAtOnce
 from serp.tuning.space import Dimension, dimensions
 from serp.tuning.tune import Tuned, tune
-from tests.serp.comparison.contest import Pothole, walk
+from tests.serp.comparison.contest import Pothole, Walk, walk
 
 optuna = pytest.importorskip("optuna")
 VARY = {"learner.learning_rate": "log:1e-4..1e-1", "learner.hidden": [[8], [16, 16]]}
@@ -22,19 +26,52 @@ def tuned(folder: Path, name: str, **options: Any) -> Tuned:
     return tune(task, **{**given, "storage": folder / f"{name}.db", **options})
 
 
+class Interrupting(Walk):
+    """Sends its process signals, one at each reset."""
+
+    def __init__(self, signals: list[int]) -> None:
+        super().__init__()
+        self.signals = signals
+
+    def reset(self, **options: Any) -> Any:
+        if self.signals:
+            os.kill(os.getpid(), self.signals.pop())
+        return super().reset(**options)
+
+
+def interrupted(folder: Path, name: str, **options: Any) -> None:
+    """Tune until Ctrl-C, until Ctrl-C twice, and in a process that is killed; all in a trial."""
+
+    def on(*signals: int) -> Task:
+        left = list(signals)
+        return walk(folder, lambda: Interrupting(left))
+
+    with pytest.raises(Interrupted):
+        tuned(folder, name, task=on(signal.SIGINT), **options)
+    with pytest.raises(StoppedAtOnce):
+        tuned(folder, name, task=on(signal.SIGINT, signal.SIGINT), **options)
+    child = os.fork()
+    if child == 0:
+        tuned(folder, name, task=on(signal.SIGKILL), **options)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+
+
 def test_a_study_finds_the_best_and_one_that_goes_on_equals_an_uninterrupted_one(
     tmp_path: Path,
 ) -> None:
     whole = tuned(tmp_path, "whole", trials=3)
+    if hasattr(os, "fork"):
+        interrupted(tmp_path, "parts", trials=3)
     tuned(tmp_path, "parts", trials=1)
     parts = tuned(tmp_path, "parts", trials=3)
     assert len(whole.study.trials) == 3
-    assert [t.params for t in whole.study.trials] == [t.params for t in parts.study.trials]
+    complete = [t for t in parts.study.trials if t.value is not None]
+    assert [t.params for t in whole.study.trials] == [t.params for t in complete]
     values = [t.value for t in whole.study.trials]
-    assert values == [t.value for t in parts.study.trials]
+    assert values == [t.value for t in complete]
+    assert whole.before == parts.before is not None
     assert whole.value == max(values)
-    own = walk(tmp_path).settings["*"]["learner"]["hidden"]
-    assert whole.before == (values[0] if list(own) in VARY["learner.hidden"] else None)
+    assert whole.before == values[0]
     assert whole.settings["learner"]["hidden"] in ((8,), (16, 16))
     assert (tmp_path / "whole.db").is_file()
     with pytest.raises(RunError, match="holds a study `walk` of another task, or with other"):
