@@ -13,7 +13,7 @@ from typing import Any
 
 from serp._util.extras import needs_extra
 from serp.comparison.analysis.results import Results
-from serp.comparison.engines import LOCAL, find_engine, open_pool, runs_here
+from serp.comparison.engines import LOCAL, open_pool, runs_here
 from serp.comparison.fairness import judges_alike, made_alike
 from serp.comparison.folder import writing
 from serp.comparison.merging import merge_into
@@ -102,8 +102,6 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     with needs_extra("report", "the report of a comparison"):
         from serp.comparison.report.report import write_report
     request = ComparisonRequest(**options)
-    if request.engine != LOCAL:
-        find_engine(request.engine)
     if request.merge:
         if request.out is None:
             raise RunError("say which folder the others are merged into: out (--out)")

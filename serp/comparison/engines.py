@@ -7,13 +7,18 @@ An engine of another library is a function of the entry-point group `serp.engine
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from typing import Final
+from typing import Any, ClassVar, Final, Self
 
+from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
+
+from serp._util.numbers import whole
 from serp._util.plugins import find, loading, offered
+from serp.comparison.plan import SettingChanges
 from serp.comparison.workers import Job, Pool, Processes, portable
 from serp.errors import RunError, SettingsError
+from serp.settings.section import Section
 
 GROUP: Final = "serp.engines"
 """Entry-point group of engines: functions of type `Engine`."""
@@ -69,3 +74,43 @@ def find_engine(name: str) -> Engine:
     with loading(entry, "engine", SettingsError):
         engine: Engine = entry.load()
     return engine
+
+
+class TrialsRequest(Section):
+    """Options of whatever runs trials: their settings and seeds, and where they run.
+
+    None stands for the default. An engine that cannot be found is refused, too.
+    """
+
+    first_seed: ClassVar[int] = 0
+    """Where seeds begin of which only the number is given."""
+    seeds: tuple[NonNegativeInt, ...] = ()
+    settings: SettingChanges = Field(default_factory=dict)
+    engine: str = LOCAL
+    address: str | None = None
+    jobs: PositiveInt | None = None
+    quiet: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _given(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in values.items() if value is not None}
+
+    @field_validator("seeds", mode="before")
+    @classmethod
+    def _seeds(cls, value: Any) -> Any:
+        count = whole(value, 1)
+        if count is not None:
+            return tuple(range(cls.first_seed, cls.first_seed + count))
+        seeds = tuple(value) if isinstance(value, Iterable) else ()
+        if not seeds:
+            raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
+        return tuple(dict.fromkeys(seeds))
+
+    @model_validator(mode="after")
+    def _found(self) -> Self:
+        if self.engine != LOCAL:
+            find_engine(self.engine)
+        elif self.address is not None:
+            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
+        return self

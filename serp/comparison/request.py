@@ -11,22 +11,18 @@ from typing import Any, Final
 from pydantic import (
     Field,
     FiniteFloat,
-    NonNegativeInt,
     PositiveInt,
     field_validator,
-    model_validator,
 )
 
-from serp._util.numbers import whole
 from serp._util.text import did_you_mean
 from serp.comparison.algorithms import DQN, PLANNER, SERP
-from serp.comparison.engines import LOCAL
+from serp.comparison.engines import TrialsRequest
 from serp.comparison.folder import keep_domain, kept_file, with_domain
 from serp.comparison.plan import ComparisonPlan, ComparisonProtocol, SettingChanges
 from serp.comparison.prepared import PreparedComparison, named_algorithms, trials_of
 from serp.errors import RunError, SettingsError, TaskError
 from serp.settings import resolve
-from serp.settings.section import Section
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task, load_task
 from serp.tasks.task import Task
@@ -37,41 +33,24 @@ SEEDS: Final = range(5)
 _PROTOCOL: Final = ("env_steps", "evaluate_every", "evaluation_episodes", "final_episodes")
 
 
-class ComparisonRequest(Section):
+class ComparisonRequest(TrialsRequest):
     """The options of `serp.compare`, which describes them; None stands for the default."""
 
     algorithms: tuple[str, ...] = ()
-    seeds: tuple[NonNegativeInt, ...] = ()
     env_steps: PositiveInt | None = None
     model_variants: tuple[str, ...] = ()
-    settings: SettingChanges = Field(default_factory=dict)
     changed: Mapping[str, SettingChanges] = Field(default_factory=dict)
     threshold: FiniteFloat | None = None
     evaluate_every: PositiveInt | None = None
     evaluation_episodes: PositiveInt | None = None
     final_episodes: PositiveInt | None = None
     out: Path | None = None
-    engine: str = LOCAL
-    address: str | None = None
-    jobs: PositiveInt | None = None
     merge: tuple[Path, ...] = ()
-    quiet: bool = False
 
     @classmethod
     def section(cls) -> str:
         """Return the first part of the names in messages."""
         return "compare"
-
-    @model_validator(mode="before")
-    @classmethod
-    def _given(cls, values: dict[str, Any]) -> dict[str, Any]:
-        return {name: value for name, value in values.items() if value is not None}
-
-    @model_validator(mode="after")
-    def _addressed(self) -> ComparisonRequest:
-        if self.address is not None and self.engine == LOCAL:
-            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
-        return self
 
     @field_validator("algorithms", "model_variants", mode="before")
     @classmethod
@@ -79,17 +58,6 @@ class ComparisonRequest(Section):
         if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
             raise ValueError("must be a list of names, such as ['serp', 'dqn']")
         return tuple(dict.fromkeys(map(str, value)))
-
-    @field_validator("seeds", mode="before")
-    @classmethod
-    def _seeds(cls, value: Any) -> Any:
-        count = whole(value, 1)
-        if count is not None:
-            return tuple(range(count))
-        seeds = tuple(value) if isinstance(value, Iterable) else ()
-        if not seeds:
-            raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
-        return tuple(dict.fromkeys(seeds))
 
     @field_validator("merge", mode="before")
     @classmethod

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
 import pickle
-import signal
 import threading
 import traceback
 from collections import Counter, deque
@@ -28,8 +26,8 @@ from serp.comparison.trial_records import Trial
 from serp.comparison.trials.trial import Measured, run_trial
 from serp.errors import RunError, SerpError
 from serp.settings import Settings
+from serp.tasks.remote_task import follow_parent
 from serp.tasks.task import Task
-from serp.training.stopping import SIGNALS
 
 OnProgress = Callable[[Trial, int], None]
 """(trial, its env steps so far)."""
@@ -247,20 +245,8 @@ class _Worker:
 
 
 def _work(pipe: Connection) -> None:
-    """Run jobs and tell of them, in another process.
-
-    Ctrl-C, a closed terminal and a scheduler signal every process of the group; the parent decides.
-    """
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    """Run jobs and tell of them, in another process."""
+    follow_parent()
     while True:
         function, job = pipe.recv()
         pipe.send(function(job, lambda trial, env_steps: pipe.send(env_steps)))
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

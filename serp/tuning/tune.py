@@ -13,7 +13,7 @@ from typing import Any
 from serp._util.extras import needs_extra
 from serp._util.number_format import readable
 from serp._util.terminal import open_console
-from serp.comparison.engines import LOCAL, find_engine, open_pool, runs_here
+from serp.comparison.engines import LOCAL, open_pool, runs_here
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
 from serp.runs.new_folder import default_path
 from serp.settings import Changes
@@ -84,8 +84,6 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     request = TuningRequest(**options)
     with needs_extra("tune", "tuning"):
         import optuna
-    if request.engine != LOCAL:
-        find_engine(request.engine)
     if not isinstance(task, Task | str):
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     search = Search(find_task(task) if isinstance(task, str) else task, request)
