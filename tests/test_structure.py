@@ -23,6 +23,7 @@ LAYERS = (
     {"pddl"},
     {"model", "settings"},
     {"planning", "learning"},
+    {"explanation"},
     {"tasks", "control"},
     {"lint", "runs", "sysid"},
     {"adaptation"},

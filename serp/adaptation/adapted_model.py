@@ -13,7 +13,7 @@ from serp.adaptation.feature_groups import FeatureGroup, feature_groups_of
 from serp.adaptation.outcome_branches import adapted_outcomes
 from serp.adaptation.parameter_buffer import ParameterBuffer
 from serp.adaptation.residual.uncertainty import native_uncertainty, uncertainty
-from serp.model.emit import Site
+from serp.model.emit import Passage
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground import UNSAFE_TARGET, GroundSchema
 from serp.model.native import address_of
@@ -39,7 +39,7 @@ class AdaptedModel(TransitionModel):
     def __init__(self, written: TransitionModel) -> None:
         super().__init__(written.ground, dt=written.dt, theta=written.theta)
         self._program = program = written._program  # generated and compiled once
-        self.written = written
+        self._written = written
         self.feature_groups: tuple[tuple[FeatureGroup, ...], ...] = tuple(
             feature_groups_of(self.ground, action) for action in self.actions
         )
@@ -53,6 +53,11 @@ class AdaptedModel(TransitionModel):
             any(effect.target == UNSAFE_TARGET for effect in events),
             [float(address_of(callback)) for callback in callbacks],
         )
+
+    @property
+    def written(self) -> TransitionModel:
+        """The model as the file has it."""
+        return self._written
 
     @property
     def as_written(self) -> bool:
@@ -87,12 +92,12 @@ class AdaptedModel(TransitionModel):
 
         Learned parts are dropped: they are valid only for their own parameters and period.
         """
-        return self.written.replace(theta=theta, dt=dt)
+        return self._written.replace(theta=theta, dt=dt)
 
     def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
         """Predict one step on plain lists; see `TransitionModel.transition`."""
         if not self.buffer.active:
-            return self.written.transition(state, action)
+            return self._written.transition(state, action)
         out = np.array([*state, 0.0])
         flags = kernels.step_row(self.data, action, np.array(state), self.dt, out)
         return out.tolist(), int(flags)
@@ -105,7 +110,7 @@ class AdaptedModel(TransitionModel):
         kernels.adapt_row(self.data, 0, row, self.dt, out, 0, 0)
         self.uncertainty(row)
 
-    def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
+    def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
         """Return which precondition failed, or which effects, rates and events took part.
 
         If the file as written flags the step unsafe, the trace is the file's; if there is a risk,
@@ -114,7 +119,7 @@ class AdaptedModel(TransitionModel):
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
         flags = self.transition(values, action)[1] if self.buffer.active else UNSAFE
         if flags & UNSAFE:
-            return self.written.trace(state, action)
+            return self._written.passages(state, action)
         found = self._trace_outcome(values, action, -1, 0)
         if risk_of(flags) == 0.0 or found[1] & UNSAFE:
             return found
@@ -129,7 +134,7 @@ class AdaptedModel(TransitionModel):
 
     def _trace_outcome(
         self, state: list[float], action: int, group: int, kind: int
-    ) -> tuple[list[Site], int]:
+    ) -> tuple[list[Passage], int]:
         """Trace a step in which one feature group (-1: none) has a certain outcome."""
 
         def adapt(state: list[float], action: int, out: list[float]) -> None:

@@ -70,6 +70,15 @@ class ChosenPlanner(MonitorReplanner):
             found = self._planner.forecast(now)
             return Plan.of(self.model, found, self._path(now, found.choice), graph)
 
+    def paths(self, plan: Plan, state: Vector) -> list[list[int]]:
+        """Return where each action leads to, a control period a step."""
+        with self._undisturbed():
+            found = []
+            for k, applicable in enumerate(plan.forecast.applicable.tolist()):
+                path = self._path(state, k if applicable else -1)
+                found.append([self.model.action_index(step.action) for step in path])
+            return found
+
     def _path(self, state: Vector, choice: int) -> tuple[PlannedStep, ...]:
         path: list[PlannedStep] = []
         followed = len(self._planner.plan) if isinstance(self._planner, PlanFollower) else 0

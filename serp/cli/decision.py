@@ -2,51 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from serp._util.number_format import percent, readable
 from serp._util.text import plural
 from serp.cli.chosen_planner import ChosenPlanner
 from serp.cli.output import print_table
-from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
-from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
-from serp.planning.forecast import SAFE, score_of
+from serp.explanation.decision import Alternative, Explanation, explain
+from serp.explanation.sentences import between, lines_of
 from serp.planning.limits import Bound
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.model.transition_model import TransitionModel, Vector
+    from serp.model.transition_model import Vector
     from serp.planning.replanner import MonitorReplanner, Plan
 
 _ACTIONS_SHOWN = 30
 _FLUENTS_SHOWN = 24
+_CAUSES_SHOWN = 12
+
+
+def account_of_plan(planner: MonitorReplanner, state: Vector, plan: Plan) -> Explanation:
+    """Return the account of a planner's decision."""
+    paths = planner.paths(plan, state) if isinstance(planner, ChosenPlanner) else plan.paths
+    return explain(planner.model, state, plan.forecast, plan.action, paths=paths)
 
 
 def describe(
-    domain: str, origin: str, planner: MonitorReplanner, state: Vector, plan: Plan
+    domain: str, origin: str, planner: MonitorReplanner, account: Explanation, plan: Plan
 ) -> dict[str, Any]:
     """Return a decision as JSON values (infinities and NaN among them)."""
-    model, forecast = planner.model, plan.forecast
-    actions = [
-        {
-            "name": action.name,
-            "applicable": bool(forecast.applicable[k]),
-            "unsafe": bool(forecast.unsafe[k]),
-            "risk": float(forecast.risk[k]),
-            "path_risk": float(forecast.path_risk[k]),
-            "terminal": bool(forecast.terminal[k]),
-            "reward": float(forecast.reward[k]) if forecast.applicable[k] else None,
-            "best_return": float(forecast.value[k]),
-            "safe_steps": None if forecast.safe_steps[k] == SAFE else int(forecast.safe_steps[k]),
-            "remark": remark(planner, state, plan, k),
-        }
-        for k, action in enumerate(model.actions)
-    ]
+    values, told = planner.model.values, account.as_dict()
     return {
         "domain": domain,
         "state_from": origin,
-        "state": model.values(state),
+        "state": told["state"],
         "action": plan.name,
         "best_return": plan.reward,
         "safe": plan.safe,
@@ -54,60 +46,44 @@ def describe(
         "depth": plan.depth,
         "discount": planner.settings.discount,
         "repeat": planner.settings.repeat,
-        "control_period": model.dt,
+        "control_period": planner.model.dt,
         "bound": plan.bound.name.lower(),
         "nodes": plan.nodes,
-        "actions": actions,
+        "actions": told["alternatives"],
+        "runner_up": told["runner_up"],
         "path": [
             {
                 "action": step.action,
                 "reward": step.reward,
                 "unsafe": step.unsafe,
                 "risk": step.risk,
-                "state": model.values(step.state),
+                "state": values(step.state),
             }
             for step in plan.path
         ],
     }
 
 
-def remark(planner: MonitorReplanner, state: Vector, plan: Plan, action: int) -> str:
-    """Return what is to be known of a first action, in the words of the domain file."""
-    model = planner.model
-    name = model.actions[action].name
-    flags, steps = int(plan.forecast.flags[action]), int(plan.forecast.safe_steps[action])
-    if not flags & APPLICABLE:
-        why = why_not_applicable(model, state, action).removeprefix(f"{name}: ")
-        return f"not applicable: {why}"
-    remarks = []
-    if flags & UNSAFE:
-        remarks.append("unsafe: " + why_unsafe(model, state, action).removeprefix(f"{name}: "))
-    elif flags & RISKY:
-        remarks.append("too risky: " + why_unsafe(model, state, action).removeprefix(f"{name}: "))
-    else:
-        if risk_of(flags):
-            remarks.append(f"risk {percent(risk_of(flags))}, accepted")
-        if steps != SAFE:
-            remarks.append(unsafe_ahead(steps))
-    if flags & TERMINAL:
-        remarks.append("ends the task")
-    return "; ".join(remarks)
-
-
 def print_plan(
-    console: Console, domain: str, origin: str, planner: MonitorReplanner, state: Vector, plan: Plan
+    console: Console,
+    domain: str,
+    origin: str,
+    planner: MonitorReplanner,
+    account: Explanation,
+    plan: Plan,
 ) -> None:
     """Print a decision: the state, what each action is predicted to bring, and the best path."""
     console.print(f"{domain}, {origin}", style="bold")
-    _print_state(console, planner.model, state)
+    print_state(console, account)
     console.print("")
-    _print_actions(console, planner, state, plan)
+    print_alternatives(console, account)
     console.print("")
     for line in verdict(planner, plan):
         console.print(line)
+    print_causes(console, account)
     if plan.path:
         console.print("")
-        _print_path(console, planner, state, plan)
+        _print_path(console, planner, account, plan)
 
 
 def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
@@ -155,32 +131,33 @@ def _why_unsafe_chosen(plan: Plan, action: int) -> str:
     )
 
 
-def _print_state(console: Console, model: TransitionModel, state: Vector) -> None:
-    numeric = [(f.name, readable(float(state[f.index]))) for f in model.fluents if f.numeric]
-    true = [f.name for f in model.fluents if not f.numeric and state[f.index]]
-    for name, value in numeric[:_FLUENTS_SHOWN]:
-        console.print(f"  {name} = {value}")
-    if len(numeric) > _FLUENTS_SHOWN:
-        console.print(f"  … and {len(numeric) - _FLUENTS_SHOWN} more numbers (--json has all)")
+def print_state(console: Console, account: Explanation) -> None:
+    """Print the fluents of a state."""
+    state = account.state
+    numbers = [(name, value) for name, value in state.items() if not isinstance(value, bool)]
+    true = [name for name, value in state.items() if value is True]
+    for name, value in numbers[:_FLUENTS_SHOWN]:
+        console.print(f"  {name} = {readable(float(value))}")
+    if len(numbers) > _FLUENTS_SHOWN:
+        console.print(f"  … and {len(numbers) - _FLUENTS_SHOWN} more numbers (--json has all)")
     if true:
-        console.print(f"  true: {_shortened(true)}")
+        console.print(f"  true: {shortened(true)}")
 
 
-def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, plan: Plan) -> None:
-    model, forecast = planner.model, plan.forecast
+def print_alternatives(console: Console, account: Explanation) -> None:
+    """Print the table of the actions."""
     # The best first where there are too many to show; else as in the file.
-    order = list(range(len(model.actions)))
+    order = list(account.alternatives)
     if len(order) > _ACTIONS_SHOWN:
-        order.sort(key=lambda k: score_of(forecast, k), reverse=True)
+        order.sort(key=_score, reverse=True)
     rows, styles = [], []
-    for k in order[:_ACTIONS_SHOWN]:
-        numbers, style = ("–", "–"), "dim"
-        if forecast.applicable[k]:
-            numbers = readable(float(forecast.reward[k])), readable(float(forecast.value[k]))
-            unsafe = forecast.unsafe[k] or forecast.safe_steps[k] != SAFE
-            style = "red" if unsafe else "bold blue" if k == plan.action else ""
-        mark = "→" if k == plan.action else ""
-        rows.append((mark, model.actions[k].name, *numbers, remark(planner, state, plan, k)))
+    for each in order[:_ACTIONS_SHOWN]:
+        numbers, style, taken = ("–", "–"), "dim", each.action == account.chosen
+        if each.applicable:
+            numbers = readable(each.reward), readable(each.best_return)
+            unsafe = each.unsafe or each.safe_steps is not None
+            style = "red" if unsafe else "bold blue" if taken else ""
+        rows.append(("→" if taken else "", each.name, *numbers, each.remark))
         styles.append(style)
     head = ("", "action", "reward", "best return", "remarks")
     print_table(console, head, rows, styles=styles, right=(2, 3))
@@ -189,8 +166,36 @@ def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, p
         console.print(f"  … and {rest}, no better than these (--json has all)")
 
 
-def _print_path(console: Console, planner: MonitorReplanner, state: Vector, plan: Plan) -> None:
-    rows, before = [], tuple(state.tolist())
+def print_causes(console: Console, account: Explanation) -> None:
+    """Print what is behind the action taken and behind the best other one."""
+    taken, other = account.taken, account.runner_up
+    if taken is None:
+        return
+    _print_lines(console, taken)
+    if other is not None:
+        console.print(between(other, taken.name))
+        _print_lines(console, account.alternatives[other.action])
+
+
+def _print_lines(console: Console, alternative: Alternative) -> None:
+    lines = lines_of(alternative)
+    if lines:
+        console.print(f"Behind {alternative.name}:")
+    for line in lines[:_CAUSES_SHOWN]:
+        console.print(f"  {line}")
+    if len(lines) > _CAUSES_SHOWN:
+        console.print(f"  … and {len(lines) - _CAUSES_SHOWN} more (--json has all)")
+
+
+def _score(of: Alternative) -> tuple[float, ...]:
+    steps = math.inf if of.safe_steps is None else of.safe_steps
+    return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
+
+
+def _print_path(
+    console: Console, planner: MonitorReplanner, account: Explanation, plan: Plan
+) -> None:
+    rows, before = [], tuple(map(float, account.state.values()))
     for k, step in enumerate(plan.path, 1):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
         changes = [
@@ -198,11 +203,12 @@ def _print_path(console: Console, planner: MonitorReplanner, state: Vector, plan
             for fluent, old, after in zip(planner.model.fluents, before, step.state, strict=True)
             if old != after
         ]
-        rows.append((str(k), step.action + mark, readable(step.reward), _shortened(changes)))
+        rows.append((str(k), step.action + mark, readable(step.reward), shortened(changes)))
         before = step.state
     print_table(console, ("", "best path", "reward", "what changes"), rows, right=(2,))
 
 
-def _shortened(texts: list[str]) -> str:
+def shortened(texts: list[str]) -> str:
+    """Return texts with commas between them, and how many more there are."""
     more = f" … and {len(texts) - _FLUENTS_SHOWN} more" if len(texts) > _FLUENTS_SHOWN else ""
     return ", ".join(texts[:_FLUENTS_SHOWN]) + more

@@ -15,8 +15,8 @@ from serp.control.protocols import ForeseeingPlanner, Planner, Proposer
 from serp.control.strategies.mixture import Mixture
 from serp.control.strategies.strategy import Situation, Strategy
 from serp.control.veto import NoVeto, VetoPolicy
+from serp.explanation.refusals import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.learning.dqn import Proposal
-from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.action_map import ActionForecast, ActionMap

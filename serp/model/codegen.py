@@ -73,7 +73,7 @@ class Generated:
     Attributes:
         name: One of the names above.
         text: Its definition.
-        sites: The site of each position that is appended to `trace`; empty unless traced.
+        sites: The site of each position that `trace` gets; empty unless traced.
     """
 
     name: str
@@ -84,7 +84,11 @@ class Generated:
 def generate_code(
     model: g.GroundModel, part: Part = "step", action: int = -1, *, traced: bool = False
 ) -> Generated:
-    """Generate one of the functions above; traced, it appends the sites passed to `trace`."""
+    """Generate one of the functions above.
+
+    Traced, it has one more argument, a list that gets the position of each site passed, the reward
+    so far, and a copy of `out`.
+    """
     generator = _Generator(model, traced=traced)
     generator.write(part, action)
     arguments = ", ".join([*_ARGUMENTS[part].split(), *(["trace"] if traced else [])])
@@ -165,10 +169,7 @@ class _Generator(EffectEmitter):
         """Emit metric and goal, which read the next state from the array named `result`."""
         model = self.model
         if model.metric is not None:
-            after = self.value(model.metric.value, result)
-            before = self.value(model.metric.value, "s", elapsed="0.0")
-            gain = (after, before) if model.metric.maximize else (before, after)
-            self.body.append(f"reward = {gain[0]} - {gain[1]}")
+            self.body.append(f"reward = {self._metric_gain(model.metric, result, 'dt')}")
         if model.goal is not None:
             with self.under(self.truth(model.goal, result, None)):
                 self.body.append("terminal = True")
@@ -177,6 +178,17 @@ class _Generator(EffectEmitter):
                     gained = "1.0" if worth is None else f"reward + theta[{worth}]"
                     self.body.append(f"reward = {gained}")
         self.require_finite("reward", Site("undefined", None, None))
+
+    def _metric_gain(self, metric: g.GroundMetric, result: str, elapsed: str) -> str:
+        after = self.value(metric.value, result, elapsed)
+        before = self.value(metric.value, "s", elapsed="0.0")
+        gain = (after, before) if metric.maximize else (before, after)
+        return f"{gain[0]} - {gain[1]}"
+
+    def gained(self) -> str:
+        """Return the expression of the reward of the step so far, but for the time that passed."""
+        metric = self.model.metric
+        return "reward" if metric is None else self._metric_gain(metric, "out", "0.0")
 
     # Actions -----------------------------------------------------------------------------------
 

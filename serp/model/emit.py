@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from serp.model import ground as g
 from serp.model.flags import UNDEFINED, UNSAFE
@@ -71,6 +71,20 @@ class Site:
         return f"{place.source.name}:{place.line}:{place.column}: `{place.text}` {why}"
 
 
+class Passage(NamedTuple):
+    """A site that a traced step passed, and how far the step had come right after it.
+
+    Attributes:
+        site: The site.
+        gained: The reward of the step so far.
+        values: The next state so far, F numbers and one more.
+    """
+
+    site: Site
+    gained: float
+    values: list[float]
+
+
 def joined(operator: str, tests: Sequence[str]) -> str:
     """Join tests by `and` or `or`; a single test is returned as it is."""
     return tests[0] if len(tests) == 1 else f"({f' {operator} '.join(tests)})"
@@ -122,7 +136,11 @@ class Emitter:
         if not self.traced:
             return []
         self.sites.append(site)
-        return [f"trace.append({len(self.sites) - 1})"]
+        return [f"trace.append(({len(self.sites) - 1}, {self.gained()}, out[:]))"]
+
+    def gained(self) -> str:
+        """Return the expression of the reward of the step so far."""
+        return "reward"
 
     def refuse(self, test: str, site: Site) -> None:
         """Emit: where `test` is true, the step has no result.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from serp.model.codegen import Part, generate_code, load_function
-from serp.model.emit import Site
+from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground import GroundModel, SetNumber, Test, Value, fluents_of
 
@@ -125,16 +125,16 @@ class Program:
         flags = self.functions["goal", -1](state, theta, dt, [*state, 0.0])
         return flags & TERMINAL != 0
 
-    def traced(self, sites: list[Site]) -> Functions:
-        """Return the functions that add the sites they pass to a list, in order."""
+    def traced(self, passages: list[Passage]) -> Functions:
+        """Return the functions that add what they pass to a list, in order."""
 
         def load(part: Part, action: int) -> _Function:
             function, known = self._traced_functions(part, action)
 
             def run(*arguments: Any) -> int:
-                passed: list[int] = []
+                passed: list[tuple[int, float, list[float]]] = []
                 flags = function(*arguments, passed)
-                sites.extend(known[k] for k in passed)
+                passages.extend(Passage(known[k], gained, values) for k, gained, values in passed)
                 return flags
 
             return run

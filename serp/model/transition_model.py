@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp.model.emit import Site
+from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.goal_value import GoalValue
 from serp.model.ground import REWARD_TARGET, GroundModel
@@ -301,15 +301,24 @@ class TransitionModel(StateSpace):
 
     # Explanations ------------------------------------------------------------------------------
 
-    def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
-        """Return which precondition failed, or which effects, rates and events took part.
+    @property
+    def written(self) -> TransitionModel:
+        """The model as the file has it, without anything learned."""
+        return self
 
-        Returns:
-            The sites passed, in order, and the flags.
+    def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
+        """Return the sites that a step passes, and its flags.
+
+        They say which precondition failed, or which effects, rates and events took part.
         """
+        passages, flags = self.passages(state, action)
+        return [passage.site for passage in passages], flags
+
+    def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
+        """Return the same as `trace`, with what had come of the step by then."""
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
-        _, flags, sites = self.traced(values, action)
-        return sites, flags
+        _, flags, passages = self.traced(values, action)
+        return passages, flags
 
     def traced(
         self,
@@ -318,28 +327,22 @@ class TransitionModel(StateSpace):
         *,
         theta: list[float] | None = None,
         amend: Amendment | None = None,
-    ) -> tuple[list[float], int, list[Site]]:
-        """Predict one step on plain lists by the file, as `transition` does.
+    ) -> tuple[list[float], int, list[Passage]]:
+        """Return what `transition` returns by the file, and what was passed, in order.
 
-        Args:
-            state: F floats; unchanged.
-            action: Position of a ground action; -1 for none.
-            theta: Other parameters.
-            amend: Changes the result of effects and processes before events are evaluated.
-
-        Returns:
-            What `transition` returns, and the sites passed, in order.
+        `theta` are other parameters; `amend` changes the result of effects and processes before
+        events are evaluated.
         """
-        sites: list[Site] = []
-        functions, out = self._program.traced(sites), [*state, 0.0]
+        passages: list[Passage] = []
+        functions, out = self._program.traced(passages), [*state, 0.0]
         flags = self._program.step(
             state, action, self._theta_list if theta is None else theta, self.dt, out,
             functions=functions, amend=amend,
         )  # fmt: skip
-        return out, flags, sites
+        return out, flags, passages
 
     def trace_judged(self, state: Vector, action: int, next_state: Vector) -> list[Site]:
-        """Return which effects, rates and events take part in the judgement of a transition."""
-        sites: list[Site] = []
-        self._judge(state.tolist(), action, next_state.tolist(), self._program.traced(sites))
-        return sites
+        """Return the sites that the judgement of a transition passes."""
+        passages: list[Passage] = []
+        self._judge(state.tolist(), action, next_state.tolist(), self._program.traced(passages))
+        return [passage.site for passage in passages]

@@ -151,7 +151,17 @@ class PlanningGraph:
     @functools.cached_property
     def best_path(self) -> list[Edge]:
         """The edges of the best path from the root."""
-        path, edges = list[Edge](), self._edges[0]
+        return self._best_path(self._edges[0])
+
+    def path_by(self, action: int) -> list[Edge]:
+        """Return the edges of the best path from the root that begins with an action.
+
+        It is empty where the action is not applicable.
+        """
+        return self._best_path([edge for edge in self._edges[0] if edge.action == action])
+
+    def _best_path(self, edges: list[Edge]) -> list[Edge]:
+        path = list[Edge]()
         while edges:
             path.append(max(edges, key=self._through))
             edges = self._edges[path[-1].target]

@@ -91,6 +91,18 @@ class Plan:
         """Number of states in the planning graph."""
         return len(self.planning_graph.states)
 
+    @property
+    def paths(self) -> list[list[int]]:
+        """The actions of the best path in the graph that begins with each action.
+
+        Each is for one control period.
+        """
+        graph, repeat = self._graph, self._graph.settings.repeat
+        return [
+            [edge.action for edge in graph.path_by(k) for _ in range(repeat)]
+            for k in range(len(self.forecast.flags))
+        ]
+
     @functools.cached_property
     def graph(self) -> nx.MultiDiGraph:
         """The planning graph; see `PlanningGraph.to_networkx`."""

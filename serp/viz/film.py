@@ -12,7 +12,7 @@ from pydantic import Field
 
 from serp.control.decision import Actor
 from serp.control.step_record import StepRecord
-from serp.model.explanation import why_unsafe
+from serp.explanation.refusals import why_unsafe
 from serp.model.flags import RISKY, UNSAFE
 from serp.settings.section import Section
 from serp.tasks.bound_task import BoundTask

@@ -109,13 +109,14 @@ def command(
     planner = make_planner(domain)
     plan = planner.plan(state)
 
-    from serp.cli.decision import describe, print_plan
+    from serp.cli.decision import account_of_plan, describe, print_plan
 
+    account = account_of_plan(planner, state, plan)
     if as_json:
-        print_json(describe(domain.name, origin, planner, state, plan))
+        print_json(describe(domain.name, origin, planner, account, plan))
     else:
         console = open_console()
-        print_plan(console, domain.name, origin, planner, state, plan)
+        print_plan(console, domain.name, origin, planner, account, plan)
         if isinstance(planner, RunPlanner):
             console.print(f"The model of {run} is {planner.adoption}.")
         elif task is not None and domain.model.rewarding:

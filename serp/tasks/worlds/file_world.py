@@ -126,9 +126,9 @@ class FileWorld(gym.Env[Vector, int]):
 
     def _carried_out(self, action: int) -> tuple[list[float], int, list[Site]]:
         noise = self._options.noise
-        return self.model.traced(
-            self.state.tolist(), action, amend=self._scatter if noise > 0.0 else None
-        )
+        amend = self._scatter if noise > 0.0 else None
+        out, flags, passages = self.model.traced(self.state.tolist(), action, amend=amend)
+        return out, flags, [passage.site for passage in passages]
 
     def _scatter(self, state: list[float], action: int, out: list[float]) -> None:
         """Make the changes of numbers larger or smaller by chance."""

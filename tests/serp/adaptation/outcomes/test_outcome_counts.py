@@ -8,7 +8,7 @@ import pytest
 from serp._util.compilation import cached_njit
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.errors import RunError
-from serp.model.explanation import why_unsafe
+from serp.explanation.refusals import why_unsafe
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.native import OUTCOMES, STACK, address_of, call_step, pointer_to
 from serp.model.transition_model import TransitionModel, Vector

@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from serp.model.explanation import why_not_applicable, why_unsafe
+from serp.explanation.refusals import why_not_applicable, why_unsafe
 from serp.model.transition_model import TransitionModel, Vector
 from tests.generated import PLANNABLE, Texts, generate, load_texts, random_states
 from tests.serp.planning.worlds import WORLDS, states_of, world

@@ -1,0 +1,246 @@
+"""The one account of a decision, in the words of the file.
+
+`explain` makes it of what a planner predicts in a state, whoever decided: `serp plan` and
+`serp why` print it, and whatever else shows a decision renders it, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.number_format import percent
+from serp.explanation.causes import Cause, causes_of
+from serp.explanation.refusals import (
+    unsafe_ahead,
+    why_not_applicable,
+    why_unsafe,
+)
+from serp.explanation.runner_up import RunnerUp, runner_up_of
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.forecast import SAFE
+
+_NOISE: Final = 1e-9
+"""Share of a reward that is a difference by rounding."""
+
+
+class Predicted(Protocol):
+    """What a planner predicts for each of some actions, `[A]` or `[E]`; see `Forecast`."""
+
+    @property
+    def value(self) -> NDArray[np.float64]:
+        """Discounted sum of rewards of the best path."""
+
+    @property
+    def path_risk(self) -> NDArray[np.float64]:
+        """Probability of an unsafe step on that path."""
+
+    @property
+    def safe_steps(self) -> NDArray[np.int64]:
+        """Control periods on that path before the first risk."""
+
+    @property
+    def reward(self) -> NDArray[np.float64]:
+        """Reward of one control period."""
+
+    @property
+    def flags(self) -> NDArray[np.int64]:
+        """Flags of one control period."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """What is predicted for one action.
+
+    Attributes:
+        action: Its position.
+        name: Its name.
+        applicable: Whether its precondition holds and the step has a result; False, too, where the
+            model does not know the action.
+        unsafe: Whether the file flags it.
+        risk: Probability, in [0, 1], that it is unsafe one control period ahead.
+        terminal: Whether it is predicted to end the task.
+        reward: Reward of one control period; None where not applicable.
+        best_return: Discounted sum of rewards of the best path that begins with it; -inf where not
+            applicable.
+        path_risk: Probability of an unsafe step on that path.
+        safe_steps: Control periods on that path before the first risk; None where there is none.
+        remark: What is special, in one line that quotes the file; may be empty.
+        causes: What is behind one control period. The amounts of its rewards add up to `reward`.
+        next_state: Fluent → value predicted after one control period; None where not applicable.
+        ahead: What follows on the best path, as far as it is known, in its order.
+    """
+
+    action: int
+    name: str
+    applicable: bool
+    unsafe: bool
+    risk: float
+    terminal: bool
+    reward: float | None
+    best_return: float
+    path_risk: float
+    safe_steps: int | None
+    remark: str
+    causes: tuple[Cause, ...]
+    next_state: dict[str, float | bool] | None
+    ahead: tuple[Cause, ...] = ()
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The account of a decision in one state.
+
+    Attributes:
+        state: Fluent → value.
+        alternatives: All actions, in their order.
+        chosen: Position of the action that was taken; None for none.
+        runner_up: The best other action, and what is between the two; None where there is none.
+    """
+
+    state: dict[str, float | bool]
+    alternatives: tuple[Alternative, ...]
+    chosen: int | None
+    runner_up: RunnerUp | None
+
+    @property
+    def taken(self) -> Alternative | None:
+        """The action that was taken."""
+        return None if self.chosen is None else self.alternatives[self.chosen]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values (infinities among them)."""
+        return asdict(self)
+
+
+def explain(
+    model: TransitionModel,
+    state: Vector,
+    predicted: Predicted,
+    chosen: int | None,
+    *,
+    names: Sequence[str] | None = None,
+    ground: Sequence[int] | None = None,
+    paths: Sequence[Sequence[int]] | None = None,
+) -> Explanation:
+    """Return the account of a decision.
+
+    Args:
+        model: The model that predicted; rewards are traced in the file as written, and what differs
+            by what was learned is a cause of its own.
+        state: `[F]`.
+        predicted: What was predicted for each action.
+        chosen: The action that was taken; None for none.
+        names: Names of the actions; None: those of the ground actions.
+        ground: The ground action of each, -1 where the model does not know it; None: the same.
+        paths: Ground actions of the best path that begins with each action, each for one control
+            period; None: what is ahead is not told.
+    """
+    if ground is None:
+        ground = range(len(model.actions))
+    if names is None:
+        names = [action.name for action in model.actions]
+    alternatives = tuple(
+        _alternative(model, state, predicted, k, names[k], g, paths[k] if paths else ())
+        for k, g in enumerate(ground)
+    )
+    values = model.values(state)
+    return Explanation(values, alternatives, chosen, runner_up_of(predicted, names, chosen))
+
+
+def _alternative(
+    model: TransitionModel,
+    state: Vector,
+    predicted: Predicted,
+    k: int,
+    name: str,
+    ground: int,
+    path: Sequence[int],
+) -> Alternative:
+    flags, steps = int(predicted.flags[k]), int(predicted.safe_steps[k])
+    applicable = bool(flags & APPLICABLE)
+    reward = float(predicted.reward[k]) if applicable else None
+    causes: tuple[Cause, ...] = ()
+    after = None
+    if ground >= 0:
+        causes = tuple(_first_causes(model, state, ground, flags, reward))
+        if applicable:
+            after = model.values(model.step(state, ground).state)
+    return Alternative(
+        action=k,
+        name=name,
+        applicable=applicable,
+        unsafe=bool(flags & UNSAFE),
+        risk=risk_of(flags),
+        terminal=bool(flags & TERMINAL),
+        reward=reward,
+        best_return=float(predicted.value[k]),
+        path_risk=float(predicted.path_risk[k]),
+        safe_steps=None if steps == SAFE else steps,
+        remark=_remark(model, state, ground, flags, steps),
+        causes=causes,
+        next_state=after,
+        ahead=tuple(causes_ahead(model, state, path)),
+    )
+
+
+def _first_causes(
+    model: TransitionModel, state: Vector, ground: int, flags: int, reward: float | None
+) -> list[Cause]:
+    """Return what is behind one control period: in the file, and what was learned."""
+    found = causes_of(model.written, state, ground)
+    if reward is not None:
+        rest = reward - sum(cause.amount or 0.0 for cause in found if cause.what == "reward")
+        if abs(rest) > _NOISE * max(1.0, abs(reward)):
+            found.append(Cause("reward", rest, "learned", "", ""))
+    if risk_of(flags) > 0.0 and not flags & UNSAFE:
+        unsafe = [each for each in causes_of(model, state, ground) if each.what == "unsafe"]
+        found += [replace(each, what="risk", amount=risk_of(flags)) for each in unsafe[:1]]
+    return found
+
+
+def causes_ahead(model: TransitionModel, state: Vector, path: Sequence[int]) -> list[Cause]:
+    """Return what follows the first control period of a path, until the task ends.
+
+    An action that is not applicable any more, in the middle of its repetitions, is left out.
+    """
+    found: list[Cause] = []
+    after = 0
+    for action in path:
+        step = model.step(state, action)
+        if not step.applicable:
+            continue
+        if after:
+            causes = causes_of(model.written, state, action)
+            found += [replace(cause, after=after) for cause in causes]
+        if step.terminal:
+            break
+        state, after = step.state, after + 1
+    return found
+
+
+def _remark(model: TransitionModel, state: Vector, ground: int, flags: int, steps: int) -> str:
+    """Return what is special about an action, in one line that quotes the file."""
+    if ground < 0:
+        return "the domain does not mention it"
+    name = model.actions[ground].name
+    if not flags & APPLICABLE:
+        why = why_not_applicable(model, state, ground).removeprefix(f"{name}: ")
+        return f"not applicable: {why}"
+    remarks = []
+    if flags & (UNSAFE | RISKY):
+        what = "unsafe" if flags & UNSAFE else "too risky"
+        remarks.append(f"{what}: {why_unsafe(model, state, ground).removeprefix(f'{name}: ')}")
+    else:
+        if risk_of(flags):
+            remarks.append(f"risk {percent(risk_of(flags))}, accepted")
+        if steps != SAFE:
+            remarks.append(unsafe_ahead(steps))
+    if flags & TERMINAL:
+        remarks.append("ends the task")
+    return "; ".join(remarks)

@@ -1,0 +1,147 @@
+"""Sentences about causes and alternatives, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from serp._util.number_format import percent, readable
+from serp._util.text import plural
+from serp.explanation.causes import Cause
+from serp.explanation.decision import Alternative
+from serp.explanation.refusals import schema_of, what_fails
+from serp.explanation.runner_up import RunnerUp
+
+
+def told(cause: Cause) -> str:
+    """Return a cause as a line."""
+    return _line([[cause]])
+
+
+def lines_of(alternative: Alternative) -> list[str]:
+    """Return what is behind an alternative, now and ahead, a line for each schema of the file.
+
+    What a schema brings in one control period is one line, and so is what it brings in several
+    periods in succession.
+    """
+    by_schema: dict[tuple[str, str], dict[int, list[Cause]]] = {}
+    for cause in (*alternative.causes, *alternative.ahead):
+        periods = by_schema.setdefault((cause.origin, cause.name), {})
+        periods.setdefault(cause.after, []).append(cause)
+    found: list[tuple[int, str]] = []
+    for periods in by_schema.values():
+        for run in _runs(periods):
+            found.append((run[0][0].after, _line(run)))
+    return [line for _, line in sorted(found, key=lambda each: each[0])]
+
+
+def between(runner_up: RunnerUp, name: str) -> str:
+    """Say what is between the action taken and the best other one."""
+    other, gap = runner_up.name, readable(abs(runner_up.gap))
+    if not runner_up.ahead:
+        better = {
+            "value": f": its best return is larger by {gap}",
+            "order": "",
+            "rank": ": it is safer one step ahead",
+            "risk": ": its path has less risk",
+            "safe steps": ": its path stays safe for longer",
+        }[runner_up.by]
+        return f"By the planner's values {other} comes before {name}{better}."
+    match runner_up.by:
+        case "order":
+            return f"Next best: {other}, which is worth the same and comes later in the file."
+        case "value":
+            return f"Next best: {other}, whose best return is smaller by {gap} (units of reward)."
+        case "rank":
+            return f"Next best: {other}, which is less safe one step ahead, whatever it gains."
+        case "risk":
+            return f"Next best: {other}, whose path has more risk, whatever it gains."
+        case _:
+            return f"Next best: {other}, whose path stays safe for less long, whatever it gains."
+
+
+def _runs(periods: dict[int, list[Cause]]) -> list[list[list[Cause]]]:
+    """Return the causes of a schema in runs of control periods in succession with the same ones.
+
+    The first period is a run of its own: it is what the action itself brings.
+    """
+    runs: list[list[list[Cause]]] = []
+    for after, unordered in sorted(periods.items()):
+        causes = sorted(unordered, key=lambda cause: _ORDER.index(cause.what))
+        before = runs[-1][-1] if runs else []
+        same = [(c.what, c.text) for c in before] == [(c.what, c.text) for c in causes]
+        if same and before[0].after == after - 1 > 0:
+            runs[-1].append(causes)
+        else:
+            runs.append([causes])
+    return runs
+
+
+def _line(run: Sequence[Sequence[Cause]]) -> str:
+    """Return the line of what a schema brings in some control periods in succession."""
+    causes, after = run[0], run[0][0].after
+    when = f"in step {after + 1}: " if after else ""
+    if len(run) > 1:
+        when = f"in steps {after + 1} to {after + len(run)}: "
+    amounts = [
+        None if cause.amount is None else sum(period[k].amount or 0.0 for period in run)
+        for k, cause in enumerate(causes)
+    ]
+    brought = ", ".join(map(_what, causes, amounts))
+    first = causes[0]
+    by = f" by {schema_of(first)}" if first.what in _BROUGHT else ""
+    if first.origin == "learned":
+        by = " by what the run has learned"
+    return f"{when}{brought}{by}{_where(causes)}"
+
+
+_BROUGHT: Final = ("reward", "unsafe", "risk", "end")
+_ORDER: Final = (*_BROUGHT, "failed", "conflict", "undefined")
+
+
+def _what(cause: Cause, amount: float | None) -> str:
+    match cause.what:
+        case "reward":
+            return _signed(amount)
+        case "unsafe":
+            return "unsafe"
+        case "risk":
+            return f"a risk of {percent(amount or 0.0)} to be unsafe"
+        case "end":
+            return "the end of the task"
+        case "failed":
+            return f"not applicable: {what_fails(cause)}"
+        case _:
+            return f"no defined result: {what_fails(cause)}"
+
+
+def _where(causes: Sequence[Cause]) -> str:
+    """Return comment, place, and the values that were read."""
+    comments = dict.fromkeys(cause.comment.strip(". ") for cause in causes if cause.comment)
+    said = "".join(f": {comment}" for comment in comments)
+    first = causes[0]
+    if first.place is None:
+        return f"{said}."
+    details = [f"{Path(first.place.file).name}:{first.place.line}"]
+    if first.what in _BROUGHT:
+        details[0] += "".join(f" `{text}`" for text in dict.fromkeys(c.text for c in causes))
+        reads = {name: value for cause in causes for name, value in cause.reads.items()}
+        if reads:
+            details.append(listed_values(reads))
+    return f"{said}. [{'; '.join(details)}]"
+
+
+def listed_values(values: dict[str, float | bool], most: int = 6) -> str:
+    """Return values as `x = 1.2, open = true`, and how many more there are."""
+    shown = [
+        f"{name} = {str(value).lower() if isinstance(value, bool) else readable(float(value))}"
+        for name, value in values.items()
+    ]
+    more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
+    return ", ".join(shown[:most]) + more
+
+
+def _signed(amount: float | None) -> str:
+    text = readable(amount)
+    return text if text.startswith(("−", "–")) else f"+{text}"

@@ -1,0 +1,157 @@
+"""The account of a decision says what the model says, in the words of the file."""
+
+from __future__ import annotations
+
+from random import Random
+
+import numpy as np
+import pytest
+
+from serp.adaptation.adapted_model import AdaptedModel
+from serp.explanation.decision import Explanation, explain
+from serp.explanation.runner_up import flips_of
+from serp.explanation.sentences import lines_of
+from serp.model.flags import APPLICABLE, UNSAFE
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.forecast import SAFE, Forecast, score_of
+from serp.planning.limits import Bound
+from serp.planning.lookahead import Lookahead
+from serp.planning.replanner import MonitorReplanner
+from serp.settings import PlannerSettings
+from tests.generated import PLANNABLE, Texts, generate, load_texts, random_states
+
+HALL = """(define (domain hall)
+  (:predicates (open) (unsafe) (terminal))
+  (:functions (x) (reward))
+  (:action walk      ; one metre
+    :parameters () :precondition (and)
+    :effect (and (increase (x) 1) (decrease (reward) 0.5)))
+  (:action leap :parameters () :precondition (and (open))
+    :effect (and (increase (x) 2)))
+  (:process tire :parameters () :precondition (and) :effect (and (decrease (reward) (* #t 0.25))))
+  (:event door       ; it leads outside
+    :parameters () :precondition (and (> (x) 3))
+    :effect (and (increase (reward) (* 2 (x))) (assign (x) 9) (terminal)))
+  ; A hole in the floor.
+  (:event hole :parameters () :precondition (and (>= (x) 2) (< (x) 2.25))
+    :effect (and (unsafe))))
+"""
+
+
+@pytest.fixture(scope="module")
+def hall() -> TransitionModel:
+    return load_texts(Texts(HALL, None)).model
+
+
+def account(model: TransitionModel, state: Vector, depth: int = 2) -> Explanation:
+    plan = MonitorReplanner(model, depth=depth).plan(state)
+    return explain(model, state, plan.forecast, plan.action, paths=plan.paths)
+
+
+def one_step(model: TransitionModel, state: Vector) -> Forecast:
+    """What a planner of depth 1 predicts, without compiling anything."""
+    steps = [model.transition(state.tolist(), k) for k in range(len(model.actions))]
+    outs, flags = [out for out, _ in steps], np.array([flag for _, flag in steps], dtype=int)
+    there = flags & APPLICABLE > 0
+    reward = np.where(there, [out[-1] for out in outs], 0.0)
+    unsafe = there & (flags & UNSAFE > 0)
+    steps = np.where(there, np.where(unsafe, 0, SAFE), -1)
+    value = np.where(there, reward, -np.inf)
+    risk = np.where(there & ~unsafe, 0.0, 1.0)
+    return Forecast(-1, value, risk, steps, reward, flags, 1, Bound.DEPTH)
+
+
+def test_the_parts_of_a_reward_add_up_to_it_and_flags_have_causes() -> None:
+    told = 0
+    for seed in range(80):
+        random = Random(seed)
+        model = generate(random, PLANNABLE).model
+        for state in random_states(random, model, 3):
+            found = explain(model, state, one_step(model, state), None)
+            for each in found.alternatives:
+                amounts = [c.amount for c in each.causes if c.what == "reward"]
+                assert all(cause.origin != "learned" for cause in each.causes)
+                assert sum(amounts) == pytest.approx(each.reward or 0.0, rel=1e-9, abs=1e-9)
+                whats = {cause.what for cause in each.causes}
+                if each.applicable:
+                    assert ("unsafe" in whats) == each.unsafe
+                    assert ("end" in whats) == each.terminal
+                else:
+                    assert whats & {"failed", "conflict", "undefined"}
+                told += len(each.causes)
+    assert told > 500
+
+
+def test_causes_quote_the_file_with_comment_place_and_values(hall: TransitionModel) -> None:
+    walk, leap = account(hall, np.array([0.0, 2.5])).alternatives
+    says = [(c.what, c.amount, c.origin, c.name, c.comment) for c in walk.causes]
+    assert says == [
+        ("reward", -0.5, "action", "walk", "one metre"),
+        ("reward", -0.25, "process", "tire", ""),
+        ("end", None, "event", "door", "it leads outside"),
+        ("reward", 7.0, "event", "door", "it leads outside"),
+    ]
+    door = walk.causes[3]
+    assert (door.text, door.condition) == ("(increase (reward) (* 2 (x)))", "(> (x) 3)")
+    assert door.reads == {"x": 3.5} and walk.next_state == {"open": False, "x": 9.0}
+    assert door.place is not None and (door.place.line, door.place.column) == (12, 18)
+    assert "+7, the end of the task by event door: it leads outside." in lines_of(walk)[2]
+    assert [c.what for c in leap.causes] == ["failed"] and leap.reward is None
+    assert leap.causes[0].reads == {"open": False}
+
+
+def test_what_follows_on_the_best_path_is_told_with_its_step(hall: TransitionModel) -> None:
+    walk, leap = account(hall, np.array([1.0, 0.0]), depth=3).alternatives
+    assert [(c.what, c.after) for c in walk.ahead if c.name in ("door", "hole")] == [
+        ("end", 2),
+        ("reward", 2),
+    ]
+    assert [c.what for c in leap.causes if c.name == "hole"] == ["unsafe"]
+    assert leap.causes[-1].comment == "A hole in the floor."
+
+
+def test_what_was_learned_is_a_cause_of_its_own(hall: TransitionModel) -> None:
+    adapted = AdaptedModel(hall)
+    state = np.array([0.0, 0.0])
+    forecast = Lookahead(adapted, PlannerSettings(depth=1)).forecast(state)
+    learned = forecast._replace(reward=forecast.reward + 0.125)
+    causes = explain(adapted, state, learned, 0).alternatives[0].causes
+    assert [(c.origin, c.amount) for c in causes if c.origin == "learned"] == [("learned", 0.125)]
+    assert sum(c.amount or 0.0 for c in causes) == learned.reward[0]
+
+
+def test_the_runner_up_is_the_best_other_action() -> None:
+    seen = set[str]()
+    for seed in range(60):
+        random = Random(seed)
+        model = generate(random, PLANNABLE).model
+        for state in random_states(random, model, 2):
+            predicted = one_step(model, state)
+            scores = {
+                k: score_of(predicted, k) for k in np.flatnonzero(predicted.applicable).tolist()
+            }
+            for chosen in scores:
+                found = explain(model, state, predicted, chosen).runner_up
+                others = {k: score for k, score in scores.items() if k != chosen}
+                assert (found is None) == (not others)
+                if found is not None:
+                    best = max(others.values())
+                    assert others[found.action] == best
+                    assert scores[chosen] == best or found.ahead == (scores[chosen] > best)
+                    seen.add(found.by)
+    assert {"value", "order", "rank"} <= seen
+
+
+def test_the_smallest_change_that_tips_the_choice_is_found(hall: TransitionModel) -> None:
+    planner = Lookahead(hall, PlannerSettings(depth=1))
+    state = np.array([1.0, 0.5])  # leaping costs less than walking
+    ranges = np.array([0.0, -5.0]), np.array([1.0, 5.0])
+    assert planner.forecast(state).choice == 1
+    flips = flips_of(planner.forecast, hall.fluents, state, ranges)
+    by_fluent = {flip.fluent: flip for flip in flips.found}
+    assert by_fluent["open"].becomes == 0.0 and by_fluent["open"].action == 0
+    x = by_fluent["x"]  # below 0.25 a leap ends in the hole
+    assert x.becomes == pytest.approx(0.25) and x.becomes < 0.25 and x.action == 0
+    assert x.share == pytest.approx(0.025)
+    assert flips.found[0].share == min(flip.share for flip in flips.found)
+    assert "1 number" in flips.searched and "1 predicate" in flips.searched

@@ -1,0 +1,47 @@
+"""The comment that belongs to a place."""
+
+from __future__ import annotations
+
+import pytest
+
+from serp.pddl.comments import comment_of
+from serp.pddl.source import Source
+
+TEXT = """; The head of the file.
+
+(define
+  (far)     ; what is far,
+            ; and farther
+  (near)
+
+  ; A goal,
+  ;; and its price.
+  (goal)
+
+  ; ------------- The end ------------
+  (section)
+
+  ; not this one
+
+  (alone) (second) ; of both
+  ; at the top (commented) out
+  (last))"""
+
+
+@pytest.mark.parametrize(
+    ("form", "comment"),
+    [
+        ("(far)", "what is far, and farther"),
+        ("(near)", ""),
+        ("(goal)", "A goal, and its price."),
+        ("(section)", ""),
+        ("(alone)", "of both"),
+        ("(second)", "of both"),
+        ("(last)", "at the top (commented) out"),
+        ("(define", ""),
+    ],
+)
+def test_the_comment_beside_or_right_above_belongs_to_a_place(form: str, comment: str) -> None:
+    source = Source("file", TEXT)
+    start = TEXT.index(form)
+    assert comment_of(source.place(start, start + len(form))) == comment
