@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from serp._util.number_format import readable
 from serp._util.text import plural
@@ -71,13 +74,21 @@ class ChosenPlanner(MonitorReplanner):
             return Plan.of(self.model, found, self._path(now, found.choice), graph)
 
     def paths(self, plan: Plan, state: Vector) -> list[list[int]]:
-        """Return where each action leads to, a control period a step."""
-        with self._undisturbed():
-            found = []
-            for k, applicable in enumerate(plan.forecast.applicable.tolist()):
-                path = self._path(state, k if applicable else -1)
-                found.append([self.model.action_index(step.action) for step in path])
+        """Return where each action leads to, a control period a step, as far as there is time.
+
+        Of a planner that searches for whole plans, this is the plan alone.
+        """
+        number, deadline = self.model.action_index, time.monotonic() + (self.time_budget or 0.0)
+        found: list[list[int]] = [[] for _ in self.model.actions]
+        if plan.action is not None:
+            found[plan.action] = [number(step.action) for step in plan.path]
+        if isinstance(self._planner, PlanFollower):
             return found
+        with self._undisturbed():
+            for k in np.flatnonzero(plan.forecast.applicable).tolist():
+                if k != plan.action and time.monotonic() < deadline:
+                    found[k] = [number(step.action) for step in self._path(state, k)]
+        return found
 
     def _path(self, state: Vector, choice: int) -> tuple[PlannedStep, ...]:
         path: list[PlannedStep] = []

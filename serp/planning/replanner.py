@@ -97,7 +97,8 @@ class Plan:
 
         Each is for one control period.
         """
-        graph, repeat = self._graph, self._graph.settings.repeat
+        graph = self.planning_graph
+        repeat = graph.settings.repeat
         return [
             [edge.action for edge in graph.path_by(k) for _ in range(repeat)]
             for k in range(len(self.forecast.flags))
