@@ -279,6 +279,20 @@ def comparisons_of(test: Test) -> Iterator[Compare]:
                 yield from comparisons_of(operand)
 
 
+def sets(effect: GroundEffect, flag: int) -> bool:
+    """Whether an effect sets a flag: UNSAFE_TARGET or TERMINAL_TARGET."""
+    return isinstance(effect, SetBoolean) and effect.target == flag and effect.value
+
+
+def flagging(schema: GroundSchema, flag: int) -> list[tuple[Test, ...]]:
+    """Return when a schema sets a flag: for each effect that does, what has to hold together.
+
+    For an action this is beyond its precondition, without which nothing happens.
+    """
+    own = () if schema.kind is Kind.ACTION else schema.preconditions
+    return [(*own, effect.condition) for effect in schema.effects if sets(effect, flag)]
+
+
 def reads(schema: GroundSchema) -> set[int]:
     """Return every fluent that the precondition or the effects read."""
     found: set[int] = set()

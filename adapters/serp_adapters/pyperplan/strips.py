@@ -175,8 +175,8 @@ class Strips:
     def _operators(self, position: int, action: g.GroundSchema) -> list[Operator]:
         """Return the operators of a ground action: one for each way to apply it that is safe."""
         place = action.place
-        danger = [e.condition for e in action.effects if _sets(e, g.UNSAFE_TARGET)]
-        if any(self._reads_numbers(condition) for condition in danger):
+        danger = [condition for (condition,) in g.flagging(action, g.UNSAFE_TARGET)]
+        if any(map(self._reads_numbers, danger)):
             return []
         conditions = [self._ways(test, True) for test in action.preconditions]
         conditions += [self._ways(condition, False) for condition in danger]
@@ -206,12 +206,9 @@ class Strips:
         Where numbers decide, nothing is known; the plan is checked by the model.
         """
         found: list[Facts] = []
-        for effect in event.effects:
-            if _sets(effect, flag):
-                tests = [*event.preconditions, effect.condition]
-                if not any(self._reads_numbers(test) for test in tests):
-                    ways = (self._ways(test, True) for test in tests)
-                    found += self._joined(ways, event.place)
+        for tests in g.flagging(event, flag):
+            if not any(map(self._reads_numbers, tests)):
+                found += self._joined((self._ways(test, True) for test in tests), event.place)
         return found
 
     def _refuse_changes(self, event: g.GroundSchema, ground: g.GroundModel) -> None:
@@ -229,10 +226,6 @@ class Strips:
 Changes = tuple[tuple[int, bool], ...]
 """Fluents and the values that they get."""
 _NO_CHANGE: Final[Changes] = ()
-
-
-def _sets(effect: g.GroundEffect, flag: int) -> bool:
-    return isinstance(effect, g.SetBoolean) and effect.target == flag and effect.value
 
 
 def _contradictory(way: Facts) -> bool:

@@ -17,8 +17,8 @@ from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
 
-_RESERVED: Final = ("reward", "unsafe", "terminal")
-"""Names that have a meaning of their own in our files."""
+_RESERVED: Final = ("reward", "unsafe", "terminal", "total-cost")
+"""Names that have a meaning of their own in our files, and that of the writer's own fluent."""
 _COMPILERS: Final = (
     ("OBJECT_FLUENTS", UsertypeFluentsRemover, CompilationKind.USERTYPE_FLUENTS_REMOVING),
     ("STATE_INVARIANTS", StateInvariantsRemover, CompilationKind.STATE_INVARIANTS_REMOVING),

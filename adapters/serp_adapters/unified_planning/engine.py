@@ -13,7 +13,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from unified_planning.engines import (
     Credits,
@@ -67,7 +67,7 @@ _FEATURES: Final = {
         "REAL_NUMBERS_IN_ACTIONS_COST",
     ],
 }
-CREDITS: Final = Credits(
+_CREDITS: Final = Credits(
     "SErP",
     "the SErP authors",
     "",
@@ -79,21 +79,48 @@ CREDITS: Final = Credits(
 )
 
 
-def supported_kind() -> ProblemKind:
-    """Return the kind of problems that is supported."""
-    kind = ProblemKind(version=2)
-    for method, features in _FEATURES.items():
-        for feature in features:
-            getattr(kind, method)(feature)
-    return kind
+class OwnEngine(Engine):  # type: ignore[misc]
+    """What all engines of ours tell unified-planning of themselves.
+
+    Attributes:
+        named: The name of the engine.
+    """
+
+    named: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        """The name of the engine."""
+        return self.named
+
+    @staticmethod
+    def supported_kind() -> ProblemKind:
+        """Return the kind of problems that is supported."""
+        kind = ProblemKind(version=2)
+        for method, features in _FEATURES.items():
+            for feature in features:
+                getattr(kind, method)(feature)
+        return kind
+
+    @staticmethod
+    def supports(problem_kind: ProblemKind) -> bool:
+        """Return whether problems of a kind are supported."""
+        return bool(problem_kind <= OwnEngine.supported_kind())
+
+    @staticmethod
+    def get_credits(**kwargs: object) -> Credits:
+        """Return who wrote the engine."""
+        return _CREDITS
 
 
-class SErPEngine(Engine, OneshotPlannerMixin):  # type: ignore[misc]
+class SErPEngine(OwnEngine, OneshotPlannerMixin):  # type: ignore[misc]
     """Plans to the goal of a classical or numeric problem.
 
     Plans are checked by unified-planning's own validator, which computes exactly. A problem is
     called unsolvable only if everything that can be reached was seen, with exact numbers.
     """
+
+    named = "serp"
 
     def __init__(self, **params: object) -> None:
         Engine.__init__(self)
@@ -101,30 +128,10 @@ class SErPEngine(Engine, OneshotPlannerMixin):  # type: ignore[misc]
         if params:
             raise TypeError(f"the engine `serp` has no parameters, found {', '.join(params)}")
 
-    @property
-    def name(self) -> str:
-        """The name of the engine."""
-        return "serp"
-
-    @staticmethod
-    def supported_kind() -> ProblemKind:
-        """Return the kind of problems that is supported."""
-        return supported_kind()
-
-    @staticmethod
-    def supports(problem_kind: ProblemKind) -> bool:
-        """Return whether problems of a kind are supported."""
-        return bool(problem_kind <= supported_kind())
-
     @staticmethod
     def satisfies(optimality_guarantee: OptimalityGuarantee) -> bool:
         """Return whether plans have a guarantee."""
         return bool(optimality_guarantee == OptimalityGuarantee.SATISFICING)
-
-    @staticmethod
-    def get_credits(**kwargs: object) -> Credits:
-        """Return who wrote the engine."""
-        return CREDITS
 
     def _solve(
         self,

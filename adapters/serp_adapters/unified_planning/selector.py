@@ -11,16 +11,16 @@ from importlib.util import find_spec
 from typing import Any
 from warnings import warn
 
-from unified_planning.engines import Credits, Engine
+from unified_planning.engines import Engine
 from unified_planning.exceptions import UPUsageError
-from unified_planning.model import FNode, Problem, ProblemKind
+from unified_planning.model import FNode, Problem
 from unified_planning.plans import ActionInstance
 
 from serp.errors import SerpError
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.settings import PlannerSettings
 from serp_adapters.unified_planning.conversion import ConvertedProblem
-from serp_adapters.unified_planning.engine import CREDITS, supported_kind
+from serp_adapters.unified_planning.engine import OwnEngine
 
 if find_spec("unified_planning.engines.mixins.action_selector") is not None:
     from unified_planning.engines.mixins.action_selector import ActionSelectorMixin
@@ -47,7 +47,7 @@ else:
             self._update(observation)  # type: ignore[attr-defined]
 
 
-class SErPSelector(Engine, ActionSelectorMixin):  # type: ignore[misc]
+class SErPSelector(OwnEngine, ActionSelectorMixin):  # type: ignore[misc]
     """Chooses one action after another, by what is observed.
 
     An observation tells the values of some fluents after the chosen action; the others are as the
@@ -57,6 +57,8 @@ class SErPSelector(Engine, ActionSelectorMixin):  # type: ignore[misc]
         problem: The problem.
         error_on_failed_checks: Whether a problem that is not supported is an error, or a warning.
     """
+
+    named = "serp-selector"
 
     def __init__(self, problem: Problem, error_on_failed_checks: bool = True) -> None:
         Engine.__init__(self)
@@ -69,26 +71,6 @@ class SErPSelector(Engine, ActionSelectorMixin):  # type: ignore[misc]
         self._state = model.initial_state
         self._planner = FarSightPlanner(model, PlannerSettings())
         self._chosen = -1
-
-    @property
-    def name(self) -> str:
-        """The name of the engine."""
-        return "serp-selector"
-
-    @staticmethod
-    def supported_kind() -> ProblemKind:
-        """Return the kind of problems that is supported."""
-        return supported_kind()
-
-    @staticmethod
-    def supports(problem_kind: ProblemKind) -> bool:
-        """Return whether problems of a kind are supported."""
-        return bool(problem_kind <= supported_kind())
-
-    @staticmethod
-    def get_credits(**kwargs: object) -> Credits:
-        """Return who wrote the engine."""
-        return CREDITS
 
     def _get_action(self) -> ActionInstance:
         self._chosen = self._planner.forecast(self._state).choice

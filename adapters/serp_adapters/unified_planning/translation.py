@@ -29,6 +29,7 @@ from serp.planning.far_sight.inert import inert_fluents
 from serp.planning.far_sight.relaxation import succeeds
 
 _ADVICE: Final = "the planners `far-sight` and `lookahead` of serp plan with it"
+_OPPOSITE: Final = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}
 _SIGNS: Final = {Change.INCREASE: 1, Change.DECREASE: -1}
 SUCCESS: Final = "success"
 """The fluent that says that an action ended the task with a reward."""
@@ -85,16 +86,16 @@ class _Translation:
                 "write `(:goal ...)` in the problem file; or here an event with the effects "
                 "`(increase (reward) 1)` and `(terminal)`",
             )  # fmt: skip
-        ends, bad = [], []
-        for event in self.others:
-            ends += self.when(event, g.TERMINAL_TARGET)
-            bad += self.when(event, g.UNSAFE_TARGET)
-        forbidden = [["not", test] for test in (*ends, *bad)]
+        no_end, no_harm = (
+            [test for event in self.others for test in self.never(event, flag)]
+            for flag in (g.TERMINAL_TARGET, g.UNSAFE_TARGET)
+        )
+        forbidden = [*no_end, *no_harm]
         if ground.goal is not None:
             goal = self.test(ground.goal)
         else:
             goal = _any(
-                SUCCESS if schema.kind is Kind.ACTION else self.conjunction(schema)
+                SUCCESS if schema.kind is Kind.ACTION else self.all(schema.preconditions)
                 for schema in self.successes.values()
             )
         return {
@@ -104,7 +105,7 @@ class _Translation:
                 for k, action in enumerate(ground.actions)
             ],
             "costs": self.costs(),
-            "goal": _all([goal, *(["not", test] for test in bad)]),
+            "goal": _all([goal, *no_harm]),
         }
 
     def fluents(self) -> dict[str, list[Any]]:
@@ -123,7 +124,7 @@ class _Translation:
         preconditions = [*map(self.test, action.preconditions), *forbidden]
         for flag in (g.UNSAFE_TARGET, g.TERMINAL_TARGET):
             if flag == g.UNSAFE_TARGET or not success:
-                preconditions += [["not", test] for test in self.when(action, flag)]
+                preconditions += self.never(action, flag)
         effects = [self.effect(e) for e in action.effects if self.matters(e)]
         if success:
             effects.append(["assign", SUCCESS, True, True])
@@ -142,34 +143,41 @@ class _Translation:
             return ["assign", name, [operator, name, value], condition]
         return [effect.change.value, name, value, condition]
 
-    def when(self, schema: g.GroundSchema, flag: int) -> list[Any]:
-        """Return the conditions under which a schema sets a flag."""
-        own = [] if schema.kind is Kind.ACTION else [self.conjunction(schema)]
-        return [
-            _all([*own, self.test(effect.condition)])
-            for effect in schema.effects
-            if effect.target == flag and isinstance(effect, g.SetBoolean) and effect.value
-        ]
-
-    def conjunction(self, schema: g.GroundSchema) -> Any:
-        return _all(map(self.test, schema.preconditions))
+    def never(self, schema: g.GroundSchema, flag: int) -> list[Any]:
+        """Return the conditions under which a schema does not set a flag."""
+        return [self.all(tests, wanted=False) for tests in g.flagging(schema, flag)]
 
     # Expressions -------------------------------------------------------------------------------
 
-    def test(self, test: g.Test) -> Any:
+    def test(self, test: g.Test, wanted: bool = True) -> Any:
+        """Return that a condition is `wanted`, in negation normal form.
+
+        Engines without disjunctions take `(or (not a) (not b))` as one, and not `(not (and a b))`.
+        """
         match test:
             case g.Constant(value):
-                return value
+                return value == wanted
             case g.Holds(fluent):
-                return False if fluent < 0 else _name(fluent)  # flags start afresh in each step
+                if fluent < 0:  # flags start afresh in each step
+                    return not wanted
+                return _name(fluent) if wanted else ["not", _name(fluent)]
             case g.Compare(operator, left, right, place):
-                return [operator, self.value(left, place), self.value(right, place)]
+                sides = self.value(left, place), self.value(right, place)
+                if not wanted and operator == "=":
+                    return ["or", ["<", *sides], [">", *sides]]
+                return [operator if wanted else _OPPOSITE[operator], *sides]
             case g.Not(operand):
-                return ["not", self.test(operand)]
+                return self.test(operand, not wanted)
             case g.All(operands):
-                return _all(map(self.test, operands))
+                return self.all(operands, wanted)
             case g.AnyOf(operands):
-                return _any(map(self.test, operands))
+                either = _any if wanted else _all
+                return either(self.test(operand, wanted) for operand in operands)
+
+    def all(self, tests: Iterable[g.Test], wanted: bool = True) -> Any:
+        """Return that some conditions hold together, or that they do not."""
+        either = _all if wanted else _any
+        return either(self.test(test, wanted) for test in tests)
 
     def value(self, value: g.Value, place: Place) -> Any:
         match value:
@@ -226,10 +234,15 @@ def _name(fluent: int) -> str:
 
 
 def _all(tests: Iterable[Any]) -> Any:
-    left = [test for test in tests if test is not True]
-    return left[0] if len(left) == 1 else ["and", *left] if left else True
+    return _joined("and", tests, neutral=True)
 
 
 def _any(tests: Iterable[Any]) -> Any:
-    left = [test for test in tests if test is not False]
-    return left[0] if len(left) == 1 else ["or", *left] if left else False
+    return _joined("or", tests, neutral=False)
+
+
+def _joined(operator: str, tests: Iterable[Any], *, neutral: bool) -> Any:
+    left = [test for test in tests if test is not neutral]
+    if any(test is (not neutral) for test in left):
+        return not neutral
+    return left[0] if len(left) == 1 else [operator, *left] if left else neutral

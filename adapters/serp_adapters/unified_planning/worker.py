@@ -7,11 +7,16 @@ with a line: nothing, `error`, or a `plan` (null where there is none) with the e
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
+import math
 import os
+import queue
 import signal
+import subprocess
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -26,12 +31,16 @@ from unified_planning.model.metrics import MinimizeActionCosts
 from unified_planning.plans import PlanKind
 from unified_planning.shortcuts import BoolType, Fluent, RealType, get_environment
 
+_GRACE: Final = 0.5
+"""Seconds that an engine's own processes have for ending by themselves; the parent waits longer."""
 _COMPILED: Final = {
     "CONDITIONAL_EFFECTS": CompilationKind.CONDITIONAL_EFFECTS_REMOVING,
     "DISJUNCTIVE_CONDITIONS": CompilationKind.DISJUNCTIVE_CONDITIONS_REMOVING,
     "NEGATIVE_CONDITIONS": CompilationKind.NEGATIVE_CONDITIONS_REMOVING,
 }
 """What unified-planning can remove from a problem before an engine that does not take it plans."""
+MOST_VARIANTS: Final = 4_000
+"""Most actions that those with disjunctions become; for each plan they take a millisecond each."""
 
 
 class _Fixed(Problem):  # type: ignore[misc]
@@ -84,12 +93,19 @@ class Planning:
         if not self._accepts(self.problem.kind) and self.problem.quality_metrics:
             self.problem.clear_quality_metrics()
             del self.problem.kind
-        self.kinds = [
-            kind for feature, kind in _COMPILED.items()
-            if feature in self.problem.kind.features - self.engine.supported_kind().features
-        ]  # fmt: skip
         if not self._accepts(self.problem.kind):
             self._refuse(installed)
+        missing = self.problem.kind.features - self.engine.supported_kind().features
+        if "CONDITIONAL_EFFECTS" in missing:  # what takes their place, is compiled away, too
+            missing |= _COMPILED.keys() - self.engine.supported_kind().features
+        self.kinds = [kind for feature, kind in _COMPILED.items() if feature in missing]
+        split = sum(_variants(conditions, effects) for _, conditions, effects in task["actions"])
+        if "DISJUNCTIVE_CONDITIONS" in missing and split > MOST_VARIANTS:
+            raise Refused(
+                f"the engine `{engine}` takes no disjunctions, and without them this file has "
+                f"{split} actions, more than {MOST_VARIANTS}; take an engine that takes them, such "
+                "as `enhsp`"
+            )
 
     def _accepts(self, kind: Any) -> bool:
         return bool(kind.features - self.engine.supported_kind().features <= _COMPILED.keys())
@@ -134,7 +150,19 @@ class Planning:
         """End what the engine has started."""
         process = getattr(self.engine, "_process", None)  # of engines that are other programs
         if process is not None:
-            terminate_process(process)
+            end_group(process)
+
+
+def end_group(process: subprocess.Popen[bytes]) -> None:
+    """End a process that leads a group, and what is left of the group after half a second."""
+    terminate_process(process)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(_GRACE)
+    with contextlib.suppress(ProcessLookupError):
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
 
 
 _SOLVED: Final = (
@@ -177,6 +205,25 @@ def problem_of(task: Mapping[str, Any]) -> _Fixed:
     return problem
 
 
+def _variants(conditions: Sequence[Any], effects: Sequence[Any]) -> int:
+    """Return how many actions without disjunctions and conditional effects one becomes."""
+    given = {str(test): test for *_, test in effects if test is not True}
+    both = (_ways(test) + _ways(test, wanted=False) for test in given.values())
+    return math.prod(map(_ways, conditions)) * math.prod(both)
+
+
+def _ways(test: Any, wanted: bool = True) -> int:
+    """Return in how many ways a condition holds, or does not."""
+    match test:
+        case ["not", operand]:
+            return _ways(operand, not wanted)
+        case ["and" | "or" as operator, *operands]:
+            each = [_ways(operand, wanted) for operand in operands]
+            return math.prod(each) if (operator == "and") == wanted else sum(each)
+        case _:
+            return 1
+
+
 def begin_at(problem: Problem, state: Mapping[str, float | bool]) -> None:
     """Make a state, the values of fluents by their names, the initial one of a problem."""
     for name, value in state.items():
@@ -205,21 +252,28 @@ def _number(value: float | bool) -> bool | int | Fraction:
 
 
 def serve(lines: TextIO, answers: TextIO) -> None:
-    """Answer one line after another."""
+    """Answer one line after another; where there are no more, end, in the middle of a plan, too."""
     planning: Planning | None = None
+    questions: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def end(*_: object) -> None:
         if planning is not None:
             planning.end()
         os._exit(1)
 
+    def read() -> None:
+        for line in lines:
+            questions.put(line)
+        end()  # the parent is no more
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     signal.signal(signal.SIGTERM, end)
     warnings.simplefilter("ignore")
-    for line in lines:
+    threading.Thread(target=read, daemon=True).start()
+    while True:
         answer: dict[str, Any] = {}
         try:
-            asked = json.loads(line)
+            asked = json.loads(questions.get())
             if "task" in asked:
                 planning = Planning(asked["engine"], asked["task"])
             elif planning is not None:

@@ -14,7 +14,15 @@ from unified_planning.engines import (
 from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 from unified_planning.exceptions import UPUsageError
 from unified_planning.model import InstantaneousAction, Problem
-from unified_planning.shortcuts import Equals, IntType, OneshotPlanner, RealType, get_environment
+from unified_planning.model.metrics import MinimizeActionCosts
+from unified_planning.shortcuts import (
+    Equals,
+    Int,
+    IntType,
+    OneshotPlanner,
+    RealType,
+    get_environment,
+)
 from unified_planning.test.examples import get_example_problems
 
 from serp_adapters.unified_planning.engine import SErPEngine
@@ -52,15 +60,18 @@ def test_the_engine_is_found_by_name_and_the_metric_decides() -> None:
     assert list(evaluations.values()) == [EXAMPLES["basic_with_costs"].optimum]
 
 
-def counting(step: Fraction | int, to: Fraction | int, numbers: Any) -> Problem:
-    """A problem in which `(reward)`, a word of ours, is a fluent like any other."""
+def counting(
+    step: Fraction | int, to: Fraction | int, numbers: Any, name: str = "reward"
+) -> Problem:
+    """A problem in which a word of ours, or of the writer, is a fluent like any other."""
     problem = Problem("counting")
-    reward = problem.add_fluent("reward", numbers, default_initial_value=0)
+    counted = problem.add_fluent(name, numbers, default_initial_value=0)
     count = InstantaneousAction("count")
-    count.add_precondition(reward() < 6 if numbers.is_int_type() else reward() < Fraction(1, 2))
-    count.add_increase_effect(reward, step)
+    count.add_precondition(counted() < 6 if numbers.is_int_type() else counted() < Fraction(1, 2))
+    count.add_increase_effect(counted, step)
     problem.add_action(count)
-    problem.add_goal(Equals(reward(), to))
+    problem.add_goal(Equals(counted(), to))
+    problem.add_quality_metric(MinimizeActionCosts({count: Int(1)}))
     return problem
 
 
@@ -78,9 +89,12 @@ def test_no_time_is_no_plan() -> None:
     assert (result.status, result.plan) == (Status.TIMEOUT, None)
 
 
-@pytest.mark.parametrize("name", ["hierarchical_blocks_world", "robot_fluent_of_user_type"])
+@pytest.mark.parametrize(
+    "name", ["hierarchical_blocks_world", "robot_fluent_of_user_type", "total-cost"]
+)
 def test_actions_are_chosen_by_what_is_observed(name: str) -> None:
-    problem = EXAMPLES[name].problem
+    own = counting(1, 3, IntType(), name)
+    problem = EXAMPLES[name].problem if name in EXAMPLES else own
     selector, simulator = SErPSelector(problem), UPSequentialSimulator(problem)
     state, steps = simulator.get_initial_state(), 0
     while not simulator.is_goal(state):

@@ -6,6 +6,7 @@ import functools
 import json
 import random
 import signal
+import subprocess
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,10 +20,11 @@ from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
-from serp_adapters.unified_planning import planner
+from serp_adapters.unified_planning import planner, worker
 from serp_adapters.unified_planning.translation import translated, values_in
 from serp_adapters.unified_planning.worker import Planning, Refused, begin_at, problem_of
 from tests.generated import Texts, load_texts
+from tests.generated.classical import blocks
 
 FILES = Path(__file__).parents[2] / "serp" / "model" / "pddl_files"
 ROVER = """
@@ -152,6 +154,55 @@ def test_a_plan_is_followed_to_the_goal_and_an_engine_that_takes_too_long_is_end
     monkeypatch.undo()
     found = find_plan(state)
     assert found is not None and len(found) == 11
+
+
+def test_an_engine_ends_with_its_parent_and_takes_what_it_started_along(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = TransitionModel(load_texts(blocks(14)).model.ground, own_code=False)
+    plans = planner.EnginePlans(model, "pyperplan-opt", 60.0)
+    process, state = plans._process, model.initial_state
+    assert process is not None and process.stdin is not None and state is not None
+    question = {"state": values_in(plans._task, state), "seconds": 60.0}
+    process.stdin.write(json.dumps(question) + "\n")
+    process.stdin.close()  # as where the parent is killed
+    assert process.wait(10.0) == 1
+    monkeypatch.setattr(worker, "_GRACE", 0.05)
+    deaf = subprocess.Popen(
+        ["/bin/sh", "-c", "trap '' TERM; echo; sleep 60 & wait"],
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    with deaf:
+        assert deaf.stdout is not None and deaf.stdout.readline() == b"\n"
+        worker.end_group(deaf)
+        assert deaf.stdout.read() == b"" and deaf.wait(10.0) == -signal.SIGKILL
+
+
+WARD = """(define (domain ward)
+  (:requirements :strips :typing :conditional-effects :negative-preconditions :time)
+  (:types room) (:constants a b c - room)
+  (:predicates (at ?r - room) (next ?p - room ?q - room) (wet ?r - room) (lit) (windy) (unsafe))
+  (:action go :parameters (?p - room ?q - room) :precondition (and (at ?p) (next ?p ?q))
+    :effect (and (not (at ?p)) (at ?q)))
+  (:action wait :parameters () :precondition (and)
+    :effect (and (windy) (when (and (windy) (lit)) (not (wet b)))))
+  (:event slip :parameters (?r - room) :precondition (and (at ?r) (wet ?r) (lit))
+    :effect (unsafe)))"""
+
+
+def test_an_engine_without_disjunctions_heeds_conditions_that_hold_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start = "(at a) (wet b) (lit) (next a b) (next b c)"
+    problem = f"(define (problem p) (:domain ward) (:init {start}) (:goal (at c)))"
+    model = load_texts(Texts(WARD, problem)).model
+    follower = play(model, "up:pyperplan")
+    names = [model.actions[action].name for action in follower.plan]
+    assert names == ["wait", "wait", "go a b", "go b c"]
+    monkeypatch.setattr(worker, "MOST_VARIANTS", 5)
+    with pytest.raises(Refused, match=r"has \d+ actions, more than 5; .* such as `enhsp`"):
+        Planning("pyperplan", sent(model))
 
 
 @pytest.mark.skipif(find_spec("up_enhsp") is None, reason="up-enhsp is not installed")
