@@ -10,6 +10,7 @@ Comments in the Markdown tell what a fenced block or a table is:
 `<!-- run with: ... -->`   the same, with these options added
 `<!-- accepted in: X -->`  the first column of the table is valid PDDL there
 `<!-- refused in: X -->`   it is refused, with the message of the second column
+`<!-- scenarios: X -->`     the first column of the table is a statement of a scenario file
 `<!-- names of: X -->`     the first column lists exactly what the code has under X
 
 Python blocks run in the order of their page and share their names. A `text` block right after
@@ -48,7 +49,9 @@ from serp.comparison.compare import compare
 from serp.control.decision import Actor, Reason
 from serp.model.facts import InstantiationBudget
 from serp.model.program import MAX_NATIVE_SIZE
+from serp.pddl.source import Source
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.scenarios.reading import read_scenarios
 from serp.tasks.registry import task_entries
 from serp.training.policies import Policy
 
@@ -359,6 +362,20 @@ def test_what_is_said_to_be_refused_is_refused_so(page: Path, where: str, tmp_pa
         with pytest.raises(serp.DomainError) as error:
             load_fragment(where, code(fragment), tmp_path)
         assert message in str(error.value)
+
+
+@pytest.mark.parametrize(("page", "kind"), marks("scenarios"))
+def test_statements_of_scenarios_are_read(page: Path, kind: str) -> None:
+    domain = serp.load_domain(ROOT / "domains" / "lunar-lander.pddl", observed=True)
+    lines = [code(row[0]) for row in table_after(page, f"scenarios: {kind}")]
+    text = "".join(
+        f"scenario {number}\n{line}\nallows fall\n"
+        if kind == "situation"
+        else f"scenario {number}\n{line}\n"
+        for number, line in enumerate(lines)
+    )
+    source = Source("page.scenarios", f"scenario a lean\n(lean) = 1\nallows fall\n{text}")
+    assert len(read_scenarios(source, domain, domain.model)) == len(lines) + 1
 
 
 def test_the_limits_are_those_of_the_code() -> None:

@@ -28,7 +28,7 @@ LAYERS = (
     {"lint", "runs", "sysid"},
     {"adaptation"},
     {"training"},
-    {"diagnosis", "comparison", "viz", "export"},
+    {"diagnosis", "comparison", "viz", "export", "scenarios"},
     {"tuning"},
     {"cli"},
     {"__main__"},

@@ -23,6 +23,7 @@ COMMANDS = {
     "repair": "Write a run's domain file, corrected by what it observed.",
     "watch": "Show a trained policy in a window or as a film.",
     "export": "Write a trained policy for a robot without serp.",
+    "test": "Check that a domain file leads to what you expect.",
     "check": "Check domain files and say what to fix.",
     "list": "List what is installed: tasks, algorithms, strategies.",
 }

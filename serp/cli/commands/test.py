@@ -1,0 +1,156 @@
+"""`serp test`: whether a controller does in given situations what the expert expects."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp._util.text import plural
+from serp.cli.asked import asked_domain, asked_own_task, open_run
+from serp.cli.failures import DONE, MISTAKE, say
+from serp.cli.options import own_task_option, settings_option
+from serp.cli.output import examples, open_console, print_json
+from serp.errors import SerpError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.scenarios.checking import Result
+    from serp.scenarios.running import ScenarioFile
+
+
+@click.command(
+    "test",
+    epilog=examples(
+        "serp test cartpole",
+        "serp test domains/*.pddl",
+        "serp test domains/soccer.pddl -k goal",
+        "serp test cartpole --run runs/seven",
+        "serp test new.pddl --scenarios domains/cartpole.scenarios",
+    ),
+)
+@click.argument("names", metavar="FILE|NAME...", nargs=-1)
+@own_task_option
+@click.option("-k", "words", default="", metavar="WORDS",
+              help="Only scenarios whose title has these words.")  # fmt: skip
+@click.option("--scenarios", "file", type=click.Path(path_type=Path), metavar="FILE",
+              help="Another file of scenarios, such as that of a similar domain.")  # fmt: skip
+@click.option("--run", type=click.Path(path_type=Path), metavar="RUN",
+              help="Ask planner and vetoes of a run, with the model that it has learned.",
+              )  # fmt: skip
+@click.option("--preset", default="default", show_default=True, metavar="NAME",
+              help="default or paper.")  # fmt: skip
+@settings_option
+@click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
+              help="Control period.  [default: the task's, else 1]")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print all results as JSON.")
+def command(names: tuple[str, ...], words: str, as_json: bool, **deciding: Any) -> int:
+    """Check the scenarios beside domain files: NAME.scenarios beside NAME.pddl.
+
+    A scenario is a situation and what is expected in it: what the planner chooses, what is refused
+    and why, what an action is worth, what comes of it. Without an argument, all scenario files here
+    and in `domains` are checked.
+
+    Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
+    """
+    console = open_console()
+    files, passed, wrong, results = _asked(names), 0, 0, []
+    for position, name in enumerate(files):
+        try:
+            file = _opened(name, **deciding)
+            found = _report(console if not as_json else None, file, words, first=not position)
+        except SerpError as error:
+            say(str(error), head="Error: ")
+            wrong += 1
+            continue
+        results += [_as_json(file, result) for result in found]
+        passed += sum(result.passed for result in found)
+    failed = len(results) - passed
+    if as_json:
+        print_json({"passed": passed, "failed": failed, "wrong": wrong, "scenarios": results})
+    elif results:
+        style = "bold green" if not failed and not wrong else "bold red"
+        total = f"{passed} passed" + (f", {failed} failed" if failed else "")
+        total += f", {plural(wrong, 'file')} wrong" if wrong else ""
+        console.print(f"\n{total}", style=style)
+    elif not wrong:
+        raise SerpError(f"no scenario has the words `{words}` in its title")
+    return DONE if not failed and not wrong else MISTAKE
+
+
+def _asked(names: tuple[str, ...]) -> list[str]:
+    """Return the domains to be tested, by name or file."""
+    from serp.scenarios.running import SUFFIX
+
+    if not names and asked_own_task() is not None:
+        return [""]
+    if names:
+        return [
+            str(Path(name).with_suffix(".pddl")) if name.endswith(SUFFIX) else name
+            for name in names
+        ]
+    here = [*Path().glob(f"*{SUFFIX}"), *Path("domains").glob(f"*{SUFFIX}")]
+    if not here:
+        raise click.UsageError(
+            "there are no scenario files here; name a domain file or a task: serp test cartpole"
+        )
+    return [str(file.with_suffix(".pddl")) for file in sorted(here)]
+
+
+def _opened(
+    name: str,
+    file: Path | None,
+    run: Path | None,
+    preset: str,
+    settings: Mapping[str, Mapping[str, Any]],
+    dt: float | None,
+) -> ScenarioFile:
+    """Return the scenarios of a domain, with who decides in them."""
+    from serp.pddl.source import Source
+    from serp.scenarios.decider import trained
+    from serp.scenarios.running import ScenarioFile, read_beside
+    from serp.settings import resolve
+    from serp.tasks.registry import find_domain_file
+
+    own = asked_own_task()
+    found = find_domain_file(name) if name else None
+    domain, task = asked_domain(name, found, None, None, own)
+    source = read_beside(domain) if file is None else Source.read(file)
+    if run is not None:
+        return ScenarioFile(source, trained(open_run(run).agent, domain))
+    used = resolve(preset, task.settings if task else None, settings)
+    period = dt or (task.dt if task else 1.0)
+    return ScenarioFile.open(source, domain, used, period, task)
+
+
+def _report(
+    console: Console | None, file: ScenarioFile, words: str, *, first: bool
+) -> list[Result]:
+    """Check the scenarios of a file, and print each as soon as it is checked."""
+    if console is not None:
+        console.print(("" if first else "\n") + file.source.name, style="bold")
+    results = []
+    for result in file.run(lambda r: {}, words):
+        results.append(result)
+        if console is None:
+            continue
+        mark, style = ("ok  ", "green") if result.passed else ("FAIL", "bold red")
+        console.print(f"  {mark}  {result.scenario.title}", style=style)
+        for failure in result.failures:
+            console.print(f"        line {failure.line}: {failure.expected}")
+            console.print(f"          {failure.found}", style="red")
+    return results
+
+
+def _as_json(file: ScenarioFile, result: Result) -> dict[str, Any]:
+    return {
+        "file": file.source.name,
+        "line": result.scenario.place.line,
+        "title": result.scenario.title,
+        "passed": result.passed,
+        "failures": [dataclasses.asdict(failure) for failure in result.failures],
+    }

@@ -1,0 +1,1 @@
+"""Scenarios: what an expert expects in a situation, checked by `serp test`."""

@@ -1,0 +1,232 @@
+"""Checks the expectations of scenarios, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from serp._util.number_format import readable
+from serp._util.text import listed, plural
+from serp.control.decision import Decision
+from serp.errors import SerpError
+from serp.model.flags import APPLICABLE
+from serp.model.transition_model import StateError, Vector
+from serp.pddl.source import DomainError
+from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
+from serp.planning.forecast import SAFE
+from serp.scenarios import syntax as s
+from serp.scenarios.decider import Decider
+
+Recorded = Callable[[s.RecordedStep], Mapping[str, float]]
+"""Returns fluent → value of a recorded step."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An expectation that does not hold.
+
+    Attributes:
+        expected: The line as written.
+        line: Its number, from 1.
+        found: What holds instead, in words.
+    """
+
+    expected: str
+    line: int
+    found: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a scenario.
+
+    Attributes:
+        scenario: The scenario.
+        failures: The expectations that do not hold, in their order.
+    """
+
+    scenario: s.Scenario
+    failures: tuple[Failure, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything holds that is expected."""
+        return not self.failures
+
+
+class _Steps(NamedTuple):
+    """What some steps by the model led to; `ended` is what ended them early, in words."""
+
+    state: Vector
+    reward: float
+    unsafe: bool
+    terminal: bool
+    ended: str
+    made: int
+
+
+def check(scenario: s.Scenario, decider: Decider, recorded: Recorded) -> Result:
+    """Check a scenario.
+
+    Raises:
+        DomainError: The situation is none of the model, or the recorded step is missing.
+    """
+    state = situation(scenario, decider, recorded)
+    decision = decider.decide(state)
+    checker = _Checker(decider, state, decision)
+    failures = tuple(
+        Failure(expected.place.text, expected.place.line, found)
+        for expected in scenario.expectations
+        if (found := checker.contradiction(expected))
+    )
+    return Result(scenario, failures)
+
+
+def situation(scenario: s.Scenario, decider: Decider, recorded: Recorded) -> Vector:
+    """Return the state `[F]` that a scenario begins with."""
+    values = decider.start
+    if scenario.recorded is not None:
+        try:
+            of_run = recorded(scenario.recorded)
+        except DomainError:
+            raise
+        except SerpError as error:
+            raise DomainError(str(error), scenario.recorded.place) from error
+        other = sorted(of_run.keys() ^ values.keys())
+        if other:
+            raise DomainError(
+                f"the run {scenario.recorded.run} has other fluents than "
+                f"{decider.domain.source.name}: {listed(other)}",
+                scenario.recorded.place,
+            )
+        values |= of_run
+    values |= {given.fluent: given.value for given in scenario.given}
+    try:
+        return decider.model.state(values)
+    except StateError as error:
+        raise DomainError(str(error), scenario.place) from error
+
+
+class _Checker:
+    """Checks the expectations of one scenario."""
+
+    def __init__(self, decider: Decider, state: Vector, decision: Decision) -> None:
+        self._decider = decider
+        self._state = state
+        self._decision = decision
+
+    def contradiction(self, expected: s.Expectation) -> str:
+        """Return what holds instead of what is expected; empty if that holds."""
+        match expected:
+            case s.Chooses():
+                return self._chooses(expected)
+            case s.Refuses():
+                return self._refuses(expected)
+            case s.Allows(action):
+                reason = self._decider.refusal(self._decision, action)
+                return "" if reason is None else f"it is refused: {reason}{self._why(action)}"
+            case s.Indifferent():
+                return "" if self._decision.indifferent else self._choice()
+            case s.Rates(what, action, bounds):
+                return self._rates(what, action, bounds)
+            case s.After():
+                return self._after(expected)
+
+    def _chooses(self, expected: s.Chooses) -> str:
+        chosen = self._decider.executed(self._decision)
+        if (chosen in expected.actions) != expected.negated:
+            return ""
+        rest = "" if expected.negated else self._compared(expected.actions[0])
+        return self._choice() + rest
+
+    def _choice(self) -> str:
+        decision = self._decision
+        chosen = self._decider.executed(decision)
+        text = f"{self._decider.name(chosen)} is chosen"
+        if decision.indifferent:
+            text += ", the first of several that are worth the same"
+        return text + ("" if chosen < 0 else f", {self._worth(chosen)}")
+
+    def _compared(self, action: int) -> str:
+        """Say what the planner thinks of an action that it does not choose."""
+        name = self._decider.name(action)
+        reason = self._decider.refusal(self._decision, action)
+        if reason is not None:
+            return f"; {name} is refused: {reason}{self._why(action)}"
+        return f"; {name} is {self._worth(action)}"
+
+    def _worth(self, action: int) -> str:
+        forecast, number = self._decision.forecast, self._decider.environment_action(action)
+        text = f"worth {readable(float(forecast.value[number]))}"
+        if (steps := int(forecast.safe_steps[number])) != SAFE and steps >= 0:
+            text += f" and safe for {plural(steps, 'control period')}"
+        return text
+
+    def _why(self, action: int) -> str:
+        decision = self._decision._replace(
+            proposed=self._decider.environment_action(action),
+        )
+        reason = self._decider.refusal(self._decision, action)
+        assert reason is not None
+        said = self._decider.arbiter.explain(decision._replace(reason=reason), self._state)
+        return f" ({said})" if said else ""
+
+    def _refuses(self, expected: s.Refuses) -> str:
+        reason = self._decider.refusal(self._decision, expected.action)
+        if reason is None:
+            return f"it is allowed, {self._worth(expected.action)}"
+        if expected.reason and reason is not s.REASONS[expected.reason]:
+            return f"it is refused for another reason: {reason}{self._why(expected.action)}"
+        return ""
+
+    def _rates(self, what: str, action: int, bounds: s.Bounds) -> str:
+        forecast, number = self._decision.forecast, self._decider.environment_action(action)
+        if not forecast.flags[number] & APPLICABLE:
+            return f"it is not applicable{self._why(action)}"
+        found = float(forecast.value[number] if what == "value" else forecast.reward[number])
+        return "" if found in bounds else f"it is {readable(found)}, not {bounds}"
+
+    def _after(self, expected: s.After) -> str:
+        end = self._walked(expected.steps)
+        if expected.fluent in (UNSAFE, TERMINAL):
+            found = float(end.unsafe if expected.fluent == UNSAFE else end.terminal)
+        elif end.ended:
+            return f"{end.ended} after {plural(end.made, 'step')}"
+        elif expected.fluent == REWARD:
+            found = end.reward
+        else:
+            names = [fluent.name for fluent in self._decider.model.fluents]
+            found = float(end.state[names.index(expected.fluent)])
+        if found in expected.bounds:
+            return ""
+        if expected.bounds.text in ("true", "false"):
+            made = f" ({end.ended} after {plural(end.made, 'step')})" if end.ended else ""
+            return f"({expected.fluent}) is {str(bool(found)).lower()}{made}"
+        return f"({expected.fluent}) is {readable(found)}, not {expected.bounds}"
+
+    def _walked(self, steps: int | tuple[int, ...]) -> _Steps:
+        state, reward, unsafe, made, ended = self._state, 0.0, False, 0, ""
+        terminal = False
+        for action in self._actions(steps):
+            chosen = action
+            if chosen is None:
+                chosen = self._decider.executed(self._decider.decide(state))
+            step = None if chosen < 0 else self._decider.model.step(state, chosen)
+            if step is None or not step.applicable:
+                ended = f"{self._decider.name(chosen)} is not applicable"
+                break
+            state, made = step.state, made + 1
+            reward += float(step.reward)
+            unsafe |= bool(step.unsafe)
+            if step.terminal:
+                terminal = True
+                if made < (steps if isinstance(steps, int) else len(steps)):
+                    ended = "the task ends"
+                break
+        return _Steps(state, reward, unsafe, terminal, ended, made)
+
+    @staticmethod
+    def _actions(steps: int | tuple[int, ...]) -> Iterator[int | None]:
+        """Yield the actions to be executed; None for what the planner chooses."""
+        yield from (None,) * steps if isinstance(steps, int) else steps

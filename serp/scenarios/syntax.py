@@ -1,0 +1,159 @@
+"""What a scenario file says; see docs/reference/scenarios.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from decimal import Decimal
+from typing import Final
+
+from serp._util.number_format import readable
+from serp.control.decision import Reason
+from serp.pddl.source import Place
+
+REASONS: Final = {
+    "unsafe": Reason.UNSAFE,
+    "unsafe ahead": Reason.UNSAFE_AHEAD,
+    "too risky": Reason.TOO_RISKY,
+    "not applicable": Reason.NOT_APPLICABLE,
+    "undefined": Reason.UNDEFINED,
+    "low reward": Reason.LOW_REWARD,
+}
+"""What may follow `because` → the reason of a veto."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The numbers that `is about`, `is at least` and `is at most` allow; both ends belong to them.
+
+    Attributes:
+        least, most: The ends.
+        text: What is written.
+    """
+
+    least: float
+    most: float
+    text: str
+
+    @classmethod
+    def about(cls, written: str, within: float | None) -> Bounds:
+        """Return the numbers within a distance, by default those that round to what is written."""
+        number = Decimal(written)
+        if within is None:
+            exponent = number.as_tuple().exponent
+            assert isinstance(exponent, int)  # the number is finite
+            half = Decimal(5).scaleb(exponent - 1)
+            return cls(float(number - half), float(number + half), f"about {written}")
+        value, text = float(number), f"about {written} within {readable(within)}"
+        return cls(value - within, value + within, text)
+
+    def __contains__(self, value: float) -> bool:
+        return self.least <= value <= self.most
+
+    def __str__(self) -> str:
+        if not self.text.startswith("about"):
+            return self.text
+        return f"{self.text} ({readable(self.least)} to {readable(self.most)})"
+
+
+@dataclass(frozen=True)
+class GivenValue:
+    """`(f) = 1`, `(p)` or `not (p)`: the value of a fluent in the situation; 0 and 1 for truth."""
+
+    fluent: str
+    value: float
+    place: Place
+
+
+@dataclass(frozen=True)
+class RecordedStep:
+    """`like step 12 of RUN`, `like step 3 of episode 2 of RUN`: a situation of a run.
+
+    Steps count as `serp why` counts them; without an episode, over the whole run.
+    """
+
+    step: int
+    episode: int | None
+    run: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Chooses:
+    """`chooses A or B`, `does not choose A`: the controller's action is, or is not, one of some."""
+
+    actions: tuple[int, ...]
+    negated: bool
+    place: Place
+
+
+@dataclass(frozen=True)
+class Refuses:
+    """`refuses A`, `refuses A because unsafe`: the action is vetoed."""
+
+    action: int
+    reason: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Allows:
+    """`allows A`: the action is not vetoed."""
+
+    action: int
+    place: Place
+
+
+@dataclass(frozen=True)
+class Indifferent:
+    """`is indifferent`: all safe actions are worth the same to the planner."""
+
+    place: Place
+
+
+@dataclass(frozen=True)
+class Rates:
+    """`value of A is ...`, `reward of A is ...`: the best return with A first, A's reward alone."""
+
+    what: str
+    action: int
+    bounds: Bounds
+    place: Place
+
+
+@dataclass(frozen=True)
+class After:
+    """`after STEPS ...`: what holds after some steps by the model.
+
+    Attributes:
+        steps: Number of steps of the controller's choice, or the ground actions to be executed.
+        fluent: What is looked at: a fluent, `reward` (the sum over the steps), or the flags
+            `unsafe` and `terminal` (whether any of the steps sets them).
+        bounds: What a number is to be; for a predicate or a flag `at least 1` or `at most 0`.
+    """
+
+    steps: int | tuple[int, ...]
+    fluent: str
+    bounds: Bounds
+    place: Place
+
+
+Expectation = Chooses | Refuses | Allows | Indifferent | Rates | After
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A situation, and what is expected in it.
+
+    Attributes:
+        title: What follows `scenario`.
+        place: The line of the title.
+        recorded: The recorded step that the situation begins with; None for the initial state.
+        given: Values that differ from that, later ones over earlier ones.
+        expectations: What is expected, in the order of the file.
+    """
+
+    title: str
+    place: Place
+    recorded: RecordedStep | None = None
+    given: tuple[GivenValue, ...] = ()
+    expectations: tuple[Expectation, ...] = field(default=(), repr=False)

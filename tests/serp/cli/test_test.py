@@ -1,0 +1,33 @@
+"""`serp test`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from tests.serp.cli.conftest import Run
+
+QUICK = ("--set=planner.name=lookahead", "--set=planner.depth=2")
+
+
+def test_it_reports_like_a_test_runner(run: Run, walk: Path) -> None:
+    Path("walk.scenarios").write_text(
+        "scenario mines\n  refuses go home field because unsafe\n"
+        "scenario a wish\n  chooses go home field\n"
+    )
+    shown = run("test", *QUICK, expect=1).stdout
+    assert "  ok    mines\n" in shown and "  FAIL  a wish\n" in shown
+    assert "line 4: chooses go home field" in shown and "1 passed, 1 failed" in shown
+    told = json.loads(run("test", "walk.pddl", "-k", "Wish", "--json", *QUICK, expect=1).stdout)
+    assert (told["passed"], told["failed"], told["wrong"]) == (0, 1, 0)
+    (failed,) = told["scenarios"]
+    assert failed["line"] == 3 and failed["failures"][0]["expected"] == "chooses go home field"
+    assert "1 passed" in run("test", "walk.scenarios", "-k", "mines", *QUICK).stdout
+
+
+def test_without_scenarios_it_says_how_to_write_one(run: Run, walk: Path) -> None:
+    told = run("test", "walk.pddl", expect=1).stderr
+    assert "there is no walk.scenarios" in told and "scenario what the planner does" in told
+    assert "name a domain file or a task" in run("test", expect=2).stderr
+    Path("walk.scenarios").write_text("scenario one\n  allows rest\n")
+    assert "no scenario has the words `two`" in run("test", "-k", "two", *QUICK, expect=1).stderr
