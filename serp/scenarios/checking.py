@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,6 +11,8 @@ from serp._util.number_format import readable
 from serp._util.text import listed, plural
 from serp.control.decision import Decision
 from serp.errors import SerpError
+from serp.explanation.decision import Explanation, explain
+from serp.explanation.sentences import lines_of
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import StateError, Vector
 from serp.pddl.source import DomainError
@@ -30,11 +33,13 @@ class Failure:
         expected: The line as written.
         line: Its number, from 1.
         found: What holds instead, in words.
+        causes: What of the domain file is behind that, by action.
     """
 
     expected: str
     line: int
     found: str
+    causes: Mapping[str, Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ def check(scenario: s.Scenario, decider: Decider, recorded: Recorded) -> Result:
     decision = decider.decide(state)
     checker = _Checker(decider, state, decision)
     failures = tuple(
-        Failure(expected.place.text, expected.place.line, found)
+        Failure(expected.place.text, expected.place.line, found, checker.causes_behind(expected))
         for expected in scenario.expectations
         if (found := checker.contradiction(expected))
     )
@@ -132,6 +137,42 @@ class _Checker:
                 return self._rates(what, action, bounds)
             case s.After():
                 return self._after(expected)
+
+    def causes_behind(self, expected: s.Expectation) -> dict[str, list[str]]:
+        """Return name → lines on what is behind the actions that an expectation is about."""
+        if isinstance(expected, s.After):
+            return {}
+        actions = {self._decider.executed(self._decision): None}
+        if isinstance(expected, s.Chooses):
+            actions |= dict.fromkeys(expected.actions[:1])
+        elif not isinstance(expected, s.Indifferent):
+            actions = {expected.action: None}
+        alternatives = self._explanation.alternatives
+        behind = {
+            self._decider.name(action): lines_of(
+                alternatives[self._decider.environment_action(action)]
+            )
+            for action in actions
+            if action >= 0
+        }
+        if len(behind) < 2:
+            return behind
+        common = set.intersection(*map(set, behind.values()))  # it makes no difference
+        return {
+            name: [line for line in lines if line not in common] for name, lines in behind.items()
+        }
+
+    @functools.cached_property
+    def _explanation(self) -> Explanation:
+        forecast, actions = self._decision.forecast, self._decider.arbiter.actions
+        return explain(
+            self._decider.model,
+            self._state,
+            forecast,
+            self._decision.action,
+            names=[actions.name(number) for number in range(actions.size)],
+            ground=forecast.ground.tolist(),
+        )
 
     def _chooses(self, expected: s.Chooses) -> str:
         chosen = self._decider.executed(self._decision)

@@ -53,7 +53,7 @@ def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> li
         text = source.line_text(number).partition(";")[0].rstrip()
         if not text.strip():
             continue
-        line = _Line(source, start, text, domain, model)
+        line = _Statement(source, start, text, domain, model)
         if line.tokens[0].text == "scenario":
             _refuse_empty(current)
             current = line.scenario(scenarios)
@@ -79,7 +79,7 @@ def _refuse_empty(scenario: s.Scenario | None) -> None:
         )
 
 
-class _Line(Line):
+class _Statement(Line):
     """One line with a statement."""
 
     def __init__(

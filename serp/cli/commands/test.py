@@ -143,6 +143,9 @@ def _report(
         for failure in result.failures:
             console.print(f"        line {failure.line}: {failure.expected}")
             console.print(f"          {failure.found}", style="red")
+            for action, lines in failure.causes.items():
+                for line in lines:
+                    console.print(f"            {action}: {line}", style="dim")
     return results
 
 
