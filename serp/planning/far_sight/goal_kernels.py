@@ -42,7 +42,8 @@ class SearchArrays(NamedTuple):
 
     Attributes:
         counters: Nodes, expanded nodes, and edges that were followed.
-        table, inert, states: As in `array_graph.GraphArrays`.
+        table, inert, states: As in `array_graph.GraphArrays`; states are bytes where every value is
+            0 or 1.
         parent: `[N]` node that each was reached from; -1 of the root.
         left: `[N]` conditions of the goal that do not hold.
         done: `[N]` whether the node is expanded.
@@ -55,7 +56,7 @@ class SearchArrays(NamedTuple):
     counters: NDArray[np.int64]
     table: NDArray[np.int32]
     inert: NDArray[np.int64]
-    states: NDArray[np.float64]
+    states: NDArray[np.float64 | np.uint8]
     parent: NDArray[np.int32]
     left: NDArray[np.int32]
     done: NDArray[np.uint8]
@@ -66,14 +67,16 @@ class SearchArrays(NamedTuple):
     atoms: NDArray[np.uint64]
 
     @classmethod
-    def allocate(cls, nodes: int, width: int, inert: NDArray[np.int64]) -> SearchArrays:
+    def allocate(
+        cls, nodes: int, width: int, inert: NDArray[np.int64], number: type[np.float64 | np.uint8]
+    ) -> SearchArrays:
         """Allocate an empty tree; the memory is not touched before it is needed."""
         queues = _BY_NOVELTY + _BY_COST
         return cls(
             counters=np.zeros(3, dtype=np.int64),
             table=np.full(table_size(nodes), -1, dtype=np.int32),
             inert=inert,
-            states=np.zeros(nodes * width),
+            states=np.zeros(nodes * width, dtype=number),
             parent=np.zeros(nodes, dtype=np.int32),
             left=np.zeros(nodes, dtype=np.int32),
             done=np.zeros(nodes, dtype=np.uint8),
@@ -112,14 +115,14 @@ def _novelty(tree, node, width):
     for i in range(width):  # the values that changed come first
         value = tree.states[node * width + i]
         if value != 0.0 if everything else value != tree.states[parent * width + i]:
-            tree.atoms[count] = _atom(group, i, value)
+            tree.atoms[count] = _atom(group, i, np.float64(value))
             count += 1
     changed = count
     if not everything:
         for i in range(width):
             value = tree.states[node * width + i]
             if value != 0.0 and value == tree.states[parent * width + i]:
-                tree.atoms[count] = _atom(group, i, value)
+                tree.atoms[count] = _atom(group, i, np.float64(value))
                 count += 1
     single, pair = False, False
     for k in range(changed):
@@ -143,8 +146,8 @@ def _append(tree, order, queue, node):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _enqueue(tree, relaxed, node, width):
-    cost, left = relaxed_cost(relaxed[0], relaxed[1], pointer_to(tree.states, node * width))
+def _enqueue(tree, relaxed, node, row, width):
+    cost, left = relaxed_cost(relaxed[0], relaxed[1], row)
     tree.left[node] = min(left, MOST_LEFT)
     novelty = _novelty(tree, node, width) - 1
     _append(tree, 0, novelty * (MOST_LEFT + 1) + np.int64(tree.left[node]), node)
@@ -185,17 +188,18 @@ def search(model, relaxed, rules, tree_arrays, root, limit):
     address, data, dt = model
     actions, accepted = rules
     width = root.shape[0]
-    out = np.empty(width + 1)
-    theta, target = pointer_to(data, 0), pointer_to(out, 0)
-    state_node(tree, root, width)
+    now, out = root.copy(), np.empty(width + 1)
+    theta, source, target = pointer_to(data, 0), pointer_to(now, 0), pointer_to(out, 0)
+    state_node(tree, source, width)
     tree.parent[0] = -1
-    _enqueue(tree, relaxed, np.int64(0), width)
+    _enqueue(tree, relaxed, np.int64(0), source, width)
     while tree.counters[_TRIED] < limit:
         node = _dequeue(tree, tree.counters[_EXPANDED] % 2)
         if node < 0 or tree.counters[_NODES] + actions > tree.done.shape[0]:
             break
         tree.counters[_EXPANDED] += 1
-        source = pointer_to(tree.states, node * width)
+        for i in range(width):
+            source[i] = tree.states[node * width + i]
         changed = True
         for action in range(actions):
             if changed:
@@ -218,5 +222,5 @@ def search(model, relaxed, rules, tree_arrays, root, limit):
             if reached < before:
                 continue
             tree.parent[reached] = node
-            _enqueue(tree, relaxed, reached, width)
+            _enqueue(tree, relaxed, reached, target, width)
     return np.int64(-1)

@@ -14,8 +14,8 @@ from serp.planning.far_sight.relaxation import RelaxedTables, relaxed
 from serp.planning.far_sight.relaxation_kernels import RelaxedCosts
 from serp.settings import PlannerSettings
 
-MAX_NUMBERS: Final = 40_000_000
-"""Most numbers in the states of a search: 320 MB."""
+MAX_BYTES: Final = 320_000_000
+"""Most bytes in the states of a search."""
 
 
 class GoalSearch:
@@ -65,13 +65,16 @@ class GoalSearch:
             return None
         model, width = self._model, len(self._model.fluents)
         actions = len(model.actions)
-        nodes = min(limit, MAX_NUMBERS // max(1, width)) + actions + 1
         inert = self._inert if model.as_written else NO_FLUENTS
-        tree = SearchArrays.allocate(nodes, width, inert)
+        numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
+        number = np.float64 if numeric.difference(inert.tolist()) else np.uint8
+        most = MAX_BYTES // (max(1, width) * np.dtype(number).itemsize)
+        nodes = min(limit, most) + actions + 1
+        tree = SearchArrays.allocate(nodes, width, inert, number)
         node = search(
             model.machine_code,
             (tuple(self._relaxed), tuple(RelaxedCosts.allocate(self._relaxed))),
-            (actions, self._accepted), tuple(tree), state.copy(), limit,
+            (actions, self._accepted), tuple(tree), state, limit,
         )  # fmt: skip
         self.steps = int(tree.counters[2])
         if node < 0:
@@ -80,4 +83,4 @@ class GoalSearch:
         while node >= 0:
             way.append(tree.states[node * width : (node + 1) * width])
             node = int(tree.parent[node])
-        return np.array(way[::-1])
+        return np.array(way[::-1], dtype=np.float64)
