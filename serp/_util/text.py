@@ -9,10 +9,15 @@ from collections.abc import Iterable
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return advice naming the closest known word, or listing a few of them."""
     candidates = sorted(set(known))
-    close = difflib.get_close_matches(word, candidates, n=1, cutoff=0.6)
-    if close:
-        return f"did you mean `{close[0]}`?"
+    if (close := closest(word, candidates)) is not None:
+        return f"did you mean `{close}`?"
     return f"known here: {listed(candidates)}" if candidates else ""
+
+
+def closest(word: str, known: Iterable[str]) -> str | None:
+    """Return the known word that is most like another one; None where none is like it."""
+    close = difflib.get_close_matches(word, sorted(set(known)), n=1, cutoff=0.6)
+    return close[0] if close else None
 
 
 def listed(names: Iterable[str], most: int = 8) -> str:

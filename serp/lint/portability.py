@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
+from serp.lint.subject import SCHEMAS, values_of
 from serp.pddl.expressions import is_number
 from serp.pddl.sexpr import Group, Node, Word, read_group
 from serp.pddl.slips import PORTABLE
@@ -16,7 +17,6 @@ from serp.pddl.source import DomainWarning, Place, Source
 from serp.pddl.syntax import MATH_FUNCTIONS, OPERATORS
 
 _PLAIN_DECIMAL = re.compile(r"-?\d+(\.\d+)?\Z", re.ASCII)
-_SCHEMAS = (":action", ":process", ":event")
 _KEYS = (":parameters", ":precondition", ":effect")
 
 
@@ -38,7 +38,11 @@ def _findings(breaches: Iterable[tuple[str, Place]]) -> list[DomainWarning]:
     for text, place in breaches:
         found.setdefault(text, []).append(place)
     return [
-        DomainWarning(text + (f" ({len(places)} places)" if len(places) > 1 else ""), places[0])
+        DomainWarning(
+            text + (f" ({len(places)} places)" if len(places) > 1 else ""),
+            places[0],
+            "not-portable",
+        )
         for text, places in found.items()
     ]
 
@@ -47,7 +51,7 @@ def _breaches(top: Group) -> Iterator[tuple[str, Place]]:
     for section in top.items[2:]:
         if not isinstance(section, Group):
             continue
-        if section.head in _SCHEMAS:
+        if section.head in SCHEMAS:
             yield from _schema(section)
         elif section.head in (":predicates", ":functions"):
             for item in section.items[1:]:
@@ -58,11 +62,7 @@ def _breaches(top: Group) -> Iterator[tuple[str, Place]]:
 
 def _schema(section: Group) -> Iterator[tuple[str, Place]]:
     name = section.items[1].place if len(section.items) > 1 else section.place
-    values = {
-        key.text: value
-        for key, value in zip(section.items[2::2], section.items[3::2], strict=False)
-        if isinstance(key, Word)
-    }
+    values = values_of(section)
     for key in _KEYS:
         value = values.get(key)
         if value is None:

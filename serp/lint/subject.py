@@ -54,6 +54,15 @@ class LintSubject:
                         yield section
 
 
+def values_of(section: Group) -> dict[str, Node]:
+    """Return `:parameters`, `:precondition` and `:effect` of a schema, as far as they are there."""
+    return {
+        key.text: value
+        for key, value in zip(section.items[2::2], section.items[3::2], strict=False)
+        if isinstance(key, Word)
+    }
+
+
 def words_in(node: Node) -> Iterator[Word]:
     """Yield every word of a form."""
     if isinstance(node, Word):

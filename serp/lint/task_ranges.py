@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from serp._util.number_format import readable
 from serp.errors import SerpError
-from serp.lint.exclusion import threshold
+from serp.lint.rules.exclusion import threshold
 from serp.model import ground as g
 from serp.pddl.source import DomainWarning, Place
 from serp.pddl.syntax import Change
@@ -31,6 +31,16 @@ def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
     ranges = _ranges(bound)
     fluents = bound.model.fluents
     told: set[Place] = set()
+    for index, step, place in _steps_of(bound.model.ground, bound.model.theta.tolist()):
+        low, high = ranges[index]
+        if place not in told and 0 < high - low < _OPEN and abs(step) > high - low:
+            told.add(place)
+            yield DomainWarning(
+                f"`{place.text}`: the observations of the task give `{fluents[index].name}` values "
+                f"from {readable(low)} to {readable(high)}, less than one such step apart",
+                place,
+                "out-of-range",
+            )
     for index, value, place in _numbers_of(bound.model.ground, bound.model.theta.tolist()):
         low, high = ranges[index]
         span = high - low
@@ -41,6 +51,7 @@ def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
             f"`{place.text}`: the observations of the task give `{fluents[index].name}` values "
             f"from {readable(low)} to {readable(high)}; is {readable(value)} in the same unit?",
             place,
+            "out-of-range",
         )
 
 
@@ -66,6 +77,19 @@ def _state(bound: BoundTask, given: Any) -> NDArray[np.float64] | None:
         )
     except SerpError:  # an observation that never comes
         return None
+
+
+def _steps_of(ground: g.GroundModel, theta: list[float]) -> Iterator[tuple[int, float, Place]]:
+    """Yield fluent, number and place of increases and decreases by a number that happen at once."""
+    for schema in (*ground.actions, *ground.events):
+        for effect in schema.effects:
+            if (
+                isinstance(effect, g.SetNumber)
+                and effect.change.group == "add"
+                and effect.target >= 0
+                and isinstance(effect.value, g.ParameterRef)
+            ):
+                yield effect.target, theta[effect.value.parameter], effect.place
 
 
 def _numbers_of(ground: g.GroundModel, theta: list[float]) -> Iterator[tuple[int, float, Place]]:

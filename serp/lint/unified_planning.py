@@ -55,7 +55,7 @@ def ask_unified_planning(
         return "yes", None
     refusal, number, span = found
     place = sources[number].place(*span) if span is not None else None
-    return "no", DomainWarning(refusal, place)
+    return "no", DomainWarning(refusal, place, "not-portable")
 
 
 _ANSWER = TypeAdapter(tuple[str, Literal[0, 1], tuple[int, int] | None] | None)
@@ -88,14 +88,16 @@ def refused_by_unified_planning(
         minimal = f"(define (domain d) (:requirements {word.text}) (:predicates (p)))"
         if _reading_error(minimal, None) is not None:
             text = f"unified-planning does not know the requirement `{word.text}`"
-            return DomainWarning(text, word.place)
+            return DomainWarning(text, word.place, "not-portable")
     text = str(error)
     place = _place(source, text)
     reason = " ".join(_NOISE.sub("", text).split()) or type(error).__name__
     if isinstance(error, KeyError):
         reason = f"{reason} is unknown to it"
     whole = "" if place else f"{source.name}: "
-    return DomainWarning(f"{whole}unified-planning cannot read this: {reason}", place)
+    return DomainWarning(
+        f"{whole}unified-planning cannot read this: {reason}", place, "not-portable"
+    )
 
 
 def _reading_error(domain: str, problem: str | None) -> Exception | None:

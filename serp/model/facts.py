@@ -47,6 +47,7 @@ class InstantiationBudget:
                 place,
                 "use fewer objects, more specific types, or fewer parameters and quantifiers; "
                 + _RAISE,
+                code="too-large",
             )
 
     def count_instance(self, schema: x.Schema, facts: Facts) -> None:
@@ -60,6 +61,7 @@ class InstantiationBudget:
                 schema.place,
                 "use fewer objects, more specific types, or static predicates in the "
                 f"precondition; {_RAISE}",
+                code="too-large",
             )
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
@@ -69,6 +71,7 @@ class InstantiationBudget:
                 f"the domain has more than {self.fluents} fluents over these objects",
                 declaration.place,
                 f"use fewer objects, more specific types or fewer parameters; {_RAISE}",
+                code="too-large",
             )
 
 

@@ -137,7 +137,8 @@ class _Instantiation:
             shown = ", ".join(f"`{name}`" for name in names[:3])
             self.domain.declarations[symbol].place.warn(
                 f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} "
-                f"{'starts' if len(names) == 1 else 'start'} at 0, because :init gives no value"
+                f"{'starts' if len(names) == 1 else 'start'} at 0, because :init gives no value",
+                "missing-value",
             )
         return tuple(initial)
 
@@ -191,11 +192,13 @@ class _Instantiation:
                 if key in self.index:
                     return g.Read(self.index[key])
                 if key not in self.facts.values:
+                    init = self.problem.init if self.problem is not None else None
                     raise DomainError(
-                        f"`({' '.join(key)})` has no value",
-                        place,
+                        f"`({' '.join(key)})` has no value, but `{place}` reads it",
+                        init.opening if init is not None else place,
                         f"the problem gives values to other instances of `{name}`; add "
                         f"`(= ({' '.join(key)}) ...)` to its :init",
+                        code="missing-value",
                     )
                 return self._parameter(self.facts.values[key], "initial")
             case x.TotalTime():
@@ -288,13 +291,16 @@ class _Instantiation:
         expression = metric.expression
         if isinstance(expression, x.FunctionTerm) and expression.name == x.REWARD:
             if not metric.maximize:
-                raise DomainError("`(reward)` is maximized, never minimized", metric.place)
+                raise DomainError(
+                    "`(reward)` is maximized, never minimized", metric.place, code="reserved-use"
+                )
             return None
         if x.REWARD in self.domain.declarations:
             raise DomainError(
                 "the domain declares `(reward)`, so the metric can only be "
                 "`(:metric maximize (reward))`",
                 metric.place,
+                code="reserved-use",
             )
         return g.GroundMetric(metric.maximize, self._value(expression, {}, "metric"), metric.place)
 
@@ -307,7 +313,8 @@ def _with_goal_value(model: g.GroundModel) -> g.GroundModel:
     if not worth.bounded(written, 1.0):
         model.metric.place.warn(
             "the numbers of the files do not bound what this gains in a step, so reaching the "
-            f"goal is worth {UNBOUNDED:,.0f}"
+            f"goal is worth {UNBOUNDED:,.0f}",
+            "unbounded-goal",
         )
     index = len(written)
     parameter = g.Parameter(index, worth.value(written, 1.0), "goal", model.metric.place)

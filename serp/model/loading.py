@@ -130,7 +130,10 @@ class Domain:
         """
         problem = self.problem_syntax
         if problem is None:
-            raise DomainError(f"{self.source.name}: there is no problem file and so no :init")
+            raise DomainError(
+                f"{self.source.name}: there is no problem file and so no :init",
+                code="missing-value",
+            )
         atoms = {(a.name, *(t.name for t in a.arguments)): a for a in problem.true_atoms}
         numbers = {(f.name, *(t.name for t in f.arguments)): (f, n) for f, n in problem.values}
         for name, value in values.items():
@@ -152,7 +155,7 @@ class Domain:
             problem,
             true_atoms=tuple(atoms.values()),
             values=tuple(numbers.values()),
-            has_init=True,
+            init=problem.init or problem.place,
         )
         return dataclasses.replace(self, problem_syntax=started)
 

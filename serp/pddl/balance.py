@@ -11,7 +11,7 @@ import re
 
 from serp.pddl.source import DomainError, Place
 
-_SECTIONS = frozenset(
+SECTIONS = frozenset(
     (
         *(":requirements", ":types", ":constants", ":predicates", ":functions"),
         *(":action", ":process", ":event", ":durative-action", ":derived"),
@@ -26,8 +26,8 @@ _OPENING = re.compile(r"\([ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
 class Balance:
     """The parentheses of a file as it is read, token by token."""
 
-    def __init__(self) -> None:
-        self.open: list[Place] = []
+    def __init__(self, *open_forms: Place) -> None:
+        self.open: list[Place] = [*open_forms]
         self._last: list[Place] = []  # the two tokens before this one, the nearer one first
         self._line = 0
         self._closing: Place | None = None
@@ -65,7 +65,7 @@ class Balance:
     def _see_keyword(self, word: str, place: Place) -> None:
         # `((:action` and `(:effect` are other slips, which the parser names.
         opened = self._last[:1] == self.open[-1:]
-        if word in _SECTIONS and opened and self._last[-1:] != self.open[-2:-1]:
+        if word in SECTIONS and opened and self._last[-1:] != self.open[-2:-1]:
             depth, wanted, before = len(self.open) - 1, 1, self._last[-1]
             shown = f"`({word}`"
         elif word in _FIELDS and not opened:
@@ -88,8 +88,18 @@ class Balance:
         """Return what is wrong where a form has ended although more of it follows."""
         if self._bare is not None:
             word = self._bare.text
-            return DomainError(f"a `(` is missing before `{word}`", self._bare, write=f"({word}")
-        return DomainError(f"this `)` is one too many: {why}", self._closing, write="")
+            return DomainError(
+                f"a `(` is missing before `{word}`",
+                self._bare,
+                write=f"({word}",
+                code="unbalanced-parentheses",
+            )
+        return DomainError(
+            f"this `)` is one too many: {why}",
+            self._closing,
+            write="",
+            code="unbalanced-parentheses",
+        )
 
     def _missing(self, still: list[Place], before: Place, where: str) -> DomainError:
         form, before = self._suspect or (still[-1], before)
@@ -101,4 +111,5 @@ class Balance:
             f"`{' '.join(shown.split())}` of line {form.line} has not ended where {where}",
             before.source.place(before.end, before.end),
             write=")" * count,
+            code="unbalanced-parentheses",
         )

@@ -30,10 +30,15 @@ def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
     if head in _COMPARATORS:
         return _comparison(group, scope)
     if head == "preference":
-        raise DomainError("preferences are not supported", group.place, INSTEAD["preference"])
+        raise DomainError(
+            "preferences are not supported", group.place, INSTEAD["preference"], code="unsupported"
+        )
     if head in ("at", "over") and head not in scope.declarations:
         raise DomainError(
-            "timed conditions (durative actions) are not supported", group.place, INSTEAD[head]
+            "timed conditions (durative actions) are not supported",
+            group.place,
+            INSTEAD[head],
+            code="unsupported",
         )
     declaration = declared_as(group, scope, numeric=False)
     return x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
@@ -46,15 +51,18 @@ def required_condition(node: Node, scope: Scope) -> x.Condition:
 
 
 def _connective(group: Group, scope: Scope) -> x.Connective:
-    operands = tuple(required_condition(item, scope) for item in group.items[1:])
+    operands: list[x.Condition] = []
+    for item in group.items[1:]:
+        with item.place.source.recovering():
+            operands.append(required_condition(item, scope))
     wanted = {"not": 1, "imply": 2}.get(group.head)
-    if wanted is not None and len(operands) != wanted:
+    if wanted is not None and len(group.items) - 1 != wanted:
         raise DomainError(
             f"`{group.head}` takes {wanted} condition{'s' if wanted > 1 else ''}, "
-            f"found {len(operands)}",
+            f"found {len(group.items) - 1}",
             group.place,
         )
-    return x.Connective(group.head, operands, group.place)
+    return x.Connective(group.head, tuple(operands), group.place)
 
 
 def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[x.SchemaParameter, ...], Node]:

@@ -32,6 +32,7 @@ def refuse_contradictions(effects: tuple[x.Effect, ...]) -> None:
                             effect.place,
                             "write one effect, or put them under conditions that exclude each "
                             "other (`when`)",
+                            code="contradictory-effects",
                         )
                 changes[key].append(effect)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from serp._util.text import did_you_mean
+from serp._util.text import closest, did_you_mean
 from serp.pddl import syntax as x
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError, Place
@@ -29,6 +29,7 @@ def expect_name(node: Node, what: str) -> Word:
             f"`{node.text}` is not a name for {what}",
             node.place,
             "names begin with a letter and go on with letters, digits, `-` and `_`",
+            code="bad-name",
         )
     return node
 
@@ -56,7 +57,7 @@ def typed_list(
                 problem = f"`- {type_node.place.text}` without {what} before it"
                 if variables:
                     raise DomainError(problem, node.place)
-                node.place.warn(problem)
+                node.place.warn(problem, "needless")
             pairs += [(word, types) for word in waiting]
             waiting = []
             continue
@@ -80,7 +81,8 @@ def after_dash(nodes: Sequence[Node], index: int, what: str) -> tuple[Node, int]
     dash = nodes[index]
     if isinstance(dash, Word) and dash.text != "-":
         place = dash.place
-        place.warn(f"`{place.text}` is read as `- {dash.text[1:]}`, which other tools may not do")
+        text = f"`{place.text}` is read as `- {dash.text[1:]}`, which other tools may not do"
+        place.warn(text, write=f"- {place.text[1:]}")
         return Word(dash.text[1:], place.source.place(place.start + 1, place.end)), index + 1
     if index + 1 == len(nodes):
         raise DomainError(f"`-` without {what} after it", dash.place)
@@ -95,12 +97,13 @@ def _type_names(node: Node) -> tuple[Word, ...]:
     return tuple(expect_name(item, "a type") for item in node.items[1:])
 
 
-def declared_again(word: Word, what: str, *, same: bool) -> None:
+def declared_again(word: Node, what: str, *, same: bool) -> None:
     """Warn of a second declaration that says the same as the first."""
-    problem = f"{what} `{word.text}` is declared twice"
+    problem = f"{what} `{word.place.text.lower()}` is declared twice"
     if not same:
-        raise DomainError(problem, word.place, "the two differ; leave one of them out")
-    word.place.warn(problem)
+        advice = "the two differ; leave one of them out"
+        raise DomainError(problem, word.place, advice, code="declared-twice")
+    word.place.warn(problem, "declared-twice")
 
 
 def parse_types(group: Group) -> dict[str, str]:
@@ -114,11 +117,17 @@ def parse_types(group: Group) -> dict[str, str]:
     mentioned: list[str] = []
     for word, types in typed_list(group.items[1:], "a type", variables=False):
         if len(types) > 1:
-            raise DomainError("a type has one parent; `either` is for parameters", word.place)
+            raise DomainError(
+                "a type has one parent; `either` is for parameters",
+                word.place,
+                code="type-conflict",
+            )
         parent = types[0].text if types else x.OBJECT
         if word.text == x.OBJECT:
             if types:
-                raise DomainError("`object` is the root of all types", word.place)
+                raise DomainError(
+                    "`object` is the root of all types", word.place, code="reserved-name"
+                )
             continue
         if (known := parents.get(word.text)) is not None:
             declared_again(word, "type", same=known == parent or x.OBJECT in (known, parent))
@@ -134,7 +143,9 @@ def parse_types(group: Group) -> dict[str, str]:
         current = parents[name]
         while current != x.OBJECT and current not in seen:
             if current == name:
-                raise DomainError(f"type `{name}` is its own ancestor", places[name])
+                raise DomainError(
+                    f"type `{name}` is its own ancestor", places[name], code="type-conflict"
+                )
             seen.add(current)
             current = parents[current]
     return parents
@@ -144,7 +155,11 @@ def check_type(word: Word, parents: dict[str, str]) -> str:
     """Return the name of a declared type."""
     if word.text != x.OBJECT and word.text not in parents:
         raise DomainError(
-            f"unknown type `{word.text}`", word.place, did_you_mean(word.text, [*parents, x.OBJECT])
+            f"unknown type `{word.text}`",
+            word.place,
+            did_you_mean(word.text, [*parents, x.OBJECT]),
+            guess=closest(word.text, [*parents, x.OBJECT]),
+            code="unknown-type",
         )
     return word.text
 
@@ -170,7 +185,7 @@ def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, x.ObjectDe
     objects: dict[str, x.ObjectDeclaration] = {}
     for word, types in typed_list(group.items[1:], "an object", variables=False):
         if len(types) > 1:
-            raise DomainError("an object has one type", word.place)
+            raise DomainError("an object has one type", word.place, code="type-conflict")
         type_name = check_type(types[0], parents) if types else x.OBJECT
         if word.text in objects:
             declared_again(word, "object", same=objects[word.text].type == type_name)
@@ -187,33 +202,48 @@ def parse_declarations(
     index = 1
     while index < len(group.items):
         node = group.items[index]
-        if numeric and isinstance(node, Word) and node.text.startswith("-"):
-            index = _after_number_type(group, index)
-            continue
         index += 1
-        if numeric and isinstance(node, Word):
-            node = without_parentheses(expect_name(node, "a function"))
-        item = expect_group(node, f"a {what}")
-        if not item.items:
-            raise DomainError(f"empty declaration of a {what}", item.place)
-        word = expect_name(item.items[0], f"a {what}")
-        if numeric and word.text == TOTAL_TIME and len(item.items) == 1:
-            item.place.warn("`(total-time)` needs no declaration")
-            continue
-        if word.text in RESERVED_WORDS:
-            raise DomainError(f"`{word.text}` is a word of PDDL and cannot be a {what}", word.place)
-        parameters = parse_parameters(item.items[1:], parents, positional=True)
-        if word.text in declared:
-            known = declared[word.text].parameters
-            same = [p.types for p in known] == [p.types for p in parameters]
-            declared_again(word, what, same=same)
-        declared[word.text] = x.Declaration(word.text, parameters, numeric, item.place)
+        with node.place.recovering():
+            if numeric and isinstance(node, Word) and node.text.startswith("-"):
+                index = _after_number_type(group, index - 1)
+                continue
+            if numeric and isinstance(node, Word):
+                node = without_parentheses(expect_name(node, "a function"))
+            declaration = _declaration(expect_group(node, f"a {what}"), parents, what)
+            if declaration is None:
+                continue
+            name = declaration.name
+            if name in declared:
+                known = declared[name].parameters
+                same = [p.types for p in known] == [p.types for p in declaration.parameters]
+                declared_again(expect_group(node, what).items[0], what, same=same)
+            declared[name] = declaration
     return declared
+
+
+def _declaration(item: Group, parents: dict[str, str], what: str) -> x.Declaration | None:
+    """Parse `(name parameters)`; None for `(total-time)`, which needs no declaration."""
+    if not item.items:
+        raise DomainError(f"empty declaration of a {what}", item.place)
+    numeric = what == "function"
+    word = expect_name(item.items[0], f"a {what}")
+    if numeric and word.text == TOTAL_TIME and len(item.items) == 1:
+        item.place.warn("`(total-time)` needs no declaration", "needless", write="")
+        return None
+    if word.text in RESERVED_WORDS:
+        raise DomainError(
+            f"`{word.text}` is a word of PDDL and cannot be a {what}",
+            word.place,
+            code="reserved-name",
+        )
+    parameters = parse_parameters(item.items[1:], parents, positional=True)
+    return x.Declaration(word.text, parameters, numeric, item.place)
 
 
 def without_parentheses(word: Word) -> Group:
     """Return the function that a bare name means, with a warning."""
-    word.place.warn(f"`{word.text}` is read as `({word.text})`, which other tools may not do")
+    text = f"`{word.text}` is read as `({word.text})`, which other tools may not do"
+    word.place.warn(text, write=f"({word.place.text})")
     return Group((word,), word.place)
 
 
@@ -227,6 +257,7 @@ def _after_number_type(group: Group, index: int) -> int:
             "functions with values other than numbers are not supported",
             following.place,
             "write `- number`, or a predicate with one more parameter",
+            code="unsupported",
         )
     return index
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
-from serp._util.text import did_you_mean
+from serp._util.text import closest, did_you_mean
 from serp.pddl.declarations import expect_group, expect_name, is_name
+from serp.pddl.scope import INSTEAD
 from serp.pddl.sexpr import Group, Word, read_group
 from serp.pddl.source import DomainError, Source
 from serp.pddl.syntax import MATH_REQUIREMENT
@@ -26,14 +28,20 @@ def read_definition(source: Source, what: str) -> tuple[str, Group, tuple[Group,
     """Return the name, the whole, and the sections of `(define (what name) ...)`."""
     top = read_group(source)
     if top.head != "define":
-        raise DomainError("a PDDL file begins with `(define`", top.place)
+        raise DomainError("a PDDL file begins with `(define`", top.place, code="malformed")
     title = expect_group(top.items[1], f"`({what} name)`") if len(top.items) > 1 else top
     if title is top or title.head not in ("domain", "problem"):
-        raise DomainError(f"expected `({what} name)` after `define`", title.place)
+        raise DomainError(f"expected `({what} name)` after `define`", title.place, code="malformed")
     if title.head != what:
-        raise DomainError(f"this is a {title.head} file, a {what} file is needed", title.place)
+        raise DomainError(
+            f"this is a {title.head} file, a {what} file is needed", title.place, code="malformed"
+        )
     name = _name(title, what)
-    return name, top, tuple(expect_group(item, "a section") for item in top.items[2:])
+    sections: list[Group] = []
+    for item in top.items[2:]:
+        with item.place.recovering():
+            sections.append(expect_group(item, "a section"))
+    return name, top, tuple(sections)
 
 
 def _name(title: Group, what: str) -> str:
@@ -46,7 +54,7 @@ def _name(title: Group, what: str) -> str:
         title.place.warn(f"`{title.place.text}`: other tools take one name")
         return " ".join(words)
     if len(title.items) != 2:
-        raise DomainError(f"expected `({what} name)` after `define`", title.place)
+        raise DomainError(f"expected `({what} name)` after `define`", title.place, code="malformed")
     node = title.items[1]
     if isinstance(node, Word) and (what == "problem" or _FILE_NAME.match(node.text)):
         if not is_name(node):
@@ -67,6 +75,30 @@ def read_requirements(group: Group | None) -> frozenset[str]:
             raise DomainError("expected a requirement such as `:typing`", node.place)
         if node.text not in _SUPPORTED:
             advice = did_you_mean(node.text, _SUPPORTED)
-            node.place.warn(f"requirement `{node.text}` is unknown or not supported; {advice}")
+            text = f"requirement `{node.text}` is unknown or not supported; {advice}"
+            node.place.warn(text, "unknown-requirement")
         listed.add(node.text)
     return frozenset(listed)
+
+
+def unknown_section(section: Group, known: Sequence[str], what: str) -> DomainError:
+    """Return the error of a section that a `domain` or a `problem` does not have."""
+    head = section.head
+    place = section.items[0].place if head else section.place
+    instead = INSTEAD.get(head)
+    return DomainError(
+        f"`{head or '()'}` is not supported in a {what}",
+        place,
+        instead or did_you_mean(head, known),
+        guess=None if instead else closest(head, known),
+        code="unknown-section",
+    )
+
+
+def add_section(section: Group, single: dict[str, Group]) -> None:
+    """Add a section to those that a file has once."""
+    if section.head in single:
+        raise DomainError(
+            f"a second `{section.head}`", section.place, "merge the two", code="declared-twice"
+        )
+    single[section.head] = section

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
-from serp._util.text import did_you_mean
+from serp._util.text import closest
 from serp.pddl import syntax as x
 from serp.pddl.conditions import parse_condition
 from serp.pddl.contradictions import refuse_contradictions
@@ -19,9 +18,14 @@ from serp.pddl.declarations import (
     parse_parameters,
     parse_types,
 )
-from serp.pddl.definition import read_definition, read_requirements
+from serp.pddl.definition import (
+    add_section,
+    read_definition,
+    read_requirements,
+    unknown_section,
+)
 from serp.pddl.effects import parse_effects
-from serp.pddl.scope import INSTEAD, Scope
+from serp.pddl.scope import Scope
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.slips import several_under, written
 from serp.pddl.source import DomainError, Source
@@ -32,48 +36,63 @@ _KINDS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind
 
 
 def parse_domain(source: Source) -> x.DomainSyntax:
-    """Parse a domain file."""
+    """Parse a domain file; where the source has a `recovery`, all of it that can be understood."""
     name, top, sections = read_definition(source, "domain")
     single: dict[str, Group] = {}
     schema_groups: list[Group] = []
     for section in sections:
-        head = section.head
-        if head in _KINDS:
+        if section.head in _KINDS:
             schema_groups.append(section)
-        elif head in _DOMAIN_ORDER:
-            if head in single:
-                raise DomainError(f"a second `{head}`", section.place, "merge the two")
-            single[head] = section
         else:
-            advice = INSTEAD.get(head) or did_you_mean(head, [*_DOMAIN_ORDER, *_KINDS])
-            raise DomainError(
-                f"`{head or '()'}` is not supported in a domain", section.place, advice
-            )
+            with section.place.recovering():
+                if section.head not in _DOMAIN_ORDER:
+                    raise unknown_section(section, [*_DOMAIN_ORDER, *_KINDS], "domain")
+                add_section(section, single)
     requirements = read_requirements(single.get(":requirements"))
-    math = x.MATH_REQUIREMENT in requirements
-    parents = parse_types(single[":types"]) if ":types" in single else {}
-    constants = parse_objects(single[":constants"], parents) if ":constants" in single else {}
+    scope = _declared(single, math=x.MATH_REQUIREMENT in requirements)
+    schemas: dict[str, x.Schema] = {}
+    for group in schema_groups:
+        with group.place.source.recovering():
+            schema = _schema(group, scope)
+            if schema is not None and schema.name in schemas:
+                raise DomainError(
+                    f"`{schema.name}` is defined twice",
+                    group.items[1].place,
+                    "names of actions, processes and events must differ",
+                    code="declared-twice",
+                )
+            if schema is not None:
+                schemas[schema.name] = schema
+    return x.DomainSyntax(
+        name,
+        dict(scope.parents),
+        dict(scope.objects),
+        dict(scope.declarations),
+        tuple(schemas.values()),
+        requirements,
+        top.place,
+    )
+
+
+def _declared(single: dict[str, Group], *, math: bool) -> Scope:
+    """Return the scope of what the sections before the schemas declare."""
+    parents: dict[str, str] = {}
+    constants: dict[str, x.ObjectDeclaration] = {}
+    if types := single.get(":types"):
+        with types.place.recovering():
+            parents = parse_types(types)
+    if objects := single.get(":constants"):
+        with objects.place.recovering():
+            constants = parse_objects(objects, parents)
     declarations = _all_declarations(single, parents)
     for declaration in declarations.values() if math else ():
         if declaration.numeric and declaration.name in x.MATH_FUNCTIONS:
             declaration.place.warn(
                 f"`({declaration.name} ...)` means this function, not that of "
-                f"`{x.MATH_REQUIREMENT}`; rename it to use both"
+                f"`{x.MATH_REQUIREMENT}`; rename it to use both",
+                "hidden-function",
             )
-    scope = Scope(parents, constants, declarations, {}, math=math)
-    schemas: dict[str, x.Schema] = {}
-    for group in schema_groups:
-        schema = _schema(group, scope)
-        if schema.name in schemas:
-            raise DomainError(
-                f"`{schema.name}` is defined twice",
-                group.items[1].place,
-                "names of actions, processes and events must differ",
-            )
-        schemas[schema.name] = schema
-    return x.DomainSyntax(
-        name, parents, constants, declarations, tuple(schemas.values()), requirements, top.place
-    )
+    return Scope(parents, constants, declarations, {}, math=math)
 
 
 def _all_declarations(
@@ -83,46 +102,88 @@ def _all_declarations(
     for head in (h for h in single if h in (":predicates", ":functions")):
         numeric = head == ":functions"
         for name, declaration in parse_declarations(single[head], parents, numeric=numeric).items():
-            if name in declarations:
-                raise DomainError(f"`{name}` is both a predicate and a function", declaration.place)
-            declarations[name] = declaration
-    for name, numeric in ((x.REWARD, True), (x.UNSAFE, False), (x.TERMINAL, False)):
-        reserved = declarations.get(name)
-        if reserved is None:
-            continue
-        if reserved.numeric != numeric:
-            kind = "function" if numeric else "predicate"
-            raise DomainError(f"`({name})` is reserved and must be a {kind}", reserved.place)
-        if reserved.parameters:
-            raise DomainError(f"`({name})` is reserved and takes no parameters", reserved.place)
+            with declaration.place.recovering():
+                if name in declarations:
+                    raise DomainError(
+                        f"`{name}` is both a predicate and a function",
+                        declaration.place,
+                        code="declared-twice",
+                    )
+                _check_reserved(declaration)
+                declarations[name] = declaration
     return declarations
 
 
-def _schema(group: Group, scope: Scope) -> x.Schema:
-    kind = _KINDS[group.head]
+def _check_reserved(declaration: x.Declaration) -> None:
+    name = declaration.name
+    numeric = {x.REWARD: True, x.UNSAFE: False, x.TERMINAL: False}.get(name)
+    if numeric is None:
+        return
+    if declaration.numeric != numeric:
+        kind = "function" if numeric else "predicate"
+        problem = f"`({name})` is reserved and must be a {kind}"
+    elif declaration.parameters:
+        problem = f"`({name})` is reserved and takes no parameters"
+    else:
+        return
+    raise DomainError(problem, declaration.place, code="reserved-name")
+
+
+def _schema(group: Group, scope: Scope) -> x.Schema | None:
+    """Parse an action, a process or an event; None where errors in it were taken."""
+    kind, recovery = _KINDS[group.head], group.place.source.recovery
+    taken = len(recovery.errors) if recovery is not None else 0
     if len(group.items) < 2:
         raise DomainError(f"`{group.head}` without a name", group.place)
     name = expect_name(group.items[1], f"the {kind.value}").text
+    fields = _fields(group, f"{kind.value} `{name}`")
+    parameters: tuple[x.SchemaParameter, ...] = ()
+    precondition: x.Condition | None = None
+    effects: tuple[x.Effect, ...] = ()
+    if listed := fields.get(":parameters"):
+        with listed.place.recovering():
+            parameters = parse_parameters(listed.items, dict(scope.parents))
+    inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
+    if condition := fields.get(":precondition"):
+        with group.place.source.recovering():
+            precondition = parse_condition(condition, inner)
+    if effect := fields.get(":effect"):
+        with group.place.source.recovering():
+            effects = parse_effects(effect, inner)
+            refuse_contradictions(effects)
+    if recovery is not None and len(recovery.errors) > taken:
+        return None
+    return x.Schema(kind, name, parameters, precondition, effects, group.place)
+
+
+def _fields(group: Group, schema: str) -> dict[str, Group]:
+    """Return what `:parameters`, `:precondition` and `:effect` of a schema say."""
     fields: dict[str, Group] = {}
     rest = group.items[2:]
-    for index in range(0, len(rest), 2):
-        key = rest[index]
-        if not isinstance(key, Word) or key.text not in _FIELDS:
-            raise _no_field(rest[:index], key, rest[index:], f"{kind.value} `{name}`")
-        if key.text in fields:
-            raise DomainError(f"a second `{key.text}` in {kind.value} `{name}`", key.place)
-        if index + 1 == len(rest):
-            raise DomainError(f"`{key.text}` without a value", key.place)
-        fields[key.text] = expect_group(rest[index + 1], f"the value of `{key.text}`")
-    listed = fields[":parameters"].items if ":parameters" in fields else ()
-    parameters = parse_parameters(listed, dict(scope.parents))
-    inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
-    precondition = (
-        parse_condition(fields[":precondition"], inner) if ":precondition" in fields else None
+    index = 0
+    while index < len(rest):
+        key, begin = rest[index], index
+        index = _next_field(rest, begin + 1)  # where an error leads
+        with key.place.recovering():
+            if not isinstance(key, Word) or key.text not in _FIELDS:
+                raise _no_field(rest[:begin], key, rest[begin:], schema)
+            if key.text in fields:
+                raise DomainError(
+                    f"a second `{key.text}` in {schema}", key.place, code="declared-twice"
+                )
+            if begin + 1 == len(rest):
+                raise DomainError(f"`{key.text}` without a value", key.place, code="missing-value")
+            fields[key.text] = expect_group(rest[begin + 1], f"the value of `{key.text}`")
+            index = begin + 2
+    return fields
+
+
+def _next_field(rest: Sequence[Node], begin: int) -> int:
+    """Return where the next field begins, or the end."""
+    return next(
+        (k for k in range(begin, len(rest)) if getattr(rest[k], "text", "").startswith(":")),
+        len(rest),
     )
-    effects = parse_effects(fields[":effect"], inner) if ":effect" in fields else ()
-    refuse_contradictions(effects)
-    return x.Schema(kind, name, parameters, precondition, effects, group.place)
 
 
 def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:
@@ -134,11 +195,11 @@ def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: 
             return several_under(key.text, [before[-1], *several])
         write = written(node)[1:-1] if node.head in _FIELDS else None
     else:
-        close = difflib.get_close_matches(node.text, _FIELDS, n=1)
-        write = close[0] if close else None
+        write = closest(node.text, _FIELDS)
     return DomainError(
         f"`{node.place.text}` is not supported in {schema}",
         node.place,
         "expected :parameters, :precondition and :effect",
         write=write,
+        code="unknown-field",
     )

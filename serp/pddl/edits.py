@@ -15,6 +15,20 @@ class Edit:
     text: str
 
 
+@dataclass(frozen=True)
+class Fix:
+    """A change that mends what a finding tells of.
+
+    Attributes:
+        edits: Of the file of the finding.
+        sure: Whether the change is what was meant, as far as a program can tell; otherwise it is a
+            guess that somebody has to look at.
+    """
+
+    edits: tuple[Edit, ...]
+    sure: bool = True
+
+
 def edited(text: str, edits: Iterable[Edit]) -> str:
     """Return the text with all edits made; insertions at one place keep their order."""
     parts: list[str] = []

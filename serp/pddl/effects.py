@@ -6,7 +6,7 @@ from serp.pddl import slips
 from serp.pddl import syntax as x
 from serp.pddl.conditions import parse_quantifier, required_condition
 from serp.pddl.declarations import expect_group
-from serp.pddl.expressions import as_function, parse_expression
+from serp.pddl.expressions import as_function, is_number, parse_expression
 from serp.pddl.scope import Scope, declared_as, parse_arguments
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError, Place
@@ -23,11 +23,11 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
     if slip := slips.in_effect(group, scope.declarations):
         raise slip
     if head == "and":
-        return tuple(
-            effect
-            for item in group.items[1:]
-            for effect in parse_effects(item, scope, inside_when=inside_when)
-        )
+        effects: list[x.Effect] = []
+        for item in group.items[1:]:
+            with item.place.source.recovering():
+                effects += parse_effects(item, scope, inside_when=inside_when)
+        return tuple(effects)
     if head == "forall":
         parameters, body = parse_quantifier(group, scope)
         inner = parse_effects(body, scope.bind(parameters), inside_when=inside_when)
@@ -47,6 +47,7 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
             f"`{head}` is not supported in an effect",
             group.place,
             "effects are deterministic: `and`, `forall`, `when`, predicates and numeric changes",
+            code="unsupported",
         )
     return (_set_predicate(group, scope, value=True, place=group.place),)
 
@@ -57,19 +58,34 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
             "`when` inside `when` is not supported (other PDDL tools drop its outer condition)",
             group.place,
             "write one `when` with both conditions under `and`",
+            code="unsupported",
         )
     if scope.in_process:
         raise DomainError(
             "`when` is not supported in a process",
             group.place,
             "write the condition under :precondition, or write two processes",
+            code="process-effect",
         )
     if len(group.items) != 3:
         raise slips.several_after(group, 2, "`when` takes one condition and one effect")
+    condition, effect = group.items[1:]
+    if _changes(condition, scope) and not _changes(effect, scope):
+        problem = "condition and effect of `when` stand the wrong way round"
+        raise slips.swapped(group, problem, condition.place, "wrong-kind")
     return x.When(
-        required_condition(group.items[1], scope),
-        parse_effects(group.items[2], scope, inside_when=True),
+        required_condition(condition, scope),
+        parse_effects(effect, scope, inside_when=True),
         group.place,
+    )
+
+
+def _changes(node: Node, scope: Scope) -> bool:
+    """Whether a form is a change of a function, alone or under `and`."""
+    if not isinstance(node, Group) or node.head in scope.declarations:
+        return False
+    return node.head in _CHANGES or (
+        node.head == "and" and any(_changes(item, scope) for item in node.items[1:])
     )
 
 
@@ -80,6 +96,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             "a process only increases and decreases functions",
             place,
             "set predicates in an action or in an `(:event ...)`",
+            code="process-effect",
         )
     declaration = declared_as(group, scope, numeric=False)
     if declaration.name in (x.UNSAFE, x.TERMINAL) and not value:
@@ -87,6 +104,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             f"`({declaration.name})` can only be made true",
             place,
             "it is false at the start of every step",
+            code="reserved-use",
         )
     atom = x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
     return x.SetPredicate(atom, value, place)
@@ -96,6 +114,9 @@ def _change(group: Group, scope: Scope) -> x.ChangeFunction:
     if len(group.items) != 3:
         raise DomainError(f"`{group.head}` takes a function and a value", group.place)
     change = _CHANGES[group.head]
+    if is_number(group.items[1]) and isinstance(group.items[2], Group):
+        problem = f"`{group.head}` takes a function first, then a value"
+        raise slips.swapped(group, problem, group.items[1].place, "malformed")
     target = expect_group(as_function(group.items[1], scope), "a function")
     declaration = declared_as(target, scope, numeric=True)
     arguments = parse_arguments(target, declaration, scope)
@@ -103,12 +124,17 @@ def _change(group: Group, scope: Scope) -> x.ChangeFunction:
     additive = change in (x.Change.INCREASE, x.Change.DECREASE)
     if declaration.name == x.REWARD and not additive:
         raise DomainError(
-            f"`(reward)` may only be increased or decreased, not `{group.head}`", group.place
+            f"`(reward)` may only be increased or decreased, not `{group.head}`",
+            group.place,
+            guess=f"(increase {' '.join(map(slips.written, group.items[1:]))})",
+            code="reserved-use",
         )
     if scope.in_process:
         if not additive:
             raise DomainError(
-                f"a process may only increase or decrease, not `{group.head}`", group.place
+                f"a process may only increase or decrease, not `{group.head}`",
+                group.place,
+                code="process-effect",
             )
         return x.ChangeFunction(change, function, _rate(group.items[2], scope), group.place)
     return x.ChangeFunction(change, function, parse_expression(group.items[2], scope), group.place)
@@ -128,4 +154,6 @@ def _rate(node: Node, scope: Scope) -> x.Expression:
         "the change in a process must be a rate times `#t`",
         node.place,
         "write `(* #t rate)`",
+        guess=f"(* #t {slips.written(node)})" if "#t" not in node.place.text.lower() else None,
+        code="process-effect",
     )

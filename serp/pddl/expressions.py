@@ -28,14 +28,14 @@ def is_number(node: Node) -> bool:
 
 def parse_number(node: Node) -> x.Number:
     """Parse a numeric literal."""
-    if isinstance(node, Word) and (slip := slips.decimal_comma(node)):
+    if isinstance(node, Word) and (slip := slips.in_word(node)):
         raise slip
     if not isinstance(node, Word) or not _NUMBER.match(node.text):
         shown = node.text if isinstance(node, Word) else node.place.text
-        raise DomainError(f"expected a number, found `{shown}`", node.place)
+        raise DomainError(f"expected a number, found `{shown}`", node.place, code="bad-number")
     value = float(node.text)
     if value in (float("inf"), float("-inf")):
-        raise DomainError(f"`{node.text}` is too large a number", node.place)
+        raise DomainError(f"`{node.text}` is too large a number", node.place, code="bad-number")
     return x.Number(value, node.place)
 
 
@@ -63,8 +63,9 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
                 "`#t` may stand only as a factor of a rate in a process",
                 node.place,
                 "write `(increase (f) (* #t rate))` inside a `(:process ...)`",
+                code="process-effect",
             )
-        if slip := slips.decimal_comma(node):
+        if slip := slips.in_word(node):
             raise slip
         raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place)
     if scope.calculates(node.head):
@@ -78,7 +79,9 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
     declaration = declared_as(node, scope, numeric=True)
     if declaration.name == x.REWARD and not scope.in_metric:
         raise DomainError(
-            "`(reward)` cannot be read; it is only ever increased or decreased", node.place
+            "`(reward)` cannot be read; it is only ever increased or decreased",
+            node.place,
+            code="reserved-use",
         )
     return x.FunctionTerm(declaration.name, parse_arguments(node, declaration, scope), node.place)
 
@@ -91,6 +94,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
             group.items[0].place,
             f"list `{x.MATH_REQUIREMENT}` under :requirements, then this is a file for SErP alone; "
             f"for a portable one {slips.PORTABLE[operator]}",
+            code="math-functions",
         )
     operands = tuple(parse_expression(item, scope) for item in group.items[1:])
     least, most = x.OPERATORS[operator]
@@ -101,9 +105,13 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
     last = operands[-1]
     if isinstance(last, x.Number):
         if operator == "/" and last.value == 0.0:
-            raise DomainError("a division by zero", last.place, "it never has a result")
+            raise DomainError(
+                "a division by zero", last.place, "it never has a result", code="no-result"
+            )
         if operator == "sqrt" and last.value < 0.0:
-            raise DomainError("a root of a negative number", last.place, "it never has a result")
+            raise DomainError(
+                "a root of a negative number", last.place, "it never has a result", code="no-result"
+            )
     return _no_long_chain(x.Arithmetic(operator, operands, group.place))
 
 
@@ -113,6 +121,7 @@ def _no_long_chain(expression: x.Arithmetic) -> x.Arithmetic:
             f"an expression of more than {_MAX_CHAIN} operations in a row",
             expression.place,
             "give a part of it a function of its own",
+            code="too-large",
         )
     return expression
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from serp._util.text import did_you_mean
+from serp._util.text import closest, did_you_mean
 from serp.pddl import syntax as x
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError
@@ -75,18 +75,36 @@ def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
     term = x.SchemaTerm(node.text, node.place)
     if term.is_variable:
         if term.name not in scope.parameters:
+            only = next(iter(scope.parameters)) if len(scope.parameters) == 1 else None
+            meant = only or closest(term.name, scope.parameters)
             raise DomainError(
                 f"unknown variable `{term.name}`",
                 node.place,
-                did_you_mean(term.name, scope.parameters) or "no variable is bound here",
+                f"did you mean `{meant}`?"
+                if meant is not None
+                else did_you_mean(term.name, scope.parameters) or "no variable is bound here",
+                guess=meant,
+                code="unknown-variable",
             )
     elif term.name not in scope.objects:
+        meant = _object_meant(term.name, scope)
         raise DomainError(
             f"unknown object `{term.name}`",
             node.place,
-            did_you_mean(term.name, scope.objects) or "declare it under :constants or :objects",
+            f"did you mean `{meant}`?"
+            if meant is not None
+            else did_you_mean(term.name, scope.objects)
+            or "declare it under :constants or :objects",
+            guess=meant,
+            code="unknown-object",
         )
     return term
+
+
+def _object_meant(name: str, scope: Scope) -> str | None:
+    """Return the object or the variable that a name without `?` may stand for."""
+    variable = f"?{name}"
+    return variable if variable in scope.parameters else closest(name, scope.objects)
 
 
 def parse_arguments(
@@ -94,14 +112,16 @@ def parse_arguments(
 ) -> tuple[x.SchemaTerm, ...]:
     """Parse the arguments of a predicate or function."""
     what = "function" if declaration.numeric else "predicate"
-    terms = tuple(parse_term(node, scope) for node in group.items[1:])
-    if len(terms) != len(declaration.parameters):
+    found = len(group.items) - 1
+    if found != len(declaration.parameters):
         raise DomainError(
             f"{what} `{declaration.name}` takes {len(declaration.parameters)} "
-            f"argument{'' if len(declaration.parameters) == 1 else 's'}, found {len(terms)}",
+            f"argument{'' if len(declaration.parameters) == 1 else 's'}, found {found}",
             group.place,
             f"it is declared as {declaration.place.text}",
+            code="wrong-arity",
         )
+    terms = tuple(parse_term(node, scope) for node in group.items[1:])
     for term, parameter in zip(terms, declaration.parameters, strict=True):
         fits = all(
             any(x.is_subtype(own, wanted, scope.parents) for wanted in parameter.types)
@@ -112,6 +132,7 @@ def parse_arguments(
                 f"`{term.name}` is of type `{'/'.join(scope.types_of(term))}`, but "
                 f"{what} `{declaration.name}` takes `{'/'.join(parameter.types)}` there",
                 term.place,
+                code="wrong-type",
             )
     return terms
 
@@ -126,13 +147,18 @@ def declared_as(group: Group, scope: Scope, *, numeric: bool) -> x.Declaration:
     if declaration is None:
         names = [d.name for d in scope.declarations.values() if d.numeric == numeric]
         section = ":functions" if numeric else ":predicates"
-        advice = did_you_mean(
-            word.text, [*names, *(x.MATH_FUNCTIONS if numeric and scope.math else ())]
-        )
+        known = [*names, *(x.MATH_FUNCTIONS if numeric and scope.math else ())]
+        advice, guess = did_you_mean(word.text, known), closest(word.text, known)
         if word.text in (x.REWARD, x.UNSAFE, x.TERMINAL):
-            advice = f"declare it: `({section} ... ({word.text}))`"
-        raise DomainError(f"unknown {what} `{word.text}`", word.place, advice)
+            advice, guess = f"declare it: `({section} ... ({word.text}))`", None
+        raise DomainError(
+            f"unknown {what} `{word.text}`", word.place, advice, guess=guess, code="unknown-name"
+        )
     if declaration.numeric != numeric:
         is_what, wanted = ("function", "predicate") if not numeric else ("predicate", "function")
-        raise DomainError(f"`{word.text}` is a {is_what}, a {wanted} is needed here", word.place)
+        raise DomainError(
+            f"`{word.text}` is a {is_what}, a {wanted} is needed here",
+            word.place,
+            code="wrong-kind",
+        )
     return declaration

@@ -6,12 +6,15 @@ import functools
 import re
 from dataclasses import dataclass
 
-from serp.pddl.balance import Balance
+from serp.pddl.balance import SECTIONS, Balance
+from serp.pddl.edits import line_end, line_start
 from serp.pddl.source import DomainError, Place, Source
 
 _BLANK = re.compile(r"(?:[ \t\r\n\f\v]+|;[^\r\n]*)*")
 _TOKEN = re.compile(r"[()]|[^\s();]+")
 _MAX_NESTING = 100
+_BRACKETS = {"{": "}", "[": "]"}
+_SECTION_AHEAD = re.compile(rf"\(\s*(?:{'|'.join(sorted(SECTIONS))})(?![^\s();])", re.IGNORECASE)
 _FOREIGN_COMMENT = re.compile(r"//|#(?!t(?![a-z]))", re.IGNORECASE)
 _KEYWORD_AHEAD = re.compile(r"\(\s*:[^\s();]+")
 
@@ -42,62 +45,153 @@ Node = Word | Group
 
 @functools.lru_cache(maxsize=4)  # a file is looked at several times: parsed, then checked
 def read_group(source: Source) -> Group:
-    """Read the single parenthesised list that a PDDL file consists of."""
-    open_groups: list[list[Node]] = []
-    balance = Balance()
-    top: Group | None = None
-    position = 0
-    text = source.text
-    while (position := _BLANK.match(text, position).end()) < len(text):  # type: ignore[union-attr]
-        match = _TOKEN.match(text, position)
-        if match is None:
+    """Read the single parenthesised list that a PDDL file consists of.
+
+    Where the source has a `recovery`, a section with a slip in its parentheses is left out.
+    """
+    reader = _Reader(source)
+    while True:
+        try:
+            return reader.read()
+        except DomainError as error:
+            if source.recovery is None or not reader.resume(error):
+                raise
+
+
+class _Reader:
+    """Reads a file token by token."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._position = 0
+        self._before, self._begin = 0, 0  # where the last two tokens begin
+        self._open: list[list[Node]] = []
+        self._balance = Balance()
+        self._top: Group | None = None
+
+    def read(self) -> Group:
+        text = self._source.text
+        while (begin := _BLANK.match(text, self._position).end()) < len(text):  # type: ignore[union-attr]
+            self._before, self._begin, self._position = self._begin, begin, begin
+            match = _TOKEN.match(text, begin)
+            if match is None:
+                with self._source.recovering():
+                    raise DomainError(
+                        f"character U+{ord(text[begin]):04X} is not an ordinary space",
+                        self._source.place(begin, begin + 1),
+                        "replace it with a space",
+                        write=" ",
+                        code="stray-text",
+                    )
+                self._position += 1
+                continue
+            place = Place(self._source, begin, match.end())
+            if comment := _FOREIGN_COMMENT.match(match[0]):
+                with self._source.recovering():
+                    raise DomainError(
+                        f"`{comment[0]}` does not begin a comment in PDDL",
+                        self._source.place(begin, begin + len(comment[0])),
+                        "comments begin with `;`",
+                        write=";",
+                        code="stray-text",
+                    )
+                self._position = line_end(text, begin)
+                continue
+            self._position = match.end()
+            self._take(match[0], place)
+        if self._open:
+            raise self._balance.at_end()
+        if self._top is None:
             raise DomainError(
-                f"character U+{ord(text[position]):04X} is not an ordinary space",
-                source.place(position, position + 1),
-                "replace it with a space",
+                "the file holds no PDDL definition",
+                self._source.place(0, 0),
+                "a PDDL file begins with `(define`",
+                code="stray-text",
             )
-        token = match[0]
-        place = Place(source, position, match.end())
-        position = match.end()
-        if comment := _FOREIGN_COMMENT.match(token):
-            raise DomainError(
-                f"`{comment[0]}` does not begin a comment in PDDL",
-                source.place(place.start, place.start + len(comment[0])),
-                "comments begin with `;`",
-                write=";",
-            )
-        if top is not None:
-            raise _after_the_end(balance, place)
-        if not open_groups and token != "(":
+        return self._top
+
+    def _take(self, token: str, place: Place) -> None:
+        if self._top is not None:
+            raise _after_the_end(self._balance, place)
+        if not self._open and token != "(":
             if token == ")":
-                raise DomainError("`)` without a `(` before it", place)
+                raise DomainError(
+                    "`)` without a `(` before it", place, code="unbalanced-parentheses"
+                )
             raise DomainError(
-                "text outside of parentheses", place, "a PDDL file begins with `(define`"
+                "text outside of parentheses",
+                place,
+                "a PDDL file begins with `(define`",
+                code="stray-text",
             )
+        if token[0] in _BRACKETS:
+            raise _other_brackets(place)
         word = token.lower()
-        begin = balance.open[-1].start if balance.open else place.start
-        balance.see(word, place)
+        begin = self._balance.open[-1].start if self._balance.open else place.start
+        self._balance.see(word, place)
         if token == "(":
-            open_groups.append([])
-            if len(open_groups) > _MAX_NESTING:
-                raise DomainError(f"nested deeper than {_MAX_NESTING} parentheses", place)
+            self._open.append([])
+            if len(self._open) > _MAX_NESTING:
+                raise DomainError(
+                    f"nested deeper than {_MAX_NESTING} parentheses",
+                    place,
+                    code="unbalanced-parentheses",
+                )
         elif token == ")":
-            group = Group(tuple(open_groups.pop()), source.place(begin, place.end))
-            if open_groups:
-                open_groups[-1].append(group)
+            group = Group(tuple(self._open.pop()), self._source.place(begin, place.end))
+            if self._open:
+                self._open[-1].append(group)
             else:
-                top = group
+                self._top = group
         else:
-            open_groups[-1].append(Word(word, place))
-    if open_groups:
-        raise balance.at_end()
-    if top is None:
-        raise DomainError(
-            "the file holds no PDDL definition",
-            source.place(0, 0),
-            "a PDDL file begins with `(define`",
-        )
-    return top
+            self._open[-1].append(Word(word, place))
+
+    def resume(self, error: DomainError) -> bool:
+        """Keep an error and go on with the next section; say whether that is possible."""
+        recovery, text = self._source.recovery, self._source.text
+        sections = self._open[0] if self._open else [*self._top.items] if self._top else None
+        if recovery is None or sections is None:
+            return False
+        recovery.take(error)
+        last = max((node.place.end for node in sections), default=0)
+        begin = self._balance.open[0].start if self._balance.open else self._top_start()
+        resumed = len(text)
+        for match in _SECTION_AHEAD.finditer(text, self._before):
+            if ";" not in text[line_start(text, match.start()) : match.start()]:
+                resumed = match.start()
+                break
+        recovery.give_up(text[last:resumed])
+        self._position = resumed
+        self._before = self._begin = resumed + 1  # a section is tried once
+        define = self._source.place(begin, begin + 1)
+        self._open, self._balance, self._top = [sections], Balance(define), None
+        if resumed == len(text):  # the rest is lost: the file ends here
+            self._open = []
+            self._top = Group(tuple(sections), self._source.place(begin, len(text)))
+        return True
+
+    def _top_start(self) -> int:
+        return self._top.place.start if self._top is not None else 0
+
+
+def _other_brackets(place: Place) -> DomainError:
+    """Return the error of a bracket that is not round, up to the one that closes it."""
+    text, opening = place.source.text, place.source.text[place.start]
+    closing, depth, end = _BRACKETS[opening], 0, place.end
+    for index in range(place.start, len(text)):
+        depth += (text[index] == opening) - (text[index] == closing)
+        if depth == 0:
+            end = index + 1
+            break
+    whole = place.source.place(place.start, end)
+    inner = text[place.start + 1 : end - 1] if depth == 0 else None
+    return DomainError(
+        f"`{opening}` is no parenthesis of PDDL",
+        whole,
+        "parentheses are round",
+        write=None if inner is None else f"({inner})",
+        code="stray-text",
+    )
 
 
 def _after_the_end(balance: Balance, place: Place) -> DomainError:
@@ -107,4 +201,5 @@ def _after_the_end(balance: Balance, place: Place) -> DomainError:
         "text after the end of the definition",
         place,
         "a file holds one `(define ...)`; look for one `)` too many before this place",
+        code="stray-text",
     )

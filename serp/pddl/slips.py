@@ -10,11 +10,13 @@ import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
+from serp.pddl.edits import Edit, Fix
 from serp.pddl.sexpr import Group, Node, Word
-from serp.pddl.source import DomainError
+from serp.pddl.source import DomainError, Place
 from serp.pddl.syntax import MATH_FUNCTIONS, MATH_REQUIREMENT, Declaration
 
 _COMMA = re.compile(r"([+-]?\d+),(\d+)\Z", re.ASCII)
+_DASHES = dict.fromkeys(map(ord, "\u2212\u2013\u2014\u2010\u2011"), "-")
 _COMPARISONS = {"==": "=", "=<": "<=", "=>": ">=", "!=": "not =", "<>": "not ="}
 _CONNECTIVES = {"&&": "and", "&": "and", "||": "or", "|": "or", "->": "imply"}
 _CONDITIONS = {
@@ -62,8 +64,17 @@ _SUPPORTED = f"`+`, `-`, `*`, `/` and, with `{MATH_REQUIREMENT}`, `{'`, `'.join(
 Declared = Mapping[str, Declaration]
 
 
-def decimal_comma(word: Word) -> DomainError | None:
-    """Recognise `0,5`."""
+def in_word(word: Word) -> DomainError | None:
+    """Recognise `0,5`, and a minus that is none."""
+    plain = word.text.translate(_DASHES)
+    if plain != word.text:
+        return DomainError(
+            f"expected a number, found `{word.text}`",
+            word.place,
+            "a minus is the character `-`",
+            write=plain,
+            code="bad-number",
+        )
     if not (match := _COMMA.match(word.text)):
         return None
     return DomainError(
@@ -71,6 +82,7 @@ def decimal_comma(word: Word) -> DomainError | None:
         word.place,
         "decimals have a point",
         write=f"{match[1]}.{match[2]}",
+        code="bad-number",
     )
 
 
@@ -83,12 +95,19 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
         return None
     if head in _MATH_NAMES and len(group.items) > 1:
         write = _prefix(_MATH_NAMES[head], group.items[1:], declared)
-        return DomainError(f"`{head}` is not supported in a number", group.place, write=write)
+        return DomainError(
+            f"`{head}` is not supported in a number",
+            group.place,
+            write=write,
+            code="foreign-syntax",
+        )
     if head in _MATH:
         problem = f"`{head}` is not supported; numbers have {_SUPPORTED}"
-        return DomainError(problem, group.items[0].place, _MATH[head])
+        return DomainError(problem, group.items[0].place, _MATH[head], code="math-functions")
     if len(group.items) == 1 and head[:1].isdigit():
-        return DomainError("a number has no parentheses", group.place, write=head)
+        return DomainError(
+            "a number has no parentheses", group.place, write=head, code="foreign-syntax"
+        )
     return None
 
 
@@ -114,6 +133,17 @@ def in_effect(group: Group, declared: Declared) -> DomainError | None:
     )
 
 
+def swapped(group: Group, problem: str, place: Place, code: str) -> DomainError:
+    """Return the error of a form of two parts that stand the wrong way round."""
+    first, second = (node.place for node in group.items[1:3])
+    text = place.source.text
+    edits = (
+        Edit(first.start, first.end, text[second.start : second.end]),
+        Edit(second.start, second.end, text[first.start : first.end]),
+    )
+    return DomainError(problem, place, "swap the two", fix=Fix(edits), code=code)
+
+
 def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
     """Return the error of several forms where a field takes one."""
     first, last = nodes[0].place, nodes[-1].place
@@ -122,6 +152,7 @@ def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
         first.source.place(first.start, last.end),
         "put them under `and`",
         write=_under_and(nodes),
+        code="missing-and",
     )
 
 
@@ -131,7 +162,9 @@ def several_after(group: Group, at: int, problem: str) -> DomainError:
         return DomainError(problem, group.place)
     kept = " ".join(written(node) for node in group.items[:at])
     text = f"({kept} {_under_and(group.items[at:])})"
-    return DomainError(problem, group.place, "put several under `and`", write=text)
+    return DomainError(
+        problem, group.place, "put several under `and`", write=text, code="missing-and"
+    )
 
 
 def written(node: Node) -> str:
@@ -156,6 +189,7 @@ def _infix(group: Group, words: Mapping[str, str], declared: Declared) -> Domain
         group.place,
         "in PDDL the operator comes first",
         write=_prefix(words[middle.text], (left, right), declared),
+        code="foreign-syntax",
     )
 
 
@@ -170,6 +204,7 @@ def _other_word(
         f"`{head}` is not supported in {what}",
         group.place,
         write=_prefix(words[head], group.items[1:], declared),
+        code="foreign-syntax",
     )
 
 
@@ -181,7 +216,9 @@ def _misspelt(group: Group, words: Sequence[str], declared: Declared) -> DomainE
     close = get_close_matches(head, [*words, *declared], n=1, cutoff=0.7)
     if not close or close[0] not in words:
         return None
-    return DomainError(f"`{head}` is no word of PDDL", group.items[0].place, write=close[0])
+    return DomainError(
+        f"`{head}` is no word of PDDL", group.items[0].place, write=close[0], code="foreign-syntax"
+    )
 
 
 def _prefix(word: str, operands: Sequence[Node], declared: Declared) -> str:
@@ -212,16 +249,22 @@ def _with_truth(
         return None
     atom = written(left) if isinstance(left, Group) else f"({name})"
     right_form = atom if _TRUTH[right.text] else f"(not {atom})"
-    return DomainError(f"a predicate is {what} by itself", group.place, write=right_form)
+    return DomainError(
+        f"a predicate is {what} by itself", group.place, write=right_form, code="foreign-syntax"
+    )
 
 
 def _missing_and(group: Group, what: str) -> DomainError | None:
     if group.items and all(isinstance(node, Group) for node in group.items):
         problem = f"{what} stand in a list without `and`"
         if len(group.items) == 1:
-            return DomainError("one pair of parentheses too many", group.place,
-                               write=written(group.items[0]))  # fmt: skip
-        return DomainError(problem, group.place, write=_under_and(group.items))
+            return DomainError(
+                "one pair of parentheses too many",
+                group.place,
+                write=written(group.items[0]),
+                code="unbalanced-parentheses",
+            )
+        return DomainError(problem, group.place, write=_under_and(group.items), code="missing-and")
     return None
 
 

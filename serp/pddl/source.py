@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import bisect
+import contextlib
 import functools
 import re
 import stat
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from serp.errors import SerpError
+from serp.pddl.edits import Edit, Fix
 
 _LINE_END = re.compile(r"\r\n|\n|\r")
 _LARGEST: Final = 1 << 28
 """Bytes of a file that is read."""
 _WINDOW = 160
 """Most characters of a line that a message shows."""
+_OPENING = re.compile(r"\([^\s();]+(?:[ \t]+[^\s();]+)?")
 _LONG_QUOTE = re.compile(r"`([^`]{160,})`")
 
 
@@ -29,11 +33,13 @@ class Source:
         text: The whole content.
         warnings: Remarks on the file that are not errors, as `Place.warn` added it;
             `Domain.warnings` has each once.
+        recovery: Takes the errors, and the parser goes on behind each; None raises the first.
     """
 
     name: str
     text: str
     warnings: list[DomainWarning] = field(default_factory=list, repr=False)
+    recovery: Recovery | None = field(default=None, repr=False)
 
     @classmethod
     def read(cls, path: str | Path) -> Source:
@@ -44,36 +50,66 @@ class Source:
                 block), or not UTF-8.
         """
         if not isinstance(path, str | Path):
-            raise DomainError(f"a file is given by its path, not by {path!r}")
+            raise DomainError(
+                f"a file is given by its path, not by {path!r}", code="unreadable-file"
+            )
         path = Path(path)
         try:
             found = path.stat()
             if stat.S_ISDIR(found.st_mode):
-                raise DomainError(f"{path}: cannot be read (it is a folder)")
+                raise DomainError(
+                    f"{path}: cannot be read (it is a folder)", code="unreadable-file"
+                )
             if not stat.S_ISREG(found.st_mode):
-                raise DomainError(f"{path}: cannot be read (it is not a regular file)")
+                raise DomainError(
+                    f"{path}: cannot be read (it is not a regular file)", code="unreadable-file"
+                )
             if found.st_size > _LARGEST:
                 raise DomainError(
                     f"{path}: cannot be read (it has {found.st_size:,} bytes, and a PDDL file at "
-                    f"most {_LARGEST:,})"
+                    f"most {_LARGEST:,})",
+                    code="unreadable-file",
                 )
             # Some editors put a byte order mark first; it is not part of the text.
             return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
         except FileNotFoundError:
-            raise DomainError(f"{path}: there is no such file") from None
+            raise DomainError(f"{path}: there is no such file", code="unreadable-file") from None
         except UnicodeDecodeError as error:
             raise DomainError(
                 f"{path}: byte {error.start} is not valid UTF-8 text",
                 advice="save the file as UTF-8",
+                code="unreadable-file",
             ) from None
         except OSError as error:
-            raise DomainError(f"{path}: cannot be read ({error.strerror})") from None
+            raise DomainError(
+                f"{path}: cannot be read ({error.strerror})", code="unreadable-file"
+            ) from None
         except ValueError as error:  # no path of this system: a null character
-            raise DomainError(f"{str(path)!r}: cannot be read ({error})") from None
+            raise DomainError(
+                f"{str(path)!r}: cannot be read ({error})", code="unreadable-file"
+            ) from None
 
     def place(self, start: int, end: int) -> Place:
         """Return the place of the characters `start` to `end` (exclusive)."""
         return Place(self, start, end)
+
+    @contextlib.contextmanager
+    def recovering(self, given_up: Place | None = None) -> Iterator[None]:
+        """Leave the block at an error, which `recovery` takes, and go on behind it.
+
+        Args:
+            given_up: What the error keeps from being read; the names in it may be declared there,
+                so that nobody is told that they are unknown.
+
+        Raises:
+            DomainError: The error, where there is no `recovery`.
+        """
+        try:
+            yield
+        except DomainError as error:
+            if self.recovery is None:
+                raise
+            self.recovery.take(error, given_up)
 
     @functools.cached_property
     def line_starts(self) -> list[int]:
@@ -111,13 +147,26 @@ class Place:
         return " ".join(self.source.text[self.start : self.end].split())
 
     @property
+    def opening(self) -> Place:
+        """Where a form says what it is: `(:action go` of all of an action."""
+        head = _OPENING.match(self.source.text, self.start)
+        return self if head is None else Place(self.source, self.start, min(head.end(), self.end))
+
+    @property
     def source_line(self) -> str:
         """The whole line on which the place begins, without its line break."""
         return self.source.line_text(self.line)
 
-    def warn(self, text: str) -> None:
-        """Add a warning about this place to those of its file."""
-        self.source.warnings.append(DomainWarning(text, self))
+    def warn(
+        self, text: str, code: str = "not-portable", *, write: str | None = None, advice: str = ""
+    ) -> None:
+        """Add a warning about this place to those of its file; see `DomainWarning`."""
+        fix = None if write is None else Fix((Edit(self.start, self.end, write),))
+        self.source.warnings.append(DomainWarning(text, self, code, advice, fix))
+
+    def recovering(self) -> contextlib.AbstractContextManager[None]:
+        """Leave the block at an error in this place, and go on; see `Source.recovering`."""
+        return self.source.recovering(self)
 
     def replaced(self, text: str) -> str:
         """Return the lines of the place, in one line, with other text in its stead."""
@@ -137,13 +186,48 @@ class DomainWarning:
     Attributes:
         text: What, one sentence.
         place: Where; None where it concerns a file as a whole.
+        code: What kind of remark it is (docs/reference/checks.md).
+        advice: What to do about it; may be empty.
+        fix: What to change, where that is known.
     """
 
     text: str
     place: Place | None = None
+    code: str = ""
+    advice: str = ""
+    fix: Fix | None = None
 
     def __str__(self) -> str:
         return printable(self.text if self.place is None else f"{self.place}: {self.text}")
+
+
+_UNKNOWN = frozenset(("unknown-name", "unknown-type", "unknown-object", "unknown-variable"))
+"""Codes of errors that follow from a declaration which could not be read."""
+
+
+@dataclass
+class Recovery:
+    """The errors of files that are read on behind each.
+
+    Attributes:
+        errors: In the order in which they are found.
+        given_up: Words in what could not be read; a name among them is not told to be unknown.
+    """
+
+    errors: list[DomainError] = field(default_factory=list)
+    given_up: set[str] = field(default_factory=set)
+
+    def take(self, error: DomainError, place: Place | None = None) -> None:
+        """Keep an error, and give up what stands at a place."""
+        follows = error.code in _UNKNOWN and error.place is not None
+        if not (follows and error.place.text.lower() in self.given_up):  # type: ignore[union-attr]
+            self.errors.append(error)
+        if place is not None:
+            self.give_up(place.source.text[place.start : place.end])
+
+    def give_up(self, text: str) -> None:
+        """Note that a text could not be read."""
+        self.given_up.update(re.findall(r"[^\s();]+", text.lower()))
 
 
 class DomainError(SerpError):
@@ -152,6 +236,8 @@ class DomainError(SerpError):
     Attributes:
         problem: What is wrong, one sentence.
         advice: What to do about it; may be empty.
+        code: What kind of error it is (docs/reference/checks.md).
+        fix: What to change, where that is known or can be guessed.
         place: Where, or None when no place in a file can be named.
         file, line, column: The place taken apart (None without one).
         source_line: The line of the place; of a long line what is around the place.
@@ -165,6 +251,9 @@ class DomainError(SerpError):
         advice: str = "",
         *,
         write: str | None = None,
+        guess: str | None = None,
+        fix: Fix | None = None,
+        code: str = "malformed",
     ) -> None:
         """Describe what is wrong.
 
@@ -173,7 +262,16 @@ class DomainError(SerpError):
             place: Where.
             advice: What to do about it.
             write: What to write there instead, where that is known.
+            guess: What may have been meant there; the advice says so.
+            fix: What to change, where that is not this place alone.
+            code: What kind of error it is.
         """
+        self.code = code
+        self.fix = fix
+        meant = guess if write is None else write
+        if place is not None and meant is not None:
+            edit = Edit(place.start, place.end, meant)
+            self.fix = Fix((edit,), sure=write is not None)
         self.problem = printable(problem)
         self.advice = printable(advice)
         self.place = place

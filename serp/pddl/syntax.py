@@ -291,8 +291,13 @@ class ProblemSyntax:
     goal: Condition | None
     metric: Metric | None
     place: Place
-    has_init: bool
-    """Whether there is an `:init`, so that what it does not state is false."""
+    init: Place | None
+    """The `:init`; what it does not state is false."""
+
+    @property
+    def has_init(self) -> bool:
+        """Whether there is an `:init`."""
+        return self.init is not None
 
 
 # Walks -----------------------------------------------------------------------------------------

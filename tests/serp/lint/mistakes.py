@@ -39,7 +39,7 @@ MISTAKES = [
             "unbalanced-parentheses", RESTORES),
     Mistake("cartpole", "(* #t (cart-velocity)))))", "(* #t (cart-velocity)))))«)»",
             "unbalanced-parentheses", RESTORES),
-    Mistake("soccer", "(assign (robot-to-ball) 0.20)))", "(assign (robot-to-ball) 0.20))  ; ends)«»",
+    Mistake("soccer", "(assign (robot-to-ball) 0.20)))", "(assign (robot-to-ball) 0.20))«»  ; ends)",
             "unbalanced-parentheses", RESTORES),
     Mistake("taxi", "(and (< (row) 4))", "(and (< (row) 4)«»", "unbalanced-parentheses", RESTORES),
     Mistake("cartpole", "(< (pole-angle) -0.2618)", "(< (pole-angle) «−0.2618»)",
@@ -137,7 +137,7 @@ MISTAKES = [
     Mistake("taxi", "(:event arrive\n    :parameters (?p - place)\n    :precondition (and (waits ?p)"
             " (wanted ?p))\n    :effect (and (increase (reward) 21) (terminal))",
             "(:event arrive\n    :parameters (?p - place)\n    :precondition (and (waits ?p)"
-            " (wanted ?p))\n    :effect (and (increase (row) 21) (terminal))", "no-good-reward", ""),
+            " (wanted ?p))\n    :effect (and «(increase (row) 21)» (terminal))", "out-of-range"),
     Mistake("soccer", "(decrease (reward) 4.0)", "«(decrease (reward) -4.0)»", "double-negative",
             RESTORES),
     Mistake("cliff", "(increase (row) 1)", "«(increase (row) 0)»", "no-change"),
@@ -150,7 +150,7 @@ MISTAKES = [
             "same-schema", "push-left", "(:action push-right"),
     Mistake("cliff", "(:event goal\n    :parameters ()\n    :precondition (and (= (row) 3) (= (column) 11))",
             "(:event goal\n    :parameters ()\n    :precondition (and (= (row) 3) (= (column) 11)"
-            " «(unsafe)»)", "never-with-others", ""),
+            " «(unsafe)»)", "flag-never-set", ""),
     Mistake("corner-kick", "(and (decrease (ball-in) 0.4) (increase (robot-to-mark) 0.10))",
             "(and (decrease (ball-in) 0.4) «(assign (ball-in) 0.10)»)", "contradictory-effects"),
     Mistake("cartpole", "(/ (pole-angle) 0.2618)", "(/ (pole-angle) «0.0»)", "no-result"),

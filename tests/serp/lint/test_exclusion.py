@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 
-from serp.lint.exclusion import contradiction
+from serp.lint.rules.exclusion import contradiction
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import Vector
 from tests.generated.models import Generated, load_texts, models_with_states

@@ -72,9 +72,9 @@ IN_DOMAIN = {
     "empty define": ("«(define)»", "expected `(domain name)`", ""),
     "no name": ("(define «(domain)»)", "expected `(domain name)`", ""),
     "domain name": ("(define (domain «../d»))", "`../d` is not a name", "begin with a letter"),
-    "unknown section": (DOMAIN % "«(:actoin go)»", "`:actoin` is not supported",
+    "unknown section": (DOMAIN % "(«:actoin» go)", "`:actoin` is not supported",
                         "did you mean `:action`?"),
-    "durative action": (DOMAIN % "«(:durative-action go)»", "`:durative-action` is not supported",
+    "durative action": (DOMAIN % "(«:durative-action» go)", "`:durative-action` is not supported",
                         "an action, and a process"),
     "section twice": (DOMAIN % "«(:types car)»", "a second `:types`", "merge the two"),
     "list as requirement": ("(define (domain d) (:requirements «(:typing)»))",
@@ -97,7 +97,7 @@ IN_DOMAIN = {
     "parameter twice": (
         "(define (domain d) (:types t) (:action go :parameters (?x - t «?x»)))",
         "parameter `?x` is declared twice", ""),
-    "constraint": (DOMAIN % "«(:constraint slow)»", "`:constraint` is not supported", "`(unsafe)`"),
+    "constraint": (DOMAIN % "(«:constraint» slow)", "`:constraint` is not supported", "`(unsafe)`"),
     "object fluent": ("(define (domain d) (:types t) (:functions (f) - «t»))",
                       "other than numbers", "write `- number`"),
     "unsafe as function": ("(define (domain d) (:functions «(unsafe)»))",
@@ -170,10 +170,10 @@ IN_PROBLEM = {
     "domain instead": ("(define «(domain d)»)", "this is a domain file", ""),
     "no domain name": (problem("").replace("(:domain robots)", "«(:domain)»"),
                        "expected `(:domain name)`", ""),
-    "unknown section": (problem("«(:inti)»"), "`:inti` is not supported in a problem",
+    "unknown section": (problem("(«:inti»)"), "`:inti` is not supported in a problem",
                         "did you mean `:init`?"),
     "section twice": (problem("(:init) «(:init)»"), "a second `:init`", "merge"),
-    "constraints": (problem("«(:constraints (and))»"), "`:constraints` is not supported",
+    "constraints": (problem("(«:constraints» (and))"), "`:constraints` is not supported",
                     "an event that sets `(unsafe)`"),
     "constant of another type": (problem("").replace("hall", "«home» - robot hall"),
                                  "`home` is a constant of type `place`", ""),
@@ -242,14 +242,16 @@ def test_the_skeletons_themselves_are_fine() -> None:
     instantiate(parse_domain(Source("robots.pddl", process("(increase (speed) #t)"))))
 
 
-def test_a_missing_static_value_is_told_where_it_is_read() -> None:
-    text = DOMAIN % "(:action go :parameters (?r - robot) :precondition (> «(charge ?r)» 1))"
-    domain = parse_domain(Source("robots.pddl", marked(text)[0]))
-    given = "(:objects r3 - robot) (:init (= (charge r2) 4))"
-    source = Source("errand.pddl", problem(given).replace("(:objects hall - place)", ""))
+def test_a_missing_static_value_is_told_where_it_belongs() -> None:
+    text = DOMAIN % "(:action go :parameters (?r - robot) :precondition (> (charge ?r) 1))"
+    domain = parse_domain(Source("robots.pddl", text))
+    given = "(:objects r3 - robot) «(:init» (= (charge r2) 4))"
+    given = problem(given).replace("(:objects hall - place)", "")
+    source = Source("errand.pddl", marked(given)[0])
     with pytest.raises(DomainError) as caught:
         instantiate(domain, parse_problem(source, domain))
-    check(caught.value, "robots.pddl", text, "`(charge r3)` has no value", "(= (charge r3) ...)")
+    says = "`(charge r3)` has no value, but `robots.pddl:7:57` reads it"
+    check(caught.value, "errand.pddl", given, says, "(= (charge r3) ...)")
 
 
 # Files -----------------------------------------------------------------------------------------

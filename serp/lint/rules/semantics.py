@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from serp.lint.exclusion import Pair, contradiction
+from serp.lint.rules.exclusion import Pair, contradiction
 from serp.lint.subject import LintSubject
 from serp.model import ground as g
+from serp.model.ground import TERMINAL_TARGET, UNSAFE_TARGET
 from serp.pddl.source import DomainWarning, Place
 from serp.pddl.syntax import Kind
 
@@ -20,9 +21,11 @@ _CANNOT = {
 def _contradictory(subject: LintSubject) -> Iterator[DomainWarning]:
     for name, schemas in subject.instances.items():
         if pair := _contradiction_in_all(subject, schemas):
-            kind, place = schemas[0].kind, schemas[0].place
+            kind, place = schemas[0].kind, schemas[0].place.opening
             yield DomainWarning(
-                f"{kind.value} `{name}` {_CANNOT[kind]}: {_exclude(pair)}", _second(pair, place)
+                f"{kind.value} `{name}` {_CANNOT[kind]}: {_exclude(pair)}",
+                _second(pair, place),
+                advice=_or_instead(pair),
             )
 
 
@@ -30,7 +33,7 @@ def _not_reached(subject: LintSubject) -> Iterator[DomainWarning]:
     reached = {schema.schema for schema in subject.domain.model.ground.schemas}
     for name, schemas in subject.instances.items():
         if name not in reached and not _contradiction_in_all(subject, schemas):
-            kind, place = schemas[0].kind, schemas[0].place
+            kind, place = schemas[0].kind, schemas[0].place.opening
             yield DomainWarning(
                 f"{kind.value} `{name}` {_CANNOT[kind]} from the problem's :init on", place
             )
@@ -38,7 +41,7 @@ def _not_reached(subject: LintSubject) -> Iterator[DomainWarning]:
 
 def _always_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
     for what, schemas in _possible(subject):
-        kind, place = schemas[0].kind, schemas[0].place
+        kind, place = schemas[0].kind, schemas[0].place.opening
         if kind is Kind.ACTION and all(_unsafe(schema, subject.theta) for schema in schemas):
             yield DomainWarning(
                 f"{what} is unsafe wherever it can be applied: it is executed only where every "
@@ -76,7 +79,7 @@ def _in_all(pairs: Iterable[Pair | None]) -> Pair | None:
 
 def _unsafe(schema: g.GroundSchema, theta: list[float]) -> bool:
     for effect in schema.effects:
-        if isinstance(effect, g.SetBoolean) and effect.target == g.UNSAFE_TARGET and effect.value:
+        if isinstance(effect, g.SetBoolean) and effect.target == UNSAFE_TARGET and effect.value:
             # The condition follows from the precondition where its opposite contradicts it.
             opposite = g.Not(effect.condition, effect.place)
             if contradiction((*schema.preconditions, opposite), theta):
@@ -98,6 +101,42 @@ def _dead_effects(subject: LintSubject) -> Iterator[DomainWarning]:
         yield from _never_in_any(what, schemas, subject.theta)
 
 
+def _flags_never_set(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find events that wait for a flag which is only ever set where they cannot fire."""
+    ground, told = subject.anywhere, set[str]()
+    moved = {target for event in ground.events for target in g.writes(event)}
+    for event in ground.events:
+        for read in event.preconditions:
+            if not isinstance(read, g.Holds) or read.fluent not in (UNSAFE_TARGET, TERMINAL_TARGET):
+                continue
+            pairs = _excluded_setters(subject, event, read)
+            # What other events change may differ by the time this one reads the flag.
+            still = all(moved.isdisjoint(f) for p in pairs for t in p for f in [{*g.fluents_of(t)}])
+            if pairs and still and event.schema not in told:
+                told.add(event.schema)
+                yield DomainWarning(
+                    f"event `{event.schema}` can never fire: where `{read.place.text}` is made "
+                    f"true, {_exclude(pairs[0])}",
+                    read.place,
+                )
+
+
+def _excluded_setters(subject: LintSubject, event: g.GroundSchema, read: g.Holds) -> list[Pair]:
+    """Return what keeps an event from firing beside each setter of a flag; [] if one does not."""
+    others = [test for test in event.preconditions if test is not read]
+    pairs: list[Pair] = []
+    for schema in subject.anywhere.schemas:
+        for effect in schema.effects:
+            if effect.target != read.fluent or schema.name == event.name:
+                continue
+            tests = (*schema.preconditions, effect.condition, *others)
+            pair = contradiction(tests, subject.theta) if schema.kind is Kind.EVENT else None
+            if pair is None:  # an action sets it: what it finds may change within the step
+                return []
+            pairs.append(pair)
+    return pairs
+
+
 def _never_in_any(
     what: str, schemas: list[g.GroundSchema], theta: list[float]
 ) -> Iterator[DomainWarning]:
@@ -117,12 +156,18 @@ def _never_in_any(
             yield DomainWarning(
                 f"`{place.text}` in {what} can never happen: {_exclude(pair)}",
                 _second(pair, place),
+                advice=_or_instead(pair),
             )
 
 
 def _exclude(pair: Pair) -> str:
-    first, second = (_shown(test) for test in pair)
+    first, second = (_shown(test) for test in _in_order(pair))
     return f"{first} never holds" if first == second else f"{first} and {second} exclude each other"
+
+
+def _or_instead(pair: Pair) -> str:
+    bounds = all(isinstance(test, g.Compare) for test in pair) and pair[0] != pair[1]
+    return "write `or` if one of the two is enough" if bounds else ""
 
 
 def _shown(test: g.Test) -> str:
@@ -130,7 +175,17 @@ def _shown(test: g.Test) -> str:
 
 
 def _second(pair: Pair, otherwise: Place) -> Place:
-    return otherwise if isinstance(pair[1], g.Constant) else pair[1].place
+    second = _in_order(pair)[1]
+    return otherwise if isinstance(second, g.Constant) else second.place
+
+
+def _in_order(pair: Pair) -> Pair:
+    """Return two tests as they stand in the file."""
+    first, second = pair
+    if isinstance(first, g.Constant) or isinstance(second, g.Constant):
+        return pair
+    same_file = first.place.source is second.place.source
+    return (second, first) if same_file and second.place.start < first.place.start else pair
 
 
 RULES = {
@@ -138,4 +193,5 @@ RULES = {
     "not-reached": _not_reached,
     "always-unsafe": _always_unsafe,
     "dead-effect": _dead_effects,
+    "flag-never-set": _flags_never_set,
 }

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from serp.lint.subject import SCHEMAS, LintSubject, groups_in, words_in
 from serp.pddl import syntax as x
+from serp.pddl.edits import Edit, Fix
 from serp.pddl.sexpr import Word
 from serp.pddl.source import DomainWarning
 
@@ -34,9 +35,11 @@ def _missing_requirements(subject: LintSubject) -> Iterator[DomainWarning]:
     if missing:
         place = section.place if section else subject.domain.syntax.place
         why = " (processes and events need it)" if ":time" in missing else ""
-        yield DomainWarning(
-            f"used, but not among the :requirements: {' '.join(missing)}{why}", place
-        )
+        fix = None
+        if section is not None:
+            fix = Fix((Edit(place.end - 1, place.end - 1, f" {' '.join(missing)}"),))
+        text = f"used, but not among the :requirements: {' '.join(missing)}{why}"
+        yield DomainWarning(text, place.opening, fix=fix)
 
 
 def _unused_extension(subject: LintSubject) -> Iterator[DomainWarning]:
@@ -54,7 +57,14 @@ def _unused_extension(subject: LintSubject) -> Iterator[DomainWarning]:
                     f"`{word.text}` is listed and nothing needs it; without it, other tools can "
                     "read the file",
                     word.place,
+                    fix=Fix((_without(word),)),
                 )
+
+
+def _without(word: Word) -> Edit:
+    """Return the edit that leaves a word out, and the blank before it."""
+    text, start = word.place.source.text, word.place.start
+    return Edit(len(text[:start].rstrip(" ")), word.place.end, "")
 
 
 def _needs(syntax: x.DomainSyntax) -> dict[str, None]:

@@ -12,8 +12,8 @@ from serp.pddl.source import DomainWarning
 
 def _no_action(subject: LintSubject) -> Iterator[DomainWarning]:
     if not subject.domain.model.actions:
-        name = subject.domain.source.name
-        yield DomainWarning(f"{name}: no ground action, so there is nothing to plan with")
+        text = "no ground action, so there is nothing to plan with"
+        yield DomainWarning(text, subject.domain.syntax.place.opening)
 
 
 def _nothing_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
@@ -23,16 +23,16 @@ def _nothing_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
         for effect in schema.effects
     ):
         yield DomainWarning(
-            f"{subject.domain.source.name}: nothing is ever `(unsafe)`, so no action will "
-            "be refused"
+            "nothing is ever `(unsafe)`, so no action will be refused",
+            subject.domain.syntax.place.opening,
         )
 
 
 def _no_reward(subject: LintSubject) -> Iterator[DomainWarning]:
     if not subject.domain.model.rewarding:
         yield DomainWarning(
-            f"{subject.domain.source.name}: nothing changes `(reward)`, so the planner has no "
-            "reason to prefer an action"
+            "nothing changes `(reward)`, so the planner has no reason to prefer an action",
+            subject.domain.syntax.place.opening,
         )
 
 
@@ -64,12 +64,12 @@ def _schemas_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
                 if empty
                 else "its precondition can never hold"
             )
-            yield DomainWarning(f"{what} has no instance: {why}", schema.place)
+            yield DomainWarning(f"{what} has no instance: {why}", schema.place.opening)
         elif not any(map(writes, instances)) and not (
             # Waiting is an action where the world moves on by itself.
             schema.kind is x.Kind.ACTION and not schema.effects and subject.anywhere.processes
         ):
-            yield DomainWarning(f"{what} changes nothing", schema.place)
+            yield DomainWarning(f"{what} changes nothing", schema.place.opening)
 
 
 def _type_without_objects(

@@ -1,0 +1,1 @@
+"""Rules of `serp check`: each looks at a domain and yields warnings."""

@@ -1,0 +1,60 @@
+"""All rules that `serp check` asks of a domain, by the code of what they find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from serp.lint.rules import (
+    comparisons,
+    copies,
+    dynamics,
+    effects,
+    omissions,
+    requirements,
+    semantics,
+    unused,
+)
+from serp.lint.subject import LintSubject
+from serp.model.loading import Domain
+from serp.pddl.source import DomainWarning
+
+LOCAL = frozenset(
+    (
+        *comparisons.RULES,
+        *copies.RULES,
+        *effects.RULES,
+        *("contradictory-condition", "dead-effect", "flag-read-in-action", "unused-parameter"),
+    )
+)
+"""Rules that look at one schema at a time, or two: what they say of one that can be read is right
+where another cannot be read."""
+RULES: Mapping[str, Callable[[LintSubject], Iterator[DomainWarning]]] = MappingProxyType(
+    {
+        **omissions.RULES,
+        **semantics.RULES,
+        **comparisons.RULES,
+        **effects.RULES,
+        **copies.RULES,
+        **dynamics.RULES,
+        **unused.RULES,
+        **requirements.RULES,
+    }
+)
+"""Code → what yields its warnings."""
+
+
+def warnings_of(domain: Domain, rules: Collection[str] | None = None) -> list[DomainWarning]:
+    """Return what may have been forgotten or misspelt; none of it stops a training.
+
+    Args:
+        domain: Instantiated without errors.
+        rules: The codes of the rules that are asked; None: all.
+    """
+    subject = LintSubject(domain)
+    found = [*domain.warnings]
+    for code, rule in RULES.items():
+        if rules is None or code in rules:
+            found += (replace(warning, code=code) for warning in rule(subject))
+    return found

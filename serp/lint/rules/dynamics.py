@@ -1,0 +1,99 @@
+"""Rules: numbers that an effect changes for nobody, and events that wait for what never moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from serp.lint.subject import LintSubject
+from serp.pddl import syntax as x
+from serp.pddl.source import DomainWarning
+
+_FLAGS = (x.REWARD, x.UNSAFE, x.TERMINAL)
+
+
+def _never_read(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find functions that effects change, and that nothing reads but these effects."""
+    domain = subject.domain
+    read: set[str] = set()
+    for schema in domain.syntax.schemas:
+        for condition in x.conditions_of(schema):
+            read.update(_names(condition))
+        for effect in x.nested_effects(schema.effects):
+            if isinstance(effect, x.ChangeFunction):
+                read.update({*_names(effect.value)} - {effect.function.name})
+    problem = domain.problem_syntax
+    for condition in x.nested_conditions(problem.goal if problem else None):
+        read.update(_names(condition))
+    if problem is not None and problem.metric is not None:
+        read.update(_names(problem.metric.expression))
+    changed = _changed(domain.syntax)
+    for declaration in domain.syntax.declarations.values():
+        name = declaration.name
+        if name in changed and name not in read and name not in _FLAGS:
+            what = "function" if declaration.numeric else "predicate"
+            yield DomainWarning(
+                f"{what} `{name}` is changed, but nothing reads it: no condition, no reward",
+                declaration.place,
+            )
+
+
+def _frozen(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find functions that nothing changes, and that alone decide whether an event ever fires.
+
+    A file that leaves its dynamics out altogether is left alone, and so is what a problem states.
+    """
+    domain, syntax = subject.domain, subject.domain.syntax
+    changed = _changed(syntax)
+    movers = (s for s in syntax.schemas if s.kind is not x.Kind.EVENT)
+    moved = {name for s in movers for name in _changed_by(s)} - {*_FLAGS}
+    if not any(syntax.declarations[name].numeric for name in moved):
+        return
+    problem = domain.problem_syntax
+    stated = {function.name for function, _ in problem.values} if problem else set()
+    told: set[str] = set()
+    for schema in syntax.schemas:
+        read = {name for c in x.conditions_of(schema) for name in _names(c)}
+        frozen = [
+            name
+            for name in sorted(read)
+            if syntax.declarations[name].numeric and name not in changed
+        ]
+        if schema.kind is not x.Kind.EVENT or not read or len(frozen) < len(read):
+            continue
+        for name in frozen:
+            if name not in told and name not in stated:
+                told.add(name)
+                yield DomainWarning(
+                    f"nothing changes `{name}`, and event `{schema.name}` waits for nothing else: "
+                    "the planner never sees it begin or end",
+                    syntax.declarations[name].place,
+                    advice="write what changes it, if that is known",
+                )
+
+
+def _changed(syntax: x.DomainSyntax) -> set[str]:
+    return {name for schema in syntax.schemas for name in _changed_by(schema)}
+
+
+def _changed_by(schema: x.Schema) -> Iterator[str]:
+    for effect in x.nested_effects(schema.effects):
+        if isinstance(effect, x.ChangeFunction):
+            yield effect.function.name
+        elif isinstance(effect, x.SetPredicate):
+            yield effect.atom.name
+
+
+def _names(node: x.Condition | x.Expression) -> Iterator[str]:
+    """Yield the predicates and functions that a condition (not those in it) or a number reads."""
+    match node:
+        case x.Atom(name) | x.FunctionTerm(name):
+            yield name
+        case x.NumericComparison(_, left, right):
+            yield from _names(left)
+            yield from _names(right)
+        case x.Arithmetic(_, operands):
+            for operand in operands:
+                yield from _names(operand)
+
+
+RULES = {"never-read": _never_read, "frozen-fluent": _frozen}

@@ -1,0 +1,87 @@
+"""Rules: effects that come to nothing, or say twice that something is negative."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from serp.lint.subject import LintSubject
+from serp.pddl import syntax as x
+from serp.pddl.edits import Edit, Fix
+from serp.pddl.source import DomainWarning
+
+_OPPOSITE = {x.Change.INCREASE: "decrease", x.Change.DECREASE: "increase"}
+_NEUTRAL = {
+    **dict.fromkeys((x.Change.INCREASE, x.Change.DECREASE), 0.0),
+    **dict.fromkeys((x.Change.SCALE_UP, x.Change.SCALE_DOWN), 1.0),
+}
+
+
+def _no_change(subject: LintSubject) -> Iterator[DomainWarning]:
+    for what, effect in _changes(subject):
+        if effect.change is x.Change.ASSIGN:
+            same = isinstance(effect.value, x.FunctionTerm) and (
+                effect.value.place.text.lower() == effect.function.place.text.lower()
+            )
+        else:
+            value = effect.value
+            same = isinstance(value, x.Number) and value.value == _NEUTRAL[effect.change]
+        if same:
+            yield DomainWarning(f"`{effect.place.text}` in {what} changes nothing", effect.place)
+
+
+def _double_negative(subject: LintSubject) -> Iterator[DomainWarning]:
+    for what, effect in _changes(subject):
+        opposite = _OPPOSITE.get(effect.change)
+        if opposite is None or not isinstance(effect.value, x.Number) or effect.value.value >= 0.0:
+            continue
+        place = effect.value.place
+        yield DomainWarning(
+            f"`{effect.place.text}` in {what} is `{opposite}`, because the number is negative",
+            effect.place,
+            advice=f"leave the minus out, or write `{opposite}`",
+            fix=Fix((Edit(place.start, place.start + 1, ""),), sure=False),
+        )
+
+
+def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find what one list of effects makes false and true: in PDDL, true wins."""
+    for schema in subject.domain.syntax.schemas:
+        for effects in _lists(schema.effects):
+            made = {_key(e.atom) for e in effects if isinstance(e, x.SetPredicate) and e.value}
+            for effect in effects:
+                if (
+                    isinstance(effect, x.SetPredicate)
+                    and not effect.value
+                    and _key(effect.atom) in made
+                ):
+                    yield DomainWarning(
+                        f"`{effect.place.text}` in {schema.kind.value} `{schema.name}` comes to "
+                        f"nothing: `{effect.atom.place.text}` is made true at the same time",
+                        effect.place,
+                    )
+
+
+def _key(atom: x.Atom) -> tuple[str, ...]:
+    return (atom.name, *(argument.name for argument in atom.arguments))
+
+
+def _lists(effects: tuple[x.Effect, ...]) -> Iterator[tuple[x.Effect, ...]]:
+    """Yield effects that happen together, and those under each `when` and `forall`."""
+    yield effects
+    for effect in effects:
+        if isinstance(effect, x.When | x.ForallEffect):
+            yield from _lists(effect.effects)
+
+
+def _changes(subject: LintSubject) -> Iterator[tuple[str, x.ChangeFunction]]:
+    for schema in subject.domain.syntax.schemas:
+        for effect in x.nested_effects(schema.effects):
+            if isinstance(effect, x.ChangeFunction):
+                yield f"{schema.kind.value} `{schema.name}`", effect
+
+
+RULES = {
+    "no-change": _no_change,
+    "double-negative": _double_negative,
+    "set-and-unset": _set_and_unset,
+}
