@@ -67,9 +67,10 @@ def examined(
         domain, task = _load(pair, own, max_ground_schemas)
     except DomainError:
         limit = max_ground_schemas
-        if pair.domain is None or not (
-            found := examine(pair.domain, pair.problem, max_ground_schemas=limit)
-        ).findings:
+        if (
+            pair.domain is None
+            or not (found := examine(pair.domain, pair.problem, max_ground_schemas=limit)).findings
+        ):
             raise
         return Summed(found.findings, [])
     found = examine(

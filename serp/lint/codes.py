@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 
-class Code(NamedTuple):
+class FindingCode(NamedTuple):
     """What a code stands for.
 
     Attributes:
@@ -83,10 +83,10 @@ _WARNINGS = {
     "unused-type": "A type that nothing has.",
     "useless-silence": "A comment that silences nothing.",
 }
-CODES: Mapping[str, Code] = MappingProxyType(
+CODES: Mapping[str, FindingCode] = MappingProxyType(
     {
-        **{code: Code(meaning, error=True) for code, meaning in _ERRORS.items()},
-        **{code: Code(meaning) for code, meaning in _WARNINGS.items()},
+        **{code: FindingCode(meaning, error=True) for code, meaning in _ERRORS.items()},
+        **{code: FindingCode(meaning) for code, meaning in _WARNINGS.items()},
     }
 )
 """Code → what it stands for."""

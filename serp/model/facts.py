@@ -75,6 +75,18 @@ class InstantiationBudget:
             )
 
 
+def no_value(key: tuple[str, ...], read: Place, place: Place) -> DomainError:
+    """Return the error of a static number that is read and that the problem does not give."""
+    shown = " ".join(key)
+    return DomainError(
+        f"`({shown})` has no value, but `{read}` reads it",
+        place.opening,
+        f"the problem gives values to other instances of `{key[0]}`; add "
+        f"`(= ({shown}) ...)` to its :init",
+        code="missing-value",
+    )
+
+
 class Facts:
     """The facts that the files state, and which of them may change.
 

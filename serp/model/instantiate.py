@@ -20,6 +20,7 @@ from serp.model.facts import (
     bound,
     conjuncts,
     key_of,
+    no_value,
 )
 from serp.model.goal_value import UNBOUNDED, GoalValue
 from serp.model.reachability import reachable
@@ -193,13 +194,7 @@ class _Instantiation:
                     return g.Read(self.index[key])
                 if key not in self.facts.values:
                     init = self.problem.init if self.problem is not None else None
-                    raise DomainError(
-                        f"`({' '.join(key)})` has no value, but `{place}` reads it",
-                        init.opening if init is not None else place,
-                        f"the problem gives values to other instances of `{name}`; add "
-                        f"`(= ({' '.join(key)}) ...)` to its :init",
-                        code="missing-value",
-                    )
+                    raise no_value(key, place, init or place)
                 return self._parameter(self.facts.values[key], "initial")
             case x.TotalTime():
                 return g.Elapsed()

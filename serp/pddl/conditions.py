@@ -7,7 +7,7 @@ from serp.pddl import syntax as x
 from serp.pddl.declarations import expect_group, parse_parameters
 from serp.pddl.expressions import as_function, is_number, parse_expression
 from serp.pddl.scope import INSTEAD, Scope, declared_as, parse_arguments, parse_term
-from serp.pddl.sexpr import Group, Node
+from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError
 
 _COMPARATORS = ("<", "<=", "=", ">=", ">")
@@ -33,7 +33,7 @@ def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
         raise DomainError(
             "preferences are not supported", group.place, INSTEAD["preference"], code="unsupported"
         )
-    if head in ("at", "over") and head not in scope.declarations:
+    if head in ("at", "over") and head not in scope.declarations and _is_timed(group):
         raise DomainError(
             "timed conditions (durative actions) are not supported",
             group.place,
@@ -42,6 +42,12 @@ def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
         )
     declaration = declared_as(group, scope, numeric=False)
     return x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
+
+
+def _is_timed(group: Group) -> bool:
+    """Whether a form is `(at start ...)`, `(at end ...)`, `(over all ...)` or `(at 5 ...)`."""
+    when = group.items[1] if len(group.items) == 3 else None
+    return isinstance(when, Word) and (when.text in ("start", "end", "all") or is_number(when))
 
 
 def required_condition(node: Node, scope: Scope) -> x.Condition:

@@ -91,7 +91,7 @@ def unknown_section(section: Group, known: Sequence[str], what: str) -> DomainEr
         place,
         instead or did_you_mean(head, known),
         guess=None if instead else closest(head, known),
-        code="unknown-section",
+        code="unsupported" if instead else "unknown-section",
     )
 
 

@@ -131,8 +131,8 @@ def _check_reserved(declaration: x.Declaration) -> None:
 
 def _schema(group: Group, scope: Scope) -> x.Schema | None:
     """Parse an action, a process or an event; None where errors in it were taken."""
-    kind, recovery = _KINDS[group.head], group.place.source.recovery
-    taken = len(recovery.errors) if recovery is not None else 0
+    kind, source = _KINDS[group.head], group.place.source
+    taken = source.errors_taken
     if len(group.items) < 2:
         raise DomainError(f"`{group.head}` without a name", group.place)
     name = expect_name(group.items[1], f"the {kind.value}").text
@@ -145,13 +145,13 @@ def _schema(group: Group, scope: Scope) -> x.Schema | None:
             parameters = parse_parameters(listed.items, dict(scope.parents))
     inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
     if condition := fields.get(":precondition"):
-        with group.place.source.recovering():
+        with source.recovering():
             precondition = parse_condition(condition, inner)
     if effect := fields.get(":effect"):
-        with group.place.source.recovering():
+        with source.recovering():
             effects = parse_effects(effect, inner)
             refuse_contradictions(effects)
-    if recovery is not None and len(recovery.errors) > taken:
+    if source.errors_taken > taken:
         return None
     return x.Schema(kind, name, parameters, precondition, effects, group.place)
 
@@ -188,7 +188,7 @@ def _next_field(rest: Sequence[Node], begin: int) -> int:
 
 def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:
     """Return what is wrong where `:parameters`, `:precondition` or `:effect` is expected."""
-    key = before[-2] if before else None
+    key = before[-2] if len(before) > 1 else None
     if isinstance(node, Group):
         if isinstance(key, Word) and key.text != ":parameters" and node.head not in _FIELDS:
             several = itertools.takewhile(lambda item: isinstance(item, Group), rest)

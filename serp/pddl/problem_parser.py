@@ -165,7 +165,9 @@ def _key(term: x.Atom | x.FunctionTerm) -> tuple[str, ...]:
 def _goal(group: Group, scope: Scope) -> x.Condition | None:
     if len(group.items) != 2:
         raise DomainError("expected `(:goal condition)`", group.place)
-    return parse_condition(group.items[1], scope)
+    taken = group.place.source.errors_taken
+    goal = parse_condition(group.items[1], scope)
+    return goal if group.place.source.errors_taken == taken else None
 
 
 def _metric(group: Group, scope: Scope) -> x.Metric:

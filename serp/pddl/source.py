@@ -111,6 +111,11 @@ class Source:
                 raise
             self.recovery.take(error, given_up)
 
+    @property
+    def errors_taken(self) -> int:
+        """How many errors `recovery` took."""
+        return self.recovery.taken if self.recovery is not None else 0
+
     @functools.cached_property
     def line_starts(self) -> list[int]:
         """Where each line begins; a line ends with a line feed, a carriage return, or both."""
@@ -212,13 +217,16 @@ class Recovery:
     Attributes:
         errors: In the order in which they are found.
         given_up: Words in what could not be read; a name among them is not told to be unknown.
+        taken: How many errors there were, with those that follow from others.
     """
 
     errors: list[DomainError] = field(default_factory=list)
     given_up: set[str] = field(default_factory=set)
+    taken: int = 0
 
     def take(self, error: DomainError, place: Place | None = None) -> None:
         """Keep an error, and give up what stands at a place."""
+        self.taken += 1
         follows = error.code in _UNKNOWN and error.place is not None
         if not (follows and error.place.text.lower() in self.given_up):  # type: ignore[union-attr]
             self.errors.append(error)

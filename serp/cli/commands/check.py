@@ -88,13 +88,13 @@ def command(
         _fix(checks)
 
     def once() -> int:
-        return _check_all(_Check(own, seconds, max_ground_schemas), checks, form)
+        return _check_all(_DomainCheck(own, seconds, max_ground_schemas), checks, form)
 
     return _watch(once, checks) if watch else once()
 
 
 @dataclass
-class _Check:
+class _DomainCheck:
     """How files are checked, and what came of it."""
 
     own: Task | None
@@ -135,7 +135,7 @@ class _Check:
         return "wrong" if errors else "right"
 
 
-def _check_all(check: _Check, checks: list[DomainFiles], form: str) -> int:
+def _check_all(check: _DomainCheck, checks: list[DomainFiles], form: str) -> int:
     console = open_console()
     results = []
     for position, pair in enumerate(checks):

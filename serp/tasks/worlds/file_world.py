@@ -191,13 +191,18 @@ def _made(domain: Domain, options: WorldOptions, dt: float) -> gym.Env[Any, Any]
 def _initial_state(domain: Domain) -> Vector:
     model, problem = domain.model, domain.problem_syntax
     if not model.actions:
-        raise DomainError("there is no action that can ever be carried out", domain.syntax.place)
+        raise DomainError(
+            "there is no action that can ever be carried out",
+            domain.syntax.place,
+            code="no-action",
+        )
     if problem is None or not problem.has_init:
         raise DomainError(
             "a world made of a file begins in the :init of a problem, and there is none",
             domain.syntax.place if problem is None else problem.place,
             f"write `(:init ...)` in a problem file, by default {domain.syntax.name}-problem.pddl "
             "beside the domain file",
+            code="missing-value",
         )
     assert model.initial_state is not None  # numbers that :init leaves out are 0
     return model.initial_state

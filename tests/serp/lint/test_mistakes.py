@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,16 +18,19 @@ from serp.pddl.edits import edited
 from serp.pddl.problem_parser import parse_problem
 from serp.pddl.source import DomainWarning, Source
 from serp.tasks.registry import task_of
-from tests.serp.lint.mistakes import MISTAKES, RESTORES, Mistake
 
 DOMAINS = Path(__file__).resolve().parents[3] / "domains"
 EDITED = "edited.pddl"
+Mistake = dict[str, str]
+MISTAKES: list[Mistake] = tomllib.loads(
+    Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8")
+)["mistake"]
 
 
 def sources(mistake: Mistake, text: str) -> tuple[Source, Source | None]:
     """Return the domain and the problem, one of them with another text."""
-    name = mistake.file.removesuffix("-problem")
-    if name != mistake.file:
+    name = mistake["file"].removesuffix("-problem")
+    if name != mistake["file"]:
         return Source.read(DOMAINS / f"{name}.pddl"), Source(EDITED, text)
     problem = DOMAINS / f"{name}-problem.pddl"
     return Source(EDITED, text), Source.read(problem) if problem.is_file() else None
@@ -34,13 +38,13 @@ def sources(mistake: Mistake, text: str) -> tuple[Source, Source | None]:
 
 def made(mistake: Mistake) -> tuple[str, str, int]:
     """Return the original, the text with the mistake, and where it is to be found."""
-    original = (DOMAINS / f"{mistake.file}.pddl").read_text()
-    assert mistake.old in original
-    text = original.replace(mistake.old, mistake.new, 1)
+    original = (DOMAINS / f"{mistake['file']}.pddl").read_text()
+    assert mistake["old"] in original
+    text = original.replace(mistake["old"], mistake["new"], 1)
     if "«" in text:
         return original, text.replace("«", "").replace("»", ""), text.index("«")
-    place = mistake.place.replace("«", "").replace("»", "")
-    return original, text, text.index(place) + max(mistake.place.find("«"), 0)
+    place = mistake["place"].replace("«", "").replace("»", "")
+    return original, text, text.index(place) + max(mistake["place"].find("«"), 0)
 
 
 def of_task(domain: Domain) -> Iterator[DomainWarning]:
@@ -71,26 +75,26 @@ def without_places(node: object) -> str:
     return str(node)
 
 
-@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: f"{m.file}-{m.code}")
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: f"{m['file']}-{m['code']}")
 def test_a_mistake_is_found_in_its_place_with_the_right_suggestion(mistake: Mistake) -> None:
     original, text, start = made(mistake)
     domain, problem = sources(mistake, text)
-    look = of_task if mistake.code == "out-of-range" else None
+    look = of_task if mistake["code"] == "out-of-range" else None
     findings = examine(domain, problem, look=look).findings
     usual = {(f.code, f.message) for f in findings_of(*sources(mistake, original))}
     found = [f for f in findings if (f.code, f.message) not in usual]
-    (here,) = (f for f in found if f.code == mistake.code and where(f) == (EDITED, start))
-    assert mistake.code in CODES
+    (here,) = (f for f in found if f.code == mistake["code"] and where(f) == (EDITED, start))
+    assert mistake["code"] in CODES
     # What follows from the mistake is told at most twice more.
     assert len({(f.code, f.message) for f in found}) <= 3, [f.rendered for f in found]
-    if CODES[mistake.code].error:
+    if CODES[mistake["code"]].error:
         assert here.severity == "error"
         assert len({f.message for f in found if f.severity == "error"}) == 1
-    if mistake.suggestion == RESTORES:
+    if "fix" in mistake:
         assert here.fix is not None
         assert tree(mistake, edited(text, here.fix.edits)) == tree(mistake, original)
     else:
-        assert mistake.suggestion in f"{here.message} {here.advice}"
+        assert mistake.get("suggestion", "") in f"{here.message} {here.advice}"
 
 
 def where(finding: Finding) -> tuple[str, int]:

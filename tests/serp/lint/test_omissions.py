@@ -58,7 +58,8 @@ def test_what_is_shipped_has_forgotten_nothing(file: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "warning"),
     [
-        ("(and (unsafe))", "(and (decrease (reward) 9))", "walk.pddl:2:1: nothing is ever `(unsafe)`"),
+        ("(and (unsafe))", "(and (decrease (reward) 9))",
+         "walk.pddl:2:1: nothing is ever `(unsafe)`"),
         ("(increase (reward) 3)", "(and)", None),
         ("(:action rest", "(:action idle :parameters () :precondition (and) :effect (and))\n"
          "(:action rest", "walk.pddl:12:3: action `idle` changes nothing"),

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from serp.lint.findings import findings_of
 from serp.model.codegen import generate_code
-from serp.pddl.source import DomainError
+from serp.pddl.source import DomainError, Source
 from tests.generated import FULL, Texts, examples, load_texts, write_texts
 from tests.generated.models import DOMAIN_FILE, PROBLEM_FILE
 from tests.serp.pddl.rendering import check_rendering
@@ -100,6 +101,22 @@ def load_or_refuse(texts: Texts) -> bool:
     return True
 
 
+def check_findings(texts: Texts) -> None:
+    """Check that reading on behind errors finds at least the one at which loading ends."""
+    problem = None if texts.problem is None else Source(PROBLEM_FILE, texts.problem)
+    errors = [
+        f.message
+        for f in findings_of(Source(DOMAIN_FILE, texts.domain), problem)
+        if f.severity == "error"
+    ]
+    try:
+        load_texts(texts)
+    except DomainError as error:
+        assert error.problem in errors
+    else:
+        assert errors == []
+
+
 def damage(texts: Texts, random: Random) -> Texts:
     if texts.problem is None or random.randint(0, 2):
         return Texts(damaged(texts.domain, random), texts.problem)
@@ -112,7 +129,10 @@ def test_damaged_domains_load_or_are_refused(block: int) -> None:
     for seed in range(150):
         random = Random(f"{block}/{seed}")
         texts = random.choice(SHIPPED) if block % 2 else write_texts(random, FULL)
-        loaded += load_or_refuse(damage(texts, random))
+        texts = damage(texts, random)
+        loaded += load_or_refuse(texts)
+        if seed % 5 == 0:
+            check_findings(texts)
     assert 2 < loaded < 120  # some of the damage does no harm
 
 
