@@ -64,8 +64,12 @@ def imports(path: Path) -> Iterator[str]:
 
 def imported_from(path: Path, node: ast.ImportFrom) -> str:
     """Exports copy the controller, so its modules, and no others, import one another relatively."""
-    assert node.level <= (path.parent == CONTROLLER), path
-    return f"serp.controller.{node.module}" if node.level else str(node.module)
+    if not node.level:
+        return str(node.module)
+    assert path.is_relative_to(CONTROLLER), path
+    *above, _ = path.relative_to(CONTROLLER.parent.parent).parts
+    assert len(above) - node.level > 0, path
+    return ".".join([*above[: len(above) - node.level + 1], str(node.module)])
 
 
 @pytest.mark.parametrize(

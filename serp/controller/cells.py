@@ -6,14 +6,11 @@ The arithmetic is that of `serp.planning.far_sight.cell_values`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .folder import ControllerError
-from .residual import parts_of
+from .reading import Arrays
 
 _START, _FACTOR = np.uint64(0xCBF29CE484222325), np.uint64(0x9E3779B97F4A7C15)
 _FAR, AREAS, MARGIN = 1e9, 8.0, 2.0
@@ -25,21 +22,22 @@ Digests = NDArray[np.uint64]
 class CellTable:
     """The cells of a planner, and their values."""
 
-    def __init__(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        found = parts_of(arrays, "cells.")
-        self._low, self._scale, self._area = found["low"], found["scale"], found["area"]
-        width, self._value = len(self._low), found["value"]
-        self._states = found["states"].reshape(-1, width)
-        if len(self._value) != len(self._states) + 1:
-            raise ControllerError("the cells of the policy are damaged")
+    def __init__(self, arrays: Arrays, width: int) -> None:
+        found = arrays.under("cells.")
+        self._low, self._scale, self._area = (
+            found.numbers(name, width) for name in ("low", "scale", "area")
+        )
+        self._value = found.numbers("value", None)
+        if not len(self._value):
+            raise found.wrong("value", "is empty")
+        count = len(self._value) - 1
+        self._states = found.numbers("states", count * width).reshape(count, width)
         self._divided = np.flatnonzero(self._scale > 0.0).tolist()
         self._cells = {d: k for k, d in enumerate(self._digests(self._states, True).tolist())}
         self._areas: dict[int, int] = {}
         for digest in self._digests(self._states, False).tolist():
             self._areas.setdefault(digest, len(self._areas))
-        self._area_value = found["area_value"]
-        if len(self._area_value) != len(self._areas) + 1:
-            raise ControllerError("the cells of the policy are damaged")
+        self._area_value = found.numbers("area_value", len(self._areas) + 1)
 
     def values(self, states: list[list[float]]) -> list[float]:
         """Return the value of each state, interpolated between its cell and those beside it."""

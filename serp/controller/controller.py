@@ -10,13 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .adaptation import Adaptation
 from .folder import Contents, ControllerError, read_folder
 from .forecast import SAFE, EnvironmentActions, Prospects
 from .lookahead import LeafValues, PathSearch, SearchLimits
 from .network import Network
 from .planner import FrozenPlanner
-from .rows_lookahead import LayerSearch
-from .rows_step import AdaptedRows, FileRows
+from .reading import Arrays, Entry
+from .rows.lookahead import LayerSearch
+from .rows.step import AdaptedRows, FileRows
 from .step import APPLICABLE, RISKY, UNDEFINED, UNSAFE, AdaptedStep, FileStep, State
 
 _SMALL_TREE = 300
@@ -40,6 +42,8 @@ class ControllerDecision(NamedTuple):
         proposed: The proposed action; -1 if the planner had none.
         proposed_by: `learner` or `planner`.
         vetoed: Whether the learner's proposal was refused.
+        outside: Whether the policy has solved states, and this is none of them, so that only the
+            steps of the lookahead were seen.
     """
 
     action: int
@@ -49,6 +53,7 @@ class ControllerDecision(NamedTuple):
     proposed: int
     proposed_by: str
     vetoed: bool
+    outside: bool = False
 
 
 class Controller:
@@ -76,25 +81,25 @@ class Controller:
             self._load(contents)
         except ControllerError as error:
             raise ControllerError(f"{contents.path}: {error}") from None
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            raise ControllerError(
-                f"{contents.path} does not hold what this controller reads ({error!r}); use the "
-                "controller that lies in the folder, or export the run again"
-            ) from None
 
     def _load(self, contents: Contents) -> None:
-        policy, arrays = contents.policy, contents.arrays
-        self.fluents: list[str] = policy["fluents"]
-        self._pairs = arrays["grounding.observation"], arrays["grounding.state"]
-        ground_actions = len(policy["ground_actions"])
+        policy, arrays = Entry(contents.policy), Arrays(contents.arrays)
+        self.fluents = [name.text() for name in policy["fluents"].items()]
+        width = len(self.fluents)
+        learner, arbiter = policy["learner"], policy["arbiter"]
+        self._inputs = learner["inputs"].text()
+        self._observation_size = learner["observation"].whole(0)
+        observed = arrays.numbers("grounding.observation", None, self._observation_size)
+        self._pairs = observed, arrays.numbers("grounding.state", len(observed), width)
+        ground_actions = len(policy["ground_actions"].items())
         limits = SearchLimits.of(policy["planner"], ground_actions)
-        theta = arrays["written"].tolist()
-        adapted = policy["adaptation"] is not None
-        written = FileStep(contents, theta)
-        step = AdaptedStep(contents, written).step if adapted else written.step
-        single = PathSearch(limits, step)
-        rows = FileRows(contents, theta)
-        whole = LayerSearch(limits, AdaptedRows(contents, rows).step if adapted else rows.step)
+        theta: list[float] = arrays.numbers("written", None).tolist()
+        written, rows = FileStep(policy, theta), FileRows(policy, theta)
+        single, whole = PathSearch(limits, written.step), LayerSearch(limits, rows.step)
+        if not policy["adaptation"].none:
+            learned = Adaptation(policy["adaptation"], arrays, width, ground_actions)
+            single = PathSearch(limits, AdaptedStep(policy, learned, written).step)
+            whole = LayerSearch(limits, AdaptedRows(policy, learned, rows).step)
         widest = None if limits.tree <= _SMALL_TREE else _WIDEST
 
         def search(state: State, leaves: LeafValues | None) -> Prospects:
@@ -102,24 +107,26 @@ class Controller:
 
         actions = EnvironmentActions(policy["actions"], ground_actions)
         self.actions, self._actions = actions.names, actions
-        arbiter = policy["arbiter"]
-        self._learner_leads = bool(arbiter["learner_leads"])
+        self._learner_leads = arbiter["learner_leads"].truth()
         self._planner = FrozenPlanner(
-            policy["planner"], arrays, search, limits.periods, actions,
+            policy["planner"], arrays, search, limits, width, actions,
             learns=not self._learner_leads,
         )  # fmt: skip
         self._quick: PathSearch | None = None
         if actions.one_to_one and limits.unbounded and limits.depth <= _DEEPEST:
             self._quick = single
         r_min = arbiter["r_min"]
-        self._r_min = -math.inf if r_min is None else float(r_min)
-        self._looks_ahead = bool(arbiter["looks_ahead"])
-        allowed = bool(arbiter["allows_unmodelled"])
+        self._r_min = -math.inf if r_min.none else r_min.number()
+        self._looks_ahead = arbiter["looks_ahead"].truth()
+        allowed = arbiter["allows_unmodelled"].truth()
         self._available = [not known and allowed for known in actions.modelled]
-        learner = policy["learner"]
-        self._inputs: str = learner["inputs"]
-        self._observation_size = int(learner["observation"])
-        self._network = Network(contents.network, int(learner["input"]), len(actions.names))
+        seen = {"observation": self._observation_size, "state": width}
+        seen["both"] = sum(seen.values())
+        if self._inputs not in seen:
+            raise learner["inputs"].wrong(f"it must be one of {', '.join(seen)}")
+        size = seen[self._inputs]
+        learner["input"].whole(size, size)
+        self._network = Network(contents.network, size, len(actions.names))
 
     # Deciding ----------------------------------------------------------------------------------
 
@@ -146,8 +153,16 @@ class Controller:
             state = self._grounded(self._ground, seen)
         grounded = self._vector(state, len(self.fluents), "a state")
         values: State = grounded.tolist()
-        proposal = -1
         found = self._planner.solved(values)
+        decision = self._decided(seen, grounded, values, found)
+        outside = found is None and self._planner.has_solved
+        return decision._replace(outside=True) if outside else decision
+
+    def _decided(
+        self, seen: NDArray[np.float64] | None, grounded: NDArray[np.float64], values: State,
+        found: Prospects | None,
+    ) -> ControllerDecision:  # fmt: skip
+        proposal = -1
         if self._learner_leads:
             proposal = self._network.best(self._input(seen, grounded))
             quick = self._quick if found is None else None

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from .folder import ControllerError
+from .reading import Entry
 from .step import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, UNDEFINED, UNSAFE
 
 SAFE = 1 << 30
@@ -80,12 +79,12 @@ class EnvironmentActions:
         one_to_one: Whether no two ground actions share one.
     """
 
-    def __init__(self, data: Mapping[str, Any], ground: int) -> None:
-        self.names: list[str] = data["names"]
-        self._groups: list[list[int]] = data["groups"]
-        listed = sorted(k for group in self._groups for k in group)
-        if listed != list(range(ground)) or len(self.names) != len(self._groups):
-            raise ControllerError("the actions of the policy are damaged")
+    def __init__(self, data: Entry, ground: int) -> None:
+        self.names = [name.text() for name in data["names"].items()]
+        groups = data["groups"]
+        self._groups = [group.positions(ground) for group in groups.items(len(self.names))]
+        if sorted(k for group in self._groups for k in group) != list(range(ground)):
+            raise groups.wrong(f"each of {ground} ground actions must be in one group")
         self._action = {k: a for a, group in enumerate(self._groups) for k in group}
         self.modelled = [bool(group) for group in self._groups]
         self.first = [group[0] if group else -1 for group in self._groups]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 from .forecast import SAFE, Prospects, rank_of
+from .reading import Entry
 from .step import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, TERMINAL, UNDEFINED, UNSAFE, State
 
 Step = Callable[[State, int], tuple[State, int]]
@@ -55,11 +56,11 @@ class SearchLimits(NamedTuple):
     max_edges: int
 
     @classmethod
-    def of(cls, data: Mapping[str, Any], actions: int) -> SearchLimits:
+    def of(cls, data: Entry, actions: int) -> SearchLimits:
         """Return the limits of a planner for so many ground actions."""
         return cls(
-            actions, int(data["depth"]), int(data["repeat"]), float(data["discount"]),
-            float(data["accepted_risk"]), int(data["max_nodes"]), int(data["max_edges"]),
+            actions, data["depth"].whole(1), data["repeat"].whole(1), data["discount"].number(),
+            data["accepted_risk"].number(), data["max_nodes"].whole(1), data["max_edges"].whole(1),
         )  # fmt: skip
 
     @property

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .cells import CellTable
-from .folder import ControllerError
 from .forecast import SAFE, EnvironmentActions, Prospects
-from .lookahead import LeafValues
+from .lookahead import LeafValues, SearchLimits
+from .reading import Arrays, Entry
 from .step import State
 
 
 class SolvedStates:
     """The predictions in every state of a planning graph that was solved at the export."""
 
-    def __init__(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        self._inert = arrays["solved.inert"].tolist()
-        states = arrays["solved.states"] + 0.0  # -0.0 equals 0.0
+    def __init__(self, arrays: Arrays, width: int, actions: int) -> None:
+        found = arrays.under("solved.")
+        self._inert = found.whole("inert", 0, width - 1, None).tolist()
+        states = found.numbers("states", None, width) + 0.0  # -0.0 equals 0.0
         self._rows = {row.tobytes(): k for k, row in enumerate(states)}
-        self._choice = arrays["solved.choice"].tolist()
-        names = ("value", "path_risk", "safe_steps", "reward", "flags")
-        self._columns = [arrays[f"solved.{name}"] for name in names]
-        if any(len(column) != len(states) for column in (self._choice, *self._columns)):
-            raise ControllerError("the solved states of the policy are damaged")
+        count = len(states)
+        self._choice = found.whole("choice", -1, actions - 1, count).tolist()
+        self._columns = [
+            found.numbers("value", count, actions, finite=False),  # -inf: not applicable
+            found.numbers("path_risk", count, actions),
+            found.whole("safe_steps", -1, None, count, actions),
+            found.numbers("reward", count, actions),
+            found.whole("flags", 0, None, count, actions),
+        ]
 
     def find(self, state: State) -> Prospects | None:
         """Return the predictions for ground actions; None for a state that was not solved."""
@@ -45,7 +48,8 @@ class FrozenPlanner:
         data: Its settings.
         arrays: Solved states and cells, where there are any.
         search: The lookahead's predictions for a state.
-        periods: Discounted control periods of an edge.
+        limits: Its limits.
+        width: Length of a state.
         actions: The environment's actions.
         learns: Whether the values of visited cells are updated, as serp's planner does. Without it
             a prediction depends on nothing but the state.
@@ -53,18 +57,26 @@ class FrozenPlanner:
 
     def __init__(
         self,
-        data: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any]],
+        data: Entry,
+        arrays: Arrays,
         search: Callable[[State, LeafValues | None], Prospects],
-        periods: float,
+        limits: SearchLimits,
+        width: int,
         actions: EnvironmentActions,
         learns: bool,
     ) -> None:
-        self._search, self._periods = search, periods
+        self._search, self._periods = search, limits.periods
         self._actions, self._learns = actions, learns
-        self._solved = SolvedStates(arrays) if data["solved"] else None
-        self._cells = CellTable(arrays) if data["cells"] else None
-        self._favoured = bool(data["favoured"])
+        self._solved: SolvedStates | None = None
+        if data["solved"].truth():
+            self._solved = SolvedStates(arrays, width, limits.actions)
+        self._cells = CellTable(arrays, width) if data["cells"].truth() else None
+        self._favoured = data["favoured"].truth()
+
+    @property
+    def has_solved(self) -> bool:
+        """Whether there are solved states."""
+        return self._solved is not None
 
     def solved(self, state: State) -> Prospects | None:
         """Return the predictions for environment actions in a solved state; None elsewhere."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .folder import Contents, ControllerError
+from .adaptation import Adaptation
 from .outcomes import CountedOutcomes
-from .program import Function, make_function
-from .residual import Residual
+from .program import Parameters, make_function
+from .reading import Entry
 
 APPLICABLE, UNSAFE, TERMINAL, UNDEFINED, RISKY = 1, 2, 4, 8, 16
 RISK_SHIFT, RISK_UNIT = 8, 2.0**-24
@@ -24,41 +24,43 @@ State = list[float]
 class FileStep:
     """The step of the domain file with some parameters.
 
-    Attributes:
+    Args:
+        policy: The policy.
         theta: Parameters.
-        dt: Control period.
+        residual: `[A]` statements that are added to effects and processes; None for none.
     """
 
-    def __init__(self, contents: Contents, theta: Sequence[float]) -> None:
-        policy = contents.policy
-        width, self.theta, self.dt = len(policy["fluents"]), list(theta), float(policy["dt"])
-        sizes = {"s": width, "out": width + 1, "theta": len(self.theta)}
-        programs = policy["programs"]
-        if len(programs["actions"]) != len(policy["ground_actions"]):
-            raise ControllerError("the model of the policy is damaged: it lacks actions")
-        self._actions = [
-            make_function(("s", "theta", "dt", "out"), body, sizes) for body in programs["actions"]
+    def __init__(
+        self, policy: Entry, theta: Sequence[float],
+        residual: Sequence[list[Any] | None] | None = None,
+    ) -> None:  # fmt: skip
+        parameters, programs = Parameters(policy, theta), policy["programs"]
+        actions = programs["actions"].items(len(policy["ground_actions"].items()))
+        more = residual or [None] * len(actions)
+        self._flow = [
+            make_function(
+                ["s"], [body, programs["drift"], *([Entry(added)] if added else [])], parameters
+            )
+            for body, added in zip(actions, more, strict=True)
         ]
-        later = ("s", "flags", "theta", "dt", "out")
-        self._drift = make_function(later, programs["drift"], sizes)
-        self._settle: Function = make_function(later, programs["settle"], sizes)
+        self._settle = make_function(["s", "flags", "out"], [programs["settle"]], parameters)
 
     def flow(self, state: State, action: int) -> tuple[State, int]:
         """Return the state after effects and processes with the reward, and the flags."""
-        out = [*state, 0.0]
-        flags = self._actions[action](state, self.theta, self.dt, out)
-        if flags & APPLICABLE:
-            flags = self._drift(state, flags, self.theta, self.dt, out)
-        return out, flags
+        found: tuple[State, int] = self._flow[action](state)
+        return found
 
-    def settle(self, state: State, flags: int, out: State) -> int:
-        """Apply events, goal and metric to `out`; return the flags."""
-        return self._settle(state, flags, self.theta, self.dt, out)
+    def settle(self, state: State, flags: int, out: State) -> tuple[State, int]:
+        """Return the state after events, goal and metric with the reward, and the flags."""
+        found: tuple[State, int] = self._settle(state, flags, out)
+        return found
 
     def step(self, state: State, action: int) -> tuple[State, int]:
         """Return the next state with the reward, and the flags."""
-        out, flags = self.flow(state, action)
-        return (out, self.settle(state, flags, out)) if flags & APPLICABLE else (out, flags)
+        out, flags = self._flow[action](state)
+        found: tuple[State, int]
+        found = self._settle(state, flags, out) if flags & APPLICABLE else (out, flags)
+        return found
 
 
 class AdaptedStep:
@@ -67,37 +69,30 @@ class AdaptedStep:
     `UNSAFE` is set only where the file as written sets it; everything else is a risk.
     """
 
-    def __init__(self, contents: Contents, written: FileStep) -> None:
-        data: dict[str, Any] = contents.policy["adaptation"]
+    def __init__(self, policy: Entry, learned: Adaptation, written: FileStep) -> None:
         self._written = written
-        self._file = FileStep(contents, contents.arrays["theta"].tolist())
-        self._revised, self._flagging = bool(data["revised"]), bool(data["flagging"])
-        self._residual = Residual(data, contents.arrays)
-        self._outcomes: CountedOutcomes | None = None
-        counted = [False] * len(data["actions"])
-        if data["stochastic"]:
-            self._outcomes = CountedOutcomes(data, contents.arrays, self._file)
-            counted = self._outcomes.counted
-        self._differs = [
-            self._revised or one or other
-            for one, other in zip(self._residual.used, counted, strict=True)
-        ]
+        self._file = plain = FileStep(policy, learned.theta, learned.written_out)
+        if any(learned.written_out):  # an outcome with another action's effects has no residual
+            plain = FileStep(policy, learned.theta)
+        self._known = learned.revised or learned.flagging
+        self._residual, self._counted = learned.residual, learned.counted
+        self._outcomes = CountedOutcomes(learned, plain)
+        self._differs = [learned.changes(action) for action in range(len(learned.groups))]
 
     def step(self, state: State, action: int) -> tuple[State, int]:
         """Return the next state with the reward, and the flags with the risk."""
         if not self._differs[action]:
             return self._written.step(state, action)
-        known = self._revised or self._flagging
-        flagged = UNSAFE & self._written.step(state, action)[1] if known else 0
+        flagged = UNSAFE & self._written.step(state, action)[1] if self._known else 0
         out, flags = self.flow(state, action)
         risk = 0.0
         if flags & APPLICABLE:
-            if self._outcomes is not None and self._outcomes.counted[action]:
-                flags, risk = self._outcomes.settle(state, action, flags, out)
+            if self._counted[action]:
+                out, flags, risk = self._outcomes.settle(state, action, flags, out)
             else:
-                flags = self._file.settle(state, flags, out)
+                out, flags = self._file.settle(state, flags, out)
                 risk = 1.0 if flags & UNSAFE else 0.0
-        if not known:
+        if not self._known:
             flagged = flags & UNSAFE
         flags = flags & ~UNSAFE | flagged
         if flags & APPLICABLE and not flagged:
@@ -107,9 +102,12 @@ class AdaptedStep:
     def flow(self, state: State, action: int) -> tuple[State, int]:
         """Return the state after effects, processes and residual, and the flags."""
         out, flags = self._file.flow(state, action)
-        if flags & APPLICABLE and self._residual.used[action]:
+        residual = self._residual[action]
+        if flags & APPLICABLE and residual:
             before = out[:]
-            self._residual.add(state, action, out)
+            for inputs, targets, regression, head, _, _ in residual:
+                if regression is not None:
+                    regression.add(inputs, targets, head, state, out)
             difference = 0.0
             for value in out[:-1]:
                 difference += value - value

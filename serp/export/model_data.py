@@ -54,6 +54,7 @@ def _adaptation(model: AdaptedModel) -> tuple[dict[str, Any], Arrays]:
         if shared.outcomes is not None:
             place_of_table[key] = len(tables)
             data, parts = _counts(shared.outcomes)
+            data["inputs"] = len(groups[key].inputs)
             arrays |= _named(f"table{len(tables)}.", parts)
             tables.append(data)
     actions = []

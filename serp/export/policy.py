@@ -74,13 +74,14 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     manifest = json_text({"format": FORMAT, "serp": __version__, **about, "files": digests})
     package = Path(__file__).parent.parent / PACKAGE
     contents: dict[Path, bytes | str] = {
-        folder / PACKAGE / module.name: module.read_bytes()
-        for module in sorted(package.glob("*.py"))
+        folder / PACKAGE / module.relative_to(package): module.read_bytes()
+        for module in sorted(package.rglob("*.py"))
     }
     contents |= {folder / name: content for name, content in files.items()}
     contents[folder / MANIFEST] = manifest
     try:
-        (folder / PACKAGE).mkdir(parents=True, exist_ok=True)
+        for path in contents:
+            path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise cannot_write(folder, error, "Nothing was made.") from error
     write_together(contents)

@@ -6,20 +6,25 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 import serp
 from serp.control.decision import Decision
 from serp.controller import Controller, ControllerDecision, ControllerError
+from serp.controller.adaptation import Adaptation
 from serp.controller.folder import read_folder
 from serp.controller.lookahead import PathSearch, SearchLimits
-from serp.controller.rows_lookahead import LayerSearch
-from serp.controller.rows_step import AdaptedRows, FileRows
+from serp.controller.reading import Arrays, Entry
+from serp.controller.rows.lookahead import LayerSearch
+from serp.controller.rows.step import AdaptedRows, FileRows
 from serp.controller.step import AdaptedStep, FileStep
 from serp.errors import RunError
 from serp.export.planner_data import planner_data
@@ -30,6 +35,8 @@ from serp.training.run import Run
 from serp_adapters.cartpole import task as cartpole
 
 STEPS = {"cartpole": 600, "soccer": 400, "cliff": 300}
+INDICES = ("others", "schemas", "kinds", "regression0.codes", "inert", "choice")
+"""Arrays of positions."""
 AHEAD = {
     "arbiter": {"veto_horizon": "lookahead"},
     "adaptation": {"mode": "full"},
@@ -61,7 +68,7 @@ Made = Callable[..., tuple[Run, Path]]
 
 
 def is_same(mine: ControllerDecision, of_run: Decision) -> bool:
-    return mine[:1] + mine[2:] == (
+    return mine[:1] + mine[2:7] == (
         of_run.action, str(of_run.reason), str(of_run.executed_by), of_run.proposed,
         str(of_run.proposed_by), of_run.vetoed,
     )  # fmt: skip
@@ -100,19 +107,25 @@ def test_what_a_run_plays_is_decided_alike(task: str, preset: str, count: int, m
                     return
 
 
-@pytest.mark.parametrize("max_nodes", [3, 40, 10_000])
+@pytest.mark.parametrize(
+    ("task", "max_nodes"), [("soccer", 3), ("soccer", 40), ("soccer", 10_000), ("cliff", 10_000)]
+)
 def test_both_searches_are_those_of_serp_also_where_a_budget_ends_them(
-    max_nodes: int, made: Made
+    task: str, max_nodes: int, made: Made
 ) -> None:
-    """With a residual, counted outcomes, and states far from the data."""
-    run, policy = made("soccer", "default")
+    """With a residual, counted outcomes of both kinds, and states far from the data."""
+    run, policy = made(task, "default")
     contents, model = read_folder(policy), run.agent.arbiter.model
     settings = run.agent.settings.planner.replace(depth=3, max_nodes=max_nodes)
     compiled = Lookahead(model, settings)
     data, _ = planner_data(compiled, model, settings)
-    limits, theta = SearchLimits.of(data, len(model.actions)), contents.arrays["written"].tolist()
-    single = PathSearch(limits, AdaptedStep(contents, FileStep(contents, theta)).step)
-    layers = LayerSearch(limits, AdaptedRows(contents, FileRows(contents, theta)).step)
+    entry, theta = Entry(contents.policy), contents.arrays["written"].tolist()
+    limits = SearchLimits.of(Entry(data), len(model.actions))
+    learned = Adaptation(
+        entry["adaptation"], Arrays(contents.arrays), len(model.fluents), len(model.actions)
+    )
+    single = PathSearch(limits, AdaptedStep(entry, learned, FileStep(entry, theta)).step)
+    layers = LayerSearch(limits, AdaptedRows(entry, learned, FileRows(entry, theta)).step)
     states = contents.arrays["grounding.state"]
     for state in [*states[::8], *(states[::8] * 1.5)]:
         of_serp = compiled.forecast(state)
@@ -144,6 +157,16 @@ def test_equal_runs_are_exported_to_equal_folders(made: Made, tmp_path: Path) ->
     assert {Path("manifest.json"), Path("learner.onnx"), Path("controller/__init__.py")} < {*files}
     for file in files:
         assert (policy / file).read_bytes() == (again / file).read_bytes()
+
+
+def test_a_decision_tells_states_that_were_not_solved(made: Made) -> None:
+    controller = Controller(made("cliff", "default")[1])
+    states = read_folder(made("cliff", "default")[1]).arrays["solved.states"]
+    observation = np.zeros(48)
+    assert not any(controller.decide(observation, state=s).outside for s in states[:9])
+    assert controller.decide(observation, state=states[0] + 0.5).outside
+    cartpole = Controller(made("cartpole", "paper ahead")[1])
+    assert not cartpole.decide([0.0] * 4, state=[0.0] * 4).outside  # nothing was solved
 
 
 def test_a_grounding_is_checked_by_recorded_pairs(made: Made) -> None:
@@ -191,8 +214,9 @@ def rewrite(folder: Path, change: Callable[[Any], Any]) -> None:
         (lambda f: (f / "learner.onnx").write_bytes(b"other"), "learner.onnx was changed"),
         (lambda f: (f / "arrays.npz").write_bytes((f / "arrays.npz").read_bytes()[:-9]),
          "arrays.npz was changed or truncated"),
-        (lambda f: rewrite(f, lambda d: d.pop("planner")), "does not hold what"),
-        (lambda f: rewrite(f, lambda d: d["programs"]["actions"].pop()), "lacks actions"),
+        (lambda f: rewrite(f, lambda d: d.pop("planner")), "policy.json: planner is missing"),
+        (lambda f: rewrite(f, lambda d: d["programs"]["actions"].pop()),
+         "programs.actions is .*: it must have 2 entries"),
         (lambda f: rewrite(f, lambda d: d["programs"]["drift"].insert(0, ["call", "exit"])),
          "no statement 'call'"),
         (lambda f: rewrite(f, lambda d: d["programs"]["drift"].insert(
@@ -201,7 +225,8 @@ def rewrite(folder: Path, change: Callable[[Any], Any]) -> None:
             0, ["set", ["at", "out", 99], 1.0])), "out has no entry 99"),
         (lambda f: rewrite(f, lambda d: d["programs"]["drift"].insert(
             0, ["set", ["at", "theta", 0], 1.0])), "cannot be changed"),
-        (lambda f: rewrite(f, lambda d: d["actions"]["groups"].pop()), "actions .* damaged"),
+        (lambda f: rewrite(f, lambda d: d["actions"]["groups"].pop()),
+         "actions.groups is .*: it must have 2 entries"),
     ],
 )  # fmt: skip
 def test_a_wrong_folder_is_refused(
@@ -209,6 +234,63 @@ def test_a_wrong_folder_is_refused(
 ) -> None:
     with pytest.raises(ControllerError, match=message):
         Controller(damaged(change, made("cartpole", "paper ahead")[1], tmp_path))
+
+
+def positions_in(value: Any, place: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield the places of all whole numbers of a policy outside of its programs, and of its lists.
+
+    Each comes with the list or object that it is in, and its key there.
+    """
+    for key, each in value.items() if isinstance(value, dict) else enumerate(value):
+        name = f"{place}[{key}]" if isinstance(value, list) else f"{place}.{key}".lstrip(".")
+        if type(each) is int or isinstance(each, list):
+            yield name, value, key
+        if isinstance(each, (dict, list)) and key != "programs":
+            yield from positions_in(each, name)
+
+
+@given(data=st.data())
+@settings(max_examples=50, deadline=None, derandomize=True)
+@pytest.mark.parametrize("task", ["soccer", "cliff"])
+def test_any_wrong_position_or_shape_is_refused_by_its_name(
+    task: str, made: Made, data: st.DataObject
+) -> None:
+    good = read_folder(made(task, "default")[1])
+    policy, arrays = json.loads(json.dumps(good.policy)), dict(good.arrays)
+    if data.draw(st.booleans()):
+        name, holder, key = data.draw(st.sampled_from(list(positions_in(policy))))
+        wrong = [None, -1, 0.5, "0", {"0": 0}]
+        if isinstance(holder, list):
+            wrong.append(1_000)
+        if isinstance(holder[key], list):
+            wrong.append([*holder[key], -1])
+        holder[key] = data.draw(st.sampled_from(wrong))
+        # null stands for no regression and no table
+        assume(holder[key] is not None or key not in ("regression", "table"))
+        file = "policy.json"
+    else:
+        name = data.draw(st.sampled_from(sorted(arrays)))
+        array, file = arrays[name], "arrays.npz"
+        kinds = ["missing", "flat", "longer", "text"] + ["position"] * name.endswith(INDICES)
+        kind = data.draw(st.sampled_from(kinds))
+        if kind == "missing":
+            del arrays[name]
+        elif kind == "position":
+            assume(array.size)
+            array = array.copy()
+            wrong = [-2, 1_000_000, *([0.5] if array.dtype == np.float64 else [])]
+            place = data.draw(st.integers(0, array.size - 1))
+            array.flat[place] = data.draw(st.sampled_from(wrong))
+            arrays[name] = array
+        elif kind == "longer":
+            more = [array, array[:1], array[:1]]
+            arrays[name] = np.concatenate(more) if array.size else array[None]
+        else:
+            arrays[name] = array[None] if kind == "flat" else array.astype(str)
+    contents = good._replace(policy=policy, arrays=arrays)
+    read = mock.patch("serp.controller.controller.read_folder", lambda _: contents)
+    with read, pytest.raises(ControllerError, match=file):
+        Controller("policy")
 
 
 @pytest.mark.parametrize(

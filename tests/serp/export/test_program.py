@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import struct
 from random import Random
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
-from serp.controller.rows_step import FileRows
+from serp.controller.reading import Entry
+from serp.controller.rows.step import FileRows
 from serp.controller.step import FileStep
 from serp.export.syntax_data import programs_of
 from tests.generated import generate, random_states
@@ -22,19 +21,19 @@ def test_any_domain_steps_in_a_policy_as_in_serp() -> None:
         random = Random(seed)
         model = generate(random).model
         policy = {
-            "fluents": model.fluents,
-            "ground_actions": model.actions,
+            "fluents": list(model.fluents),
+            "ground_actions": list(model.actions),
             "dt": model.dt,
             "programs": json.loads(json.dumps(programs_of(model.ground))),
         }
-        contents: Any = SimpleNamespace(policy=policy)
-        exported = FileStep(contents, model.theta.tolist())
-        together = FileRows(contents, model.theta.tolist())
+        exported = FileStep(Entry(policy), model.theta.tolist())
+        together = FileRows(Entry(policy), model.theta.tolist())
         states = random_states(random, model, 4)
         columns = np.ascontiguousarray(states.T)
         for action in range(len(model.actions)):
             with np.errstate(all="ignore"):
-                rows, of_rows = together.step(columns, action)
+                bounds = [4 * (k > action) for k in range(len(model.actions) + 1)]
+                rows, of_rows = together.step(columns, bounds)
             for k, state in enumerate(states.tolist()):
                 out, flags = exported.step(state, action)
                 assert of_rows[k] == flags

@@ -1,28 +1,29 @@
 """The best path of every first action, a layer of the planning graph at a time.
 
-It gives the same bits as `lookahead.PathSearch.forecast`, and takes less time where layers are
-large. Edges are arrays `[A, N]` of A actions and the N nodes of a layer.
+It gives the same bits as `controller.lookahead.PathSearch.forecast`, and takes less time where
+layers are large. Edges are arrays `[A, N]` of A actions and the N nodes of a layer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .forecast import SAFE, Prospects
-from .lookahead import BITS, LeafValues, SearchLimits
-from .step import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, TERMINAL, UNDEFINED, UNSAFE
+from ..forecast import SAFE, Prospects
+from ..lookahead import BITS, LeafValues, SearchLimits
+from ..step import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, TERMINAL, UNDEFINED, UNSAFE
 
 Rows = NDArray[np.float64]
 Flags = NDArray[np.int64]
-StepRows = Callable[[Rows, int], tuple[Rows, Flags]]
+StepRows = Callable[[Rows, Sequence[int]], tuple[Rows, Flags]]
+"""See `rows.step`."""
 
 
 class EdgeRows(NamedTuple):
-    """The edges of a layer; see `lookahead.FollowedEdge`. Targets are `[A, F, N]`."""
+    """The edges of a layer; see `controller.lookahead.FollowedEdge`. Targets are `[F, A, N]`."""
 
     target: Rows
     reward: Rows
@@ -72,7 +73,7 @@ class LayerSearch:
             if nodes > limits.max_nodes:
                 complete = False
                 break
-            edges = self._edges(layer)
+            edges = self._followed(layer)
             applied += int((edges.flags & APPLICABLE).sum())
             if applied > limits.max_edges and layers:
                 complete = False
@@ -84,39 +85,39 @@ class LayerSearch:
             children.append(known)
         return state, layers, children, complete
 
-    def _edges(self, layer: Rows) -> EdgeRows:
-        of_actions = [self._edge(layer, action) for action in range(self._limits.actions)]
-        return EdgeRows(*(np.stack(columns) for columns in zip(*of_actions, strict=True)))
-
-    def _edge(self, layer: Rows, action: int) -> EdgeRows:
-        """Follow one action from all states of a layer."""
-        discount = self._limits.discount
-        out, flags = self._step(layer, action)
+    def _followed(self, layer: Rows) -> EdgeRows:
+        """Follow all actions from all states of a layer."""
+        discount, count, actions = self._limits.discount, layer.shape[1], self._limits.actions
+        bounds = np.arange(actions + 1) * count
+        out, flags = self._step(np.tile(layer, (1, actions)), bounds.tolist())
         risk = self._hazard(flags)
         flags = _marked(flags, risk)
-        first_reward, first_flags = out[-1].copy(), flags
+        first_reward, first_flags = out[-1].copy(), flags.copy()
         rank = np.where(flags & UNSAFE, 2, np.where(flags & RISKY, 1, 0))
-        reward, weight = first_reward, np.full(len(flags), discount)
+        reward, weight = first_reward.copy(), np.full(len(flags), discount)
         periods = np.where(risk > 0.0, 0, 1)
+        action = np.repeat(np.arange(actions), count)
         for _ in range(self._limits.repeat - 1):
             going = np.flatnonzero((flags & (APPLICABLE | TERMINAL)) == APPLICABLE)
             if not len(going):
                 break
-            then, again = self._step(np.ascontiguousarray(out[:-1, going]), action)
+            within = np.searchsorted(action[going], np.arange(actions + 1)).tolist()
+            then, again = self._step(out[:-1, going], within)
             applicable = again & APPLICABLE != 0
             going, then, again = going[applicable], then[:, applicable], again[applicable]
             out[:-1, going] = then[:-1]
             further = self._hazard(again)
-            flags, risk, periods = flags.copy(), risk.copy(), periods.copy()
-            reward, weight = reward.copy(), weight.copy()
             flags[going] = (flags[going] | _marked(again, further)) & 0xFF
             risk[going] += (1.0 - risk[going]) * further
             periods[going] += risk[going] == 0.0
             reward[going] += weight[going] * then[-1]
             weight[going] *= discount
-        return EdgeRows(
-            out[:-1], reward, weight, flags & BITS, rank, periods, risk, first_reward, first_flags
-        )
+
+        def by_action(row: NDArray[Any]) -> NDArray[Any]:
+            return row.reshape(actions, count)
+
+        rows = reward, weight, flags & BITS, rank, periods, risk, first_reward, first_flags
+        return EdgeRows(out[:-1].reshape(len(layer), actions, count), *map(by_action, rows))
 
     def _hazard(self, flags: Flags) -> Rows:
         risk = (flags >> RISK_SHIFT) * RISK_UNIT
@@ -132,7 +133,7 @@ def _distinct(edges: EdgeRows, known: Flags) -> Rows:
     """Return the states `[F, M]` that edges lead to, equal ones once; write which to `known`."""
     goes_on = edges.goes_on
     action, node = np.nonzero(goes_on)
-    rows = np.ascontiguousarray(edges.target[action, :, node]) + 0.0  # -0.0 equals 0.0
+    rows = np.ascontiguousarray(edges.target[:, action, node].T) + 0.0  # -0.0 equals 0.0
     if not len(rows):
         return rows.T
     keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
@@ -146,7 +147,7 @@ def _with_values(edges: EdgeRows, leaves: LeafValues) -> EdgeRows:
     goes_on = edges.goes_on
     action, node = np.nonzero(goes_on)
     reward = edges.reward.copy()
-    values = np.array(leaves(edges.target[action, :, node].tolist()))
+    values = np.array(leaves(edges.target[:, action, node].T.tolist()))
     reward[goes_on] += edges.weight[goes_on] * values
     return edges._replace(reward=reward)
 

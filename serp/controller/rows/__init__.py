@@ -1,0 +1,1 @@
+"""Model and lookahead for many states at once; modules of the same names above are for one."""
