@@ -122,7 +122,7 @@ class FittedRegression:
                 total += factor * x
             out[targets[t]] += total
         if most > LINEAR:
-            z = np.add.reduce(self.waves * np.array([[1.0], *([x] for x in u)]), axis=0)
+            z = np.add.reduce(self.waves * np.array([1.0, *u])[:, None], axis=0)
             sums = _summed(self.amplitude * _sine(z).reshape(-1, CHUNK)).tolist()
             for t, parts in zip(self.waving, sums, strict=True):
                 for part in parts[: self.parts_of(t)]:
