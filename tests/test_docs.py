@@ -50,6 +50,7 @@ from serp.control.decision import Actor, Reason
 from serp.model.facts import InstantiationBudget
 from serp.model.program import MAX_NATIVE_SIZE
 from serp.pddl.source import Source
+from serp.runs.recording_format import COLUMNS
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.scenarios.reading import read_scenarios
 from serp.tasks.registry import task_entries
@@ -392,7 +393,7 @@ def test_the_limits_are_those_of_the_code() -> None:
 def run_files() -> set[str]:
     folder = Path("names")
     serp.plan_and_learn("cartpole", env_steps=30, out=folder, quiet=True)
-    return {path.name for path in folder.iterdir()}
+    return {path.name + "/" * path.is_dir() for path in folder.iterdir()}
 
 
 def comparison_files() -> set[str]:
@@ -411,6 +412,7 @@ LISTS: dict[str, Callable[[], set[str]]] = {
     "reasons": lambda: {reason.value for reason in Reason},
     "policies": lambda: set(get_args(Policy)),
     "run folder": run_files,
+    "recording": lambda: set(COLUMNS),
     "algorithms": lambda: {*OWN, *algorithm_entries()},
     "tasks": lambda: set(task_entries()),
     "comparison folder": comparison_files,
@@ -419,6 +421,7 @@ NOT_IN_EVERY_RUN = {
     "problem.pddl",
     "planner-1.pddl",
     "planner-1-problem.pddl",
+    "evaluations/",
     "tensorboard/",
     "checkpoint-damaged.safetensors",
 }

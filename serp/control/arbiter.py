@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-import numpy as np
-
 from serp._util.saved_state import Saved
 from serp.control.decision import Actor, Decision, Reason
 from serp.control.ensemble import Ensemble
@@ -212,22 +210,15 @@ class Arbiter:
         proposed: int,
         proposed_by: Actor,
     ) -> Decision:
-        forecast = situation.forecast
-        flags = int(forecast.flags[action])
-        return Decision(
+        return Decision.of(
+            situation.forecast,
+            situation.admissible,
             action=action,
             executed_by=executed_by,
             reason=reason,
             proposed=proposed,
             proposed_by=proposed_by,
             rho=self.rho,
-            predicted_reward=float(forecast.reward[action]) if flags & APPLICABLE else np.nan,
-            unsafe=bool(flags & UNSAFE),
-            risk=risk_of(flags) if flags & (APPLICABLE | UNSAFE) else np.nan,
-            proposal_unsafe=proposed >= 0 and bool(forecast.flags[proposed] & (UNSAFE | RISKY)),
-            indifferent=forecast.indifferent,
-            admissible=situation.admissible,
-            forecast=forecast,
         )
 
     # Explaining --------------------------------------------------------------------------------

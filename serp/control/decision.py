@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.model.flags import APPLICABLE, RISKY, UNSAFE, risk_of
 from serp.planning.action_map import ActionForecast
 
 
@@ -72,6 +73,37 @@ class Decision(NamedTuple):
     indifferent: bool
     admissible: NDArray[np.bool_]
     forecast: ActionForecast
+
+    @classmethod
+    def of(
+        cls,
+        forecast: ActionForecast,
+        admissible: NDArray[np.bool_],
+        *,
+        action: int,
+        executed_by: Actor,
+        reason: Reason,
+        proposed: int,
+        proposed_by: Actor,
+        rho: float,
+    ) -> Decision:
+        """Return the record of a decision; the rest of it follows from the forecast."""
+        flags = int(forecast.flags[action])
+        return cls(
+            action=action,
+            executed_by=executed_by,
+            reason=reason,
+            proposed=proposed,
+            proposed_by=proposed_by,
+            rho=rho,
+            predicted_reward=float(forecast.reward[action]) if flags & APPLICABLE else np.nan,
+            unsafe=bool(flags & UNSAFE),
+            risk=risk_of(flags) if flags & (APPLICABLE | UNSAFE) else np.nan,
+            proposal_unsafe=proposed >= 0 and bool(forecast.flags[proposed] & (UNSAFE | RISKY)),
+            indifferent=forecast.indifferent,
+            admissible=admissible,
+            forecast=forecast,
+        )
 
     @property
     def depth(self) -> int:

@@ -5,6 +5,7 @@
 ``planner-1.pddl``, …       copies of the domains of the task's own planners (and their problems)
 ``metrics.csv``             one row per episode
 ``decisions.csv``           one row per decision
+``recording``               every step in numbers, see `serp.runs.recording_format`
 ``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
 ``summary.json``, ``report.md``, ``learning-curve.png``, ``learning-curve.svg``  the results
 

@@ -204,6 +204,9 @@ class TrainingSettings(Section):
     slow_step_seconds: Annotated[float, Field(gt=0)] = 30.0
     """A step or reset of the environment that takes longer is reported while it lasts, once per
     run. Infinity: never."""
+    record: bool = True
+    """Whether to record every step: state, decision, and all that was predicted. `serp why` needs
+    it."""
     tensorboard: bool | Literal["steps"] = False
     """Whether to write TensorBoard events as well (extra `tensorboard`): `true` for every episode,
     `steps` for every env step, too, which takes about 0.15 ms more per step."""

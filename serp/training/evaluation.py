@@ -15,6 +15,7 @@ from serp._util.text import did_you_mean
 from serp.control.decision_counts import sight_of
 from serp.control.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
+from serp.runs.recorder import Recorder
 from serp.runs.summary import WINDOW
 from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
@@ -116,10 +117,12 @@ def play(
     *,
     episodes: int = EPISODES,
     seed: int = 0,
+    recorder: Recorder | None = None,
 ) -> Iterator[Episode]:
     """Run a policy without exploring or learning; no random state of the agent changes.
 
-    The environment of the task is not used otherwise. Advancing the iterator begins the next
+    The environment of the task is not used otherwise. Steps are recorded, if there is a recorder,
+    before they are yielded. Advancing the iterator begins the next
     episode, even if the previous one is not finished. Equal seeds give other episodes than in
     training.
 
@@ -128,10 +131,8 @@ def play(
         TaskError: The grounding failed (in a step).
         EnvironmentFailure: The environment raised or gave NaN (in a step).
     """
-    policies = get_args(Policy)
-    if policy not in policies:
-        raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(str(policy), policies)}")
     count, seed = whole(episodes, 1), seed_of(seed)
+    check_policy(policy)
     if count is None:
         raise SettingsError(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
@@ -144,7 +145,25 @@ def play(
             )
             draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
             decide = _decisions(agent, policy, draws)
-            yield Episode(episode + 1, rollout.info, rollout.steps(decide), rollout.totals)
+            steps = rollout.steps(decide)
+            if recorder is not None:
+                steps = _recorded(steps, recorder, episode + 1)
+            yield Episode(episode + 1, rollout.info, steps, rollout.totals)
+
+
+def _recorded(
+    steps: Iterator[StepRecord], recorder: Recorder, episode: int
+) -> Iterator[StepRecord]:
+    for step in steps:
+        recorder.append(episode, step)
+        yield step
+
+
+def check_policy(policy: str) -> None:
+    """Check that there is a policy of that name."""
+    policies = get_args(Policy)
+    if policy not in policies:
+        raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(str(policy), policies)}")
 
 
 def outcome_of(info: Mapping[str, Any]) -> str:
@@ -161,13 +180,14 @@ def evaluate(
     episodes: int = EPISODES,
     seed: int = 0,
     on_episode: Callable[[], None] = lambda: None,
+    recorder: Recorder | None = None,
 ) -> EvaluationResult:
     """Evaluate a policy; arguments and errors are those of `play`.
 
     `on_episode` is called at the end of each episode.
     """
     totals: list[EpisodeTotals] = []
-    for episode in play(agent, task, policy, episodes=episodes, seed=seed):
+    for episode in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
         for _ in episode.steps:
             pass
         totals.append(episode.totals)

@@ -13,7 +13,7 @@ from typing import Any
 import gymnasium as gym
 from numpy.typing import NDArray
 
-from serp._util.numbers import whole
+from serp._util.numbers import seed_of, whole
 from serp._util.saved_state import Saved
 from serp._util.terminal import bar
 from serp._util.threads import one_thread
@@ -23,12 +23,14 @@ from serp.model.loading import load_domain
 from serp.runs.checkpoint import Checkpoint
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.reading import read_metrics
+from serp.runs.recorder import Recorder, recorded_evaluation
+from serp.runs.recording_format import Layout
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import load_task
 from serp.tasks.task import Task
 from serp.tasks.worlds.file_world import world_task
 from serp.training.agent import Agent
-from serp.training.evaluation import EPISODES, EvaluationResult, evaluate
+from serp.training.evaluation import EPISODES, EvaluationResult, check_policy, evaluate
 from serp.training.policies import Policy
 from serp.training.run_metadata import read_run_metadata, refuse_changes
 
@@ -169,6 +171,7 @@ class Run:
         *,
         episodes: int = EPISODES,
         seed: int = 0,
+        record: bool = False,
         quiet: bool = False,
     ) -> EvaluationResult:
         """Evaluate a policy of the run in a new environment.
@@ -180,6 +183,7 @@ class Run:
                 None of them explores.
             episodes: Number of episodes, at least 1.
             seed: Seed of the environment.
+            record: Record the steps in the run's folder, as `evaluations/<policy>-seed<seed>`.
             quiet: Show no progress bar on a terminal.
 
         Raises:
@@ -191,8 +195,21 @@ class Run:
             self.environment() as task,
             one_thread(),
             bar(title, whole(episodes, 1) or 1, quiet=quiet) as advance,
+            self.recorder(policy, seed) if record else contextlib.nullcontext() as recorder,
         ):
-            return evaluate(agent, task, policy, episodes=episodes, seed=seed, on_episode=advance)
+            return evaluate(
+                agent, task, policy, episodes=episodes, seed=seed, on_episode=advance,
+                recorder=recorder,
+            )  # fmt: skip
+
+    def recorder(
+        self, policy: Policy, seed: int
+    ) -> contextlib.AbstractContextManager[Recorder | None]:
+        """Return the recorder of an evaluation of the run; see `recorded_evaluation`."""
+        check_policy(policy)
+        seed = seed_of(seed)
+        layout = Layout.of(self.agent.arbiter.model, self.agent.arbiter.actions)
+        return recorded_evaluation(self.path, f"{policy}-seed{seed}", layout)
 
     @contextlib.contextmanager
     def environment(self, render_mode: str | None = None) -> Iterator[BoundTask]:

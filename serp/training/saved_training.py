@@ -15,6 +15,8 @@ from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.reading import read_metrics
+from serp.runs.recorder import Recorder
+from serp.runs.recording_format import RECORDING, Layout
 from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.settings import Settings
 from serp.tasks.bound_task import BoundTask
@@ -128,6 +130,8 @@ def train(
         """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
+        if trainer.recorder is not None:
+            trainer.recorder.flush()
         folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
         if events is not None:
             events.flush()
@@ -150,6 +154,10 @@ def train(
 
         trainer.on_step = after_step
         with contextlib.ExitStack() as stack, one_thread(), progress, watchdog:
+            if settings.record:
+                layout = Layout.of(trainer.task.model, trainer.task.actions)
+                recorder = Recorder(folder.path / RECORDING, layout, trainer.env_steps)
+                trainer.recorder = stack.enter_context(recorder)
             if settings.tensorboard:
                 events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
             source = describe_source(trainer.judge.source, in_file=trainer.task.model.rewarding)

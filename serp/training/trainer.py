@@ -18,6 +18,7 @@ from serp.control.decision_counts import DecisionCounts
 from serp.control.step_record import OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.model.transition_model import StateError, Vector
+from serp.runs.recorder import Recorder
 from serp.runs.rows import MetricsRow, decision_row, metrics_row
 from serp.runs.tables import Table
 from serp.settings import Settings
@@ -48,6 +49,7 @@ class Trainer(Closing):
         lanes: The environments.
         judge: Judges the steps.
         decisions: Table in which decisions are logged; None for no log.
+        recorder: Where steps are recorded; None for nowhere.
         episode, env_steps: Numbers of complete episodes and of env steps.
         under_way: Number of the current env step, from 1.
         units: Number of complete units of `arbiter.rho_unit`.
@@ -85,6 +87,7 @@ class Trainer(Closing):
         self.tally = DecisionCounts()
         self.recent: deque[float] = deque(maxlen=20)
         self.decisions: Table | None = None
+        self.recorder: Recorder | None = None
         self.on_step: OnStep | None = None
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, working_time()
@@ -190,6 +193,8 @@ class Trainer(Closing):
         step = lane.rollout.step(lane.decision)
         self.agent.observe(step, lane.episode)
         self.env_steps += 1
+        if self.recorder is not None:
+            self.recorder.append(lane.episode + 1, step)
         self.tally.count(step.decision)
         return step
 

@@ -14,6 +14,7 @@ from serp.control.decision import Actor
 from serp.control.step_record import StepRecord
 from serp.explanation.refusals import why_unsafe
 from serp.model.flags import RISKY, UNSAFE
+from serp.runs.recorder import Recorder
 from serp.settings.section import Section
 from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
@@ -79,16 +80,25 @@ def film_of_run(
 ) -> Iterator[Iterator[Frame]]:
     """Yield the frames of a film of a run's policy, in an environment of their own.
 
+    The steps are recorded as those of an evaluation.
+
     Raises:
         SerpError: See `render_mode_of` and `film`.
     """
     agent = run.agent
-    with run.environment(render_mode_of(run)) as task:
-        yield film(agent, task, settings, on_episode)
+    with (
+        run.environment(render_mode_of(run)) as task,
+        run.recorder(settings.policy, settings.seed) as recorder,
+    ):
+        yield film(agent, task, settings, on_episode, recorder)
 
 
 def film(
-    agent: Agent, task: BoundTask, settings: FilmSettings, on_episode: OnEpisode | None = None
+    agent: Agent,
+    task: BoundTask,
+    settings: FilmSettings,
+    on_episode: OnEpisode | None = None,
+    recorder: Recorder | None = None,
 ) -> Iterator[Frame]:
     """Play a policy and return the frames of a film as they are made.
 
@@ -98,12 +108,16 @@ def film(
             `serp.viz.camera`.
         settings: The settings of the film.
         on_episode: Called at the end of each episode.
+        recorder: Where the steps are recorded; None for nowhere.
 
     Raises:
         SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
         SerpError: Environment or grounding failed (in a step).
     """
-    episodes = play(agent, task, settings.policy, episodes=settings.episodes, seed=settings.seed)
+    episodes = play(
+        agent, task, settings.policy, episodes=settings.episodes, seed=settings.seed,
+        recorder=recorder,
+    )  # fmt: skip
     filming = _Filming(agent, task, settings, on_episode)
     return (frame for episode in episodes for frame in filming.frames(episode))
 

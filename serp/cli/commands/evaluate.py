@@ -34,12 +34,14 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
 
     Return is the sum of the environment's rewards. The interval holds the mean of all episodes with
     95 % confidence (Student's t); the spread is what single episodes differ by.
+
+    The steps are recorded in RUN, so that `serp why RUN --evaluation POLICY-seedN` explains them.
     """
     from serp.training.account import account_of
     from serp.training.evaluation import other_in_training
 
     loaded = open_run(run)
-    result = loaded.evaluate(policy, episodes=episodes, seed=seed).as_dict()
+    result = loaded.evaluate(policy, episodes=episodes, seed=seed, record=True).as_dict()
     if as_json:
         print_json({"run": str(run), "seed": seed, **result, **account_of(loaded.agent)})
         return

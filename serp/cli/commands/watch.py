@@ -58,7 +58,8 @@ def command(
     """Show episodes of a policy of RUN, the folder that plan-and-learn made.
 
     Below the picture stands who acts and what is done; in red what was refused, and why in the
-    words of the domain file. In the window, Space pauses and Escape closes.
+    words of the domain file. In the window, Space pauses and Escape closes. The steps are recorded
+    in RUN as those of an evaluation, for `serp why`.
     """
     from serp._util.extras import needs_extra
 

@@ -117,9 +117,7 @@ class GuardedEnv(ArbitratedEnv):
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Adapt the model, count, log, and return the task's info with the decision."""
         agent = self._agent
-        self._log.decision(
-            step.decision, agent.arbiter, step.state, self.env_steps, self.episode + 1
-        )
+        self._log.step(step, agent.arbiter, self.env_steps, self.episode + 1)
         with blas_on_one_thread():
             agent.observe(step)
         self.env_steps += 1

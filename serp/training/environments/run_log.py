@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 from pathlib import Path
 
 from serp._util.compile_time import compile_seconds, working_time
 from serp.control.arbiter import Arbiter
-from serp.control.decision import Decision
-from serp.control.step_record import EpisodeTotals
-from serp.model.transition_model import Vector
+from serp.control.step_record import EpisodeTotals, StepRecord
 from serp.runs.folder import RunFolder
+from serp.runs.recorder import Recorder
+from serp.runs.recording_format import RECORDING, Layout
 from serp.runs.rows import decision_row, metrics_row
 from serp.settings import Settings
 from serp.tasks.bound_task import BoundTask
@@ -43,6 +44,7 @@ class RunLog:
     ) -> None:
         self._clock, self._compiled = working_time(), compile_seconds()
         self._folder: RunFolder | None = None
+        self._recorder: Recorder | None = None
         if path is not None:
             self._folder = begin_run(
                 Path(path),
@@ -53,14 +55,17 @@ class RunLog:
                 budget=Budget(),
                 begun=begun,
             )
+            if settings.training.record:
+                layout = Layout.of(task.model, task.actions)
+                self._recorder = Recorder(self._folder.path / RECORDING, layout)
 
-    def decision(
-        self, decision: Decision, arbiter: Arbiter, state: Vector, step: int, episode: int
-    ) -> None:
-        """Write a decision."""
+    def step(self, step: StepRecord, arbiter: Arbiter, number: int, episode: int) -> None:
+        """Write a step and its decision; `number` counts env steps from 0."""
         if self._folder is not None:
-            row = decision_row(decision, arbiter, state, step=step, episode=episode)
+            row = decision_row(step.decision, arbiter, step.state, step=number, episode=episode)
             self._folder.decisions.append(row)
+        if self._recorder is not None:
+            self._recorder.append(episode, step)
 
     def episode(self, totals: EpisodeTotals, rho: float, env_steps: int, episode: int) -> None:
         """Write an episode."""
@@ -83,6 +88,6 @@ class RunLog:
         from serp.runs.results import write_results  # imports matplotlib
 
         folder, self._folder = self._folder, None
-        with folder:
+        with folder, self._recorder or contextlib.nullcontext():
             seconds = compile_seconds() - self._compiled
             write_results(folder, compile_seconds=seconds, account=account_of(agent))

@@ -36,9 +36,9 @@ def misled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: Path) -> None:
-    before = {path.name: path.read_bytes() for path in misled.iterdir()}
+    before = {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()}
     text, shown = run("diagnose", str(misled)).stdout, told(run, str(misled))
-    assert {path.name: path.read_bytes() for path in misled.iterdir()} == before
+    assert {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()} == before
     line = CARTPOLE.read_text(encoding="utf-8").split(WRONG)[0].count("\n") + 1
     (remark,) = (r for r in shown["remarks"] if r["line"] == line)
     effect = WRONG.replace("0.195", "0.39")

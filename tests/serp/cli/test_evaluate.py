@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from serp._util.number_format import percent
+from serp.runs.recording import open_recording
 from serp.training.account import account_of
 from serp.training.run import load_run
 from tests.serp.cli.conftest import Run
@@ -27,6 +28,9 @@ def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path)
     assert said == {name: load_run(trained).summary[name] for name in said}
     assert shown == {"run": str(trained), "seed": 9, **result.as_dict(), **said}
     assert shown["mean"] == np.mean(shown["returns"])
+    recorded = open_recording(trained, f"{policy}-seed9")
+    assert [len(steps) for steps in recorded.episodes.values()] == shown["lengths"]
+    assert recorded.columns("env_reward")["env_reward"].sum() == sum(shown["returns"])
 
 
 def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from serp.runs.checkpoint import NEWEST, load
+from serp.runs.recording_format import RECORDING
 from serp.tasks.task import Task
 from serp.training.plan_and_learn import plan_and_learn
 from serp.training.run import Run
@@ -60,6 +61,7 @@ def everything(folder: Path) -> tuple[Any, ...]:
     return (
         rows(folder, "metrics"),
         (folder / "decisions.csv").read_bytes(),
+        {file.name: file.read_bytes() for file in sorted((folder / RECORDING).iterdir())},
         {name: (a.dtype, a.shape, a.tobytes()) for name, a in sorted(arrays.items())},
         json.dumps(meta, sort_keys=True),
     )

@@ -15,6 +15,8 @@ from PIL import Image, ImageColor
 
 from serp._util import figures
 from serp.errors import EnvironmentFailure, MissingExtra, RunError
+from serp.runs.recording import open_recording
+from serp.runs.recording_format import EVALUATIONS
 from serp.training.run import Run, load_run
 from serp.viz.film import FilmSettings, Frame, film
 from serp.viz.film_files import write_film, write_gif, write_mp4
@@ -50,15 +52,24 @@ def test_a_gif_shows_what_was_filmed_and_stores_what_changed(run: Run, tmp_path:
     assert path.stat().st_size < 0.5 * len(frames) * len(buffer.getvalue())
 
 
+def files_of(run: Run) -> dict[Path, bytes]:
+    """All files of a run but those of evaluations."""
+    files = (path for path in run.path.rglob("*") if path.is_file())
+    return {path: path.read_bytes() for path in files if EVALUATIONS not in path.parts}
+
+
 def test_equal_films_give_equal_files_and_change_nothing_else(run: Run, tmp_path: Path) -> None:
     before = dict(os.environ)
-    kept = {path: path.read_bytes() for path in run.path.iterdir()}
+    kept = files_of(run)
     agent = json.dumps(run.agent.state_dict()[1], sort_keys=True)
     for name in ("one.gif", "other.gif"):
         write_film(run, tmp_path / name, SETTINGS)
     assert (tmp_path / "one.gif").read_bytes() == (tmp_path / "other.gif").read_bytes()
     assert dict(os.environ) == before
-    assert {path: path.read_bytes() for path in run.path.iterdir()} == kept
+    assert files_of(run) == kept
+    name = f"{SETTINGS.policy}-seed{SETTINGS.seed}"
+    recorded = open_recording(run.path, name)
+    assert list(recorded.episodes) == list(range(1, SETTINGS.episodes + 1))
     assert json.dumps(run.agent.state_dict()[1], sort_keys=True) == agent
 
 

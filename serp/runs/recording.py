@@ -1,0 +1,265 @@
+"""The recorded steps of a run or of an evaluation, read from its folder."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.text import listed, plural
+from serp.control.decision import Decision
+from serp.errors import RunError
+from serp.model.transition_model import Vector
+from serp.planning.action_map import ActionForecast
+from serp.planning.limits import Bound
+from serp.runs.recording_format import (
+    ACTORS,
+    EVALUATIONS,
+    HEADER,
+    REASONS,
+    RECORDING,
+    Columns,
+    Layout,
+    blocks_in,
+    decode,
+)
+
+_BOUNDS: Final = tuple(Bound)
+_KEPT = 8
+"""Blocks that are kept in memory."""
+
+
+@dataclass(frozen=True)
+class RecordedStep:
+    """One recorded step.
+
+    Attributes:
+        step: Its position in the recording, from 0: the `step` of `decisions.csv`.
+        episode: Number of its episode, from 1, in the order in which they begin.
+        number: Its number in the episode, from 1.
+        state: State `[F]` before it.
+        next_state: State `[F]` after it; None where the recording was stopped in the episode.
+        decision: The decision, with all that was predicted.
+        env_reward: The environment's reward.
+        domain_reward: R(s′) of the domain file; 0 in an evaluation.
+        unsafe: Whether the observed step is unsafe by the file; False in an evaluation.
+        terminated, truncated: Whether the episode ended, and how.
+    """
+
+    step: int
+    episode: int
+    number: int
+    state: Vector
+    next_state: Vector | None
+    decision: Decision
+    env_reward: float
+    domain_reward: float
+    unsafe: bool
+    terminated: bool
+    truncated: bool
+
+
+class Recording:
+    """The steps that a run, or an evaluation of it, recorded.
+
+    Blocks are read when they are needed. A recording that is being written can be read, up to its
+    last complete block or flush.
+
+    Args:
+        folder: The folder with `recording.json`.
+
+    Attributes:
+        layout: Names and sizes.
+
+    Raises:
+        RunError: There is no recording there, or it is damaged.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.layout = Layout.read(folder)
+        blocks = list(blocks_in(folder).items())
+        for number, (found, _) in enumerate(blocks):
+            if number != found:
+                raise RunError(f"{folder} has no block {number}. Restore it from a copy.")
+        self._files = [file for _, file in blocks]
+        last = len(decode(self._files[-1], self.layout, ["number"])["number"]) if blocks else 0
+        self._steps = max(0, len(blocks) - 1) * self.layout.block + last
+        self._block = functools.lru_cache(_KEPT)(self._read_block)
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return self._steps
+
+    def _read_block(self, number: int) -> Columns:
+        found = decode(self._files[number], self.layout)
+        self._require_full(number, found)
+        return found
+
+    def _require_full(self, number: int, found: Columns) -> None:
+        if number < len(self._files) - 1 and len(found["number"]) != self.layout.block:
+            raise RunError(f"{self._files[number]} has too few steps. Restore it from a copy.")
+
+    def columns(self, *names: str) -> Columns:
+        """Return columns of all steps: name → `[N, ...]`; see `serp.runs.recording_format`."""
+        parts = []
+        for number, file in enumerate(self._files):
+            parts.append(decode(file, self.layout, dict.fromkeys(("number", *names))))
+            self._require_full(number, parts[-1])
+        empty = self.layout.empty(0)
+        return {
+            name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in names
+        }
+
+    @functools.cached_property
+    def episodes(self) -> dict[int, NDArray[np.int64]]:
+        """Number of an episode → its steps, in order. Episodes that run together interleave."""
+        numbers = self.columns("episode")["episode"]
+        order = np.argsort(numbers, kind="stable")
+        names, starts = np.unique(numbers[order], return_index=True)
+        return (
+            dict(zip(names.tolist(), np.split(order, starts[1:]), strict=True))
+            if len(order)
+            else {}
+        )
+
+    @functools.cached_property
+    def states(self) -> NDArray[np.float64]:
+        """The states `[N, F]` before all steps."""
+        return self.columns("state")["state"]
+
+    @property
+    def ranges(self) -> tuple[Vector, Vector]:
+        """The smallest and the largest value `[F]` of every fluent."""
+        return self.states.min(axis=0), self.states.max(axis=0)
+
+    @functools.cached_property
+    def usual_change(self) -> Vector:
+        """The root mean square `[F]` of what a fluent changes by from one step to the next."""
+        total, count = np.zeros(len(self.layout.fluents)), 0
+        for steps in self.episodes.values():
+            total += np.square(np.diff(self.states[steps], axis=0)).sum(axis=0)
+            count += len(steps) - 1
+        return np.sqrt(total / max(1, count))
+
+    def step(self, step: int) -> RecordedStep:
+        """Return a step by its position.
+
+        Raises:
+            RunError: There is no such step.
+        """
+        if not 0 <= step < len(self):
+            there = f"steps 0 to {len(self) - 1:,}" if len(self) else "no steps yet"
+            raise RunError(f"there is no step {step:,}: {self.folder} holds {there}.")
+        block, row = divmod(step, self.layout.block)
+        columns = self._block(block)
+
+        def at(name: str) -> Any:
+            value = columns[name][row]
+            return value.copy() if isinstance(value, np.ndarray) else value.item()
+
+        forecast = ActionForecast(
+            choice=at("choice"),
+            ground=at("ground").astype(np.int64),
+            value=at("value"),
+            path_risk=at("path_risk"),
+            safe_steps=at("safe_steps").astype(np.int64),
+            reward=at("reward"),
+            flags=at("flags"),
+            depth=at("depth"),
+            bound=_BOUNDS[at("bound")],
+            indifferent=at("indifferent"),
+        )
+        decision = Decision.of(
+            forecast,
+            at("admissible"),
+            action=at("action"),
+            executed_by=ACTORS[at("executed_by")],
+            reason=REASONS[at("reason")],
+            proposed=at("proposed"),
+            proposed_by=ACTORS[at("proposed_by")],
+            rho=at("rho"),
+        )
+        episode = at("episode")
+        return RecordedStep(
+            step=step,
+            episode=episode,
+            number=at("number"),
+            state=at("state"),
+            next_state=self._next_state(step, episode, columns, row),
+            decision=decision,
+            env_reward=at("env_reward"),
+            domain_reward=at("domain_reward"),
+            unsafe=at("unsafe"),
+            terminated=at("terminated"),
+            truncated=at("truncated"),
+        )
+
+    def _next_state(self, step: int, episode: int, columns: Columns, row: int) -> Vector | None:
+        ends = columns["terminated"] | columns["truncated"]
+        if ends[row]:
+            final: Vector = columns["final_state"][int(ends[:row].sum())].copy()
+            return final
+        steps = self.episodes[episode]
+        following = int(np.searchsorted(steps, step)) + 1
+        if following == len(steps):
+            return None
+        block, row = divmod(int(steps[following]), self.layout.block)
+        state: Vector = self._block(block)["state"][row].copy()
+        return state
+
+    def find(self, episode: int, number: int) -> int:
+        """Return the position of a step of an episode, both from 1.
+
+        Raises:
+            RunError: There is no such episode, or no such step in it.
+        """
+        steps = self.episodes.get(episode)
+        if steps is None:
+            last = max(self.episodes, default=0)
+            there = f"episodes 1 to {last:,}" if last else "no episode yet"
+            raise RunError(f"there is no episode {episode:,}: {self.folder} holds {there}.")
+        if not 1 <= number <= len(steps):
+            raise RunError(
+                f"episode {episode:,} has no step {number:,}: it has "
+                f"{plural(len(steps), 'step')}, counted from 1."
+            )
+        return int(steps[number - 1])
+
+
+def open_recording(run: Path, evaluation: str | None = None) -> Recording:
+    """Open the recording of a run, or of one of its evaluations.
+
+    Args:
+        run: The folder of the run.
+        evaluation: The name of the evaluation, such as `serp-seed0`; None: that of the training.
+
+    Raises:
+        RunError: There is none.
+    """
+    if evaluation is not None:
+        found = evaluations_of(run)
+        if evaluation not in found:
+            there = f"there are {listed(found)}" if found else "`serp evaluate` makes one"
+            raise RunError(f"{run} has no evaluation `{evaluation}`; {there}.")
+        return Recording(run / EVALUATIONS / evaluation)
+    if not (run / RECORDING / HEADER).is_file():
+        there = "".join(f"\n  serp why {run} --evaluation {name}" for name in evaluations_of(run))
+        raise RunError(
+            f"{run} has no recording of its steps. A run trained with training.record=true, which "
+            "is the default, has one; `serp evaluate` records its episodes."
+            + (f" There are evaluations:{there}" if there else "")
+        )
+    return Recording(run / RECORDING)
+
+
+def evaluations_of(run: Path) -> list[str]:
+    """Return the names of the recorded evaluations of a run."""
+    folder = run / EVALUATIONS
+    if not folder.is_dir():
+        return []
+    return sorted(each.name for each in folder.iterdir() if (each / HEADER).is_file())
