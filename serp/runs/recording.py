@@ -34,7 +34,7 @@ _KEPT = 8
 
 
 @dataclass(frozen=True)
-class RecordedStep:
+class StoredStep:
     """One recorded step.
 
     Attributes:
@@ -146,7 +146,7 @@ class Recording:
             count += len(steps) - 1
         return np.sqrt(total / max(1, count))
 
-    def step(self, step: int) -> RecordedStep:
+    def step(self, step: int) -> StoredStep:
         """Return a step by its position.
 
         Raises:
@@ -185,7 +185,7 @@ class Recording:
             rho=at("rho"),
         )
         episode = at("episode")
-        return RecordedStep(
+        return StoredStep(
             step=step,
             episode=episode,
             number=at("number"),
