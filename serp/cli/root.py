@@ -25,6 +25,7 @@ COMMANDS = {
     "export": "Write a trained policy for a robot without serp.",
     "test": "Check that a domain file leads to what you expect.",
     "check": "Check domain files and say what to fix.",
+    "format": "Lay domain files out regularly.",
     "list": "List what is installed: tasks, algorithms, strategies.",
 }
 """Command, in the order of use → one line of help. The command `a-b` is the attribute `command`

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -148,3 +149,28 @@ def test_the_option_that_the_message_names_raises_the_limit(run: Run, walk: Path
     for command in (["check", "cartpole"], ["plan", *asked], ["plan-and-learn", *asked]):
         refused = run(*command, "--max-ground-schemas", "2", expect=1)
         assert "more than 2 ground actions" in refused.stderr
+
+
+def test_findings_are_printed_for_programs_and_mended(run: Run, walk: Path) -> None:
+    wrong = WALK.replace("(assign (walked) 0)", "(walked = 0)").replace(":typing ", "")
+    walk.write_text(wrong)
+    found = json.loads(run("check", "walk.pddl", "--json", expect=1).stdout)
+    assert [(f["code"], f["place"]["line"], f["fix"]["sure"]) for f in found] == [
+        ("foreign-syntax", 15, True)
+    ]
+    mended = run("check", "walk.pddl", "--fix")
+    assert "-    :effect (and (walked = 0) (increase (reward) 3))))" in mended.stderr
+    assert walk.read_text() == WALK.replace(":typing :numeric-fluents", ":numeric-fluents").replace(
+        ":conditional-effects)", ":conditional-effects :typing)"
+    )
+    assert run("check", "walk.pddl", "--format=github").stdout == "\n"
+
+
+def test_formatting_says_what_would_change_and_changes_blanks_only(run: Run, walk: Path) -> None:
+    walk.write_text(WALK.replace("    :param", " :param"))
+    assert "walk.pddl: would change" in run("format", "walk.pddl", "--check", expect=1).stdout
+    assert "+    :param" in run("format", "walk.pddl", "--diff").stdout
+    assert run("format", "walk.pddl", "walk-problem.pddl").stdout.count("formatted") == 2
+    assert walk.read_text() == WALK.lstrip("\n")
+    Path("bad.pddl").write_text(")")
+    assert "before it" in run("format", "bad.pddl", expect=1).stderr
