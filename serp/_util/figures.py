@@ -14,16 +14,37 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK: Final = "#222222"
-FAINT: Final = "#8A8F98"
-PLANNER: Final = "#0072B2"
-REFUSED: Final = "#B5271B"
+PALETTE: Final[Mapping[str, tuple[str, str]]] = {
+    "surface": ("#ffffff", "#14171c"),
+    "ink": ("#1f2430", "#e6e9ee"),
+    "faint": ("#5b6472", "#a4adba"),
+    "line": ("#8a8f98", "#727a86"),
+    "grid": ("#e4e7eb", "#2b313a"),
+    "good": ("#0a4a94", "#74adf5"),
+    "bad": ("#b5271b", "#ff8373"),
+    "blue": ("#0072b2", "#4aa3df"),
+    "orange": ("#e69f00", "#e8a92c"),
+    "green": ("#009e73", "#2bbd93"),
+    "vermilion": ("#d55e00", "#f08a45"),
+    "purple": ("#cc79a7", "#dd93bc"),
+    "sky": ("#56b4e9", "#7cc8f2"),
+}
+"""Name → colour on light and on dark. PNG files have the light ones, SVG files both.
+
+Text has `ink` or `faint`, at a contrast of at least 5.9 on its surface.
+"""
+
+INK: Final = PALETTE["ink"][0]
+FAINT: Final = PALETTE["faint"][0]
+LINE: Final = PALETTE["line"][0]
+PLANNER: Final = PALETTE["blue"][0]
+REFUSED: Final = PALETTE["bad"][0]
 """Colour of refused and unsafe actions, as in a planning graph."""
 ACTORS: Final[Mapping[str, str]] = {
     "planner": PLANNER,
-    "learner": "#E69F00",
-    "exploration": "#009E73",
-    "fallback": FAINT,
+    "learner": PALETTE["orange"][0],
+    "exploration": PALETTE["green"][0],
+    "fallback": LINE,
 }
 """Values of `serp.control.arbiter.Actor` → colour."""
 
@@ -32,16 +53,17 @@ STYLE: Final[dict[str, Any]] = {
     "savefig.facecolor": "white",
     "font.family": "DejaVu Sans",  # shipped with matplotlib: the same everywhere
     "font.size": 11,
+    "text.color": INK,
     "axes.titlesize": 13,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.labelcolor": INK,
-    "axes.edgecolor": FAINT,
+    "axes.edgecolor": LINE,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "axes.grid": True,
-    "grid.color": "#E4E7EB",
+    "grid.color": PALETTE["grid"][0],
     "grid.linewidth": 0.8,
     "xtick.color": INK,
     "ytick.color": INK,
@@ -53,6 +75,17 @@ STYLE: Final[dict[str, Any]] = {
 }
 
 
+def colour(name: str) -> str:
+    """Return a colour of the palette for SVG: the page's, if it sets one, or else the light one."""
+    return f"var(--{name}, {PALETTE[name][0]})"
+
+
+def style_sheet() -> str:
+    """Return the element that makes an SVG file dark where the reader's pages are."""
+    dark = ";".join(f"--{name}:{shade}" for name, (_, shade) in PALETTE.items())
+    return f"<style>@media (prefers-color-scheme: dark){{svg{{{dark}}}}}</style>"
+
+
 def render(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
     """Return the bytes of a picture file, without a date: equal runs give equal files."""
     import matplotlib.style
@@ -61,7 +94,14 @@ def render(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
     metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {}
     with matplotlib.style.context(["default", STYLE]):
         figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-    return buffer.getvalue()
+    return buffer.getvalue() if kind == "png" else _both_ways(buffer.getvalue().decode())
+
+
+def _both_ways(svg: str) -> bytes:
+    """Return an SVG file of matplotlib with the colours of the palette, light and dark."""
+    for name, (light, _) in PALETTE.items():
+        svg = svg.replace(light, colour(name))
+    return svg.replace("<defs>", style_sheet() + "<defs>", 1).encode()
 
 
 def legend_above(axes: Axes, columns: int) -> None:

@@ -122,18 +122,14 @@ def command(
         elif task is not None and domain.model.rewarding:
             console.print(learned_from(domain, task))
     if svg is not None:
-        from serp._util.extras import needs_extra
         from serp._util.files import write_durably
-
-        with needs_extra("plots", "a picture of the planning graph"):
-            from serp.viz.plan_drawing import draw_plan, svg_bytes
+        from serp.viz.plan_picture import plan_picture
 
         drawn, what = plan, "The planning graph"
         if isinstance(planner, ChosenPlanner):  # what it sees beyond cannot be drawn
             drawn, what = planner.lookahead(state), "What the lookahead alone would choose"
             origin += ": the lookahead alone"
-        figure = draw_plan(drawn, planner, title=f"{domain.name}, {origin}")
-        write_durably(svg, svg_bytes(figure))
+        write_durably(svg, plan_picture(drawn, planner, title=f"{domain.name}, {origin}"))
         say(f"{what} is drawn in {svg}")
 
 

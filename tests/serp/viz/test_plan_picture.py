@@ -11,14 +11,15 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import pytest
 from hypothesis import given
 
+from serp._util.number_format import readable
 from serp.model.loading import Domain, load_domain
 from serp.planning.replanner import MonitorReplanner, Plan
-from serp.viz.plan_drawing import draw_plan, svg_bytes
-from serp.viz.plan_layout import MAX_EDGES, MAX_FAN, PlanLayout, lay_out, short
+from serp.viz.plan_layout import MAX_ROWS, PlanLayout, lay_out, short
+from serp.viz.plan_picture import plan_picture
+from serp.viz.plan_svg import DASHES, plan_svg
 from tests.generated.models import Generated, models_with_states
 from tests.generated.profile import examples
 from tests.generated.writer import PLANNABLE
@@ -70,39 +71,60 @@ def planned(text: str, folder: Path, state: list[float], depth: int) -> tuple[Pl
     return plan_in(load_domain(file), state, depth=depth)
 
 
-def layout_of(plan: Plan, planner: MonitorReplanner) -> PlanLayout:
+CLIFF = """
+(define (domain cliff)
+  (:predicates (unsafe) (terminal)) (:functions (x) (reward))
+  (:action jump :parameters () :precondition (and)
+    :effect (and (increase (x) 1.0) (increase (reward) 100.0) (unsafe)))
+  (:action walk :parameters () :precondition (and) :effect (and (increase (x) 1.0))))
+"""
+
+
+def layout_of(plan: Plan, planner: MonitorReplanner, rows: int = MAX_ROWS) -> PlanLayout:
     """The layout, after a check of what holds of every layout."""
     labels = {k: action.name for k, action in enumerate(planner.model.actions)}
-    layout = lay_out(plan.graph, planner.settings.discount**planner.settings.repeat, labels)
+    layout = lay_out(plan.graph, planner.settings.discount**planner.settings.repeat, labels, rows)
     branches = layout.branches
     # Every edge at most once, behind an edge that reaches its source, or out of the root.
     edges = Counter((b.source, b.target, b.action) for b in branches)
     assert set(edges.values()) <= {1} and all(edge in plan.graph.edges for edge in edges)
-    # What follows a state is shown once, and if it is not shown here, the end says so.
+    # What follows a state is shown or counted once, and if it is not, the end says so.
     forks = Counter(b.target for b in branches if b.children)
     assert set(forks.values()) <= {1}
+    shown = [([b for b in branches if b.parent is None], layout.rest, 0)]
     for branch in branches:
         assert branch.source == (branch.parent.target if branch.parent else 0)
         assert branch.parent is None or branch in branch.parent.children
         assert bool(branch.children) == (branch.end == "fork")
-        if plan.graph.out_degree(branch.target):
-            assert branch.end in ("fork", "elsewhere", "collapsed")
+        if branch.children:
+            shown.append((list(branch.children), branch.rest, branch.target))
+        elif plan.graph.out_degree(branch.target):
+            assert branch.end in ("elsewhere", "collapsed")
             assert branch.end != "elsewhere" or forks[branch.target]
-        assert 0.0 <= branch.value <= (0.0 if branch.harm else 1.0)
+        # Nothing behind a harm shines.
+        muted = branch.parent is not None and (
+            branch.parent.muted or branch.parent.harm in ("unsafe", "risky")
+        )
+        assert branch.muted == muted
+        assert 0.0 <= branch.value <= (0.0 if branch.harm or muted else 1.0)
+    for fan, rest, source in shown:
+        assert len(fan) + (rest.count if rest else 0) == plan.graph.out_degree(source)
+        if rest and rest.best is not None:
+            assert rest.best <= max(b.total for b in fan if not b.harm)
     # The best path is there.
     path = sorted((b for b in branches if b.chosen), key=lambda b: b.layer)
     assert [b.label for b in path] == [short(step.action) for step in plan.path]
-    # Bounded: beyond the limit only the best path. No two lines of a column coincide.
-    assert len(branches) <= MAX_EDGES + plan.depth * MAX_FAN
+    # Bounded: beyond the limit only the best path with what is beside it. No rows coincide.
+    leaves = sum(not b.children for b in branches) + sum(rest is not None for _, rest, _ in shown)
+    assert leaves <= max(rows, 13) + 13 * plan.depth
     for layer in {b.layer for b in branches}:
-        rows = sorted((b.row, bool(b.label)) for b in branches if b.layer == layer)
-        for (upper, _), (lower, labelled) in itertools.pairwise(rows):
-            assert lower - upper >= (0.99 if labelled else 0.49)
+        taken = sorted(b.row for b in branches if b.layer == layer)
+        assert all(lower - upper >= 0.99 for upper, lower in itertools.pairwise(taken))
     return layout
 
 
 def svg(plan: Plan, planner: MonitorReplanner) -> ET.Element:
-    return ET.fromstring(svg_bytes(draw_plan(plan, planner, title="a title")))
+    return ET.fromstring(plan_picture(plan, planner, title="a title"))
 
 
 def texts(picture: ET.Element) -> list[str]:
@@ -113,16 +135,15 @@ def said(plan: Plan, planner: MonitorReplanner) -> str:
     return " ".join(texts(svg(plan, planner)))
 
 
-def test_small_graphs_are_shown_whole_with_every_name(tmp_path: Path) -> None:
-    for plan, planner in (cartpole(UPRIGHT, depth=5), planned(FIVE, tmp_path, ANYWHERE, 3)):
-        layout = layout_of(plan, planner)
-        assert len(layout.branches) == plan.graph.number_of_edges()
-        assert all(branch.label for branch in layout.branches)
+def test_small_graphs_are_shown_whole() -> None:
+    plan, planner = cartpole(UPRIGHT, depth=4)
+    layout = layout_of(plan, planner)
+    assert len(layout.branches) == plan.graph.number_of_edges()
 
 
 def test_what_follows_equal_states_is_shown_once(tmp_path: Path) -> None:
     plan, planner = planned(GRID, tmp_path, [0.0, 0.0], 3)
-    layout = layout_of(plan, planner)
+    layout = layout_of(plan, planner, rows=100)
     assert len(layout.branches) == plan.graph.number_of_edges()
     chosen = [branch for branch in layout.branches if branch.chosen]
     assert [branch.total for branch in chosen] == pytest.approx([plan.reward] * 3)
@@ -130,39 +151,51 @@ def test_what_follows_equal_states_is_shown_once(tmp_path: Path) -> None:
     assert "the same state as another here" in said(plan, planner)
 
 
-def test_a_large_graph_is_shown_in_part_and_says_so(tmp_path: Path) -> None:
-    plan, planner = planned(FIVE, tmp_path, ANYWHERE, 6)
-    layout = layout_of(plan, planner)
-    assert any(branch.end == "collapsed" for branch in layout.branches)
-    data = svg_bytes(draw_plan(plan, planner))
+@pytest.mark.parametrize("rows", [1, 12, 30, 200])
+def test_a_large_graph_is_shown_in_part_and_says_so(tmp_path: Path, rows: int) -> None:
+    plan, planner = planned(FIVE, tmp_path, ANYWHERE, 5)
+    layout = layout_of(plan, planner, rows)
+    element = ET.fromstring(plan_svg(plan, planner, rows=rows))
+    edges = plan.graph.number_of_edges()
+    assert element.findtext(f"{SVG}desc") == f"{len(layout.branches)} of {edges:,} edges are drawn"
+    assert any("more, none better than" in text for text in texts(element))
+    data = plan_picture(plan, planner)
     written = " ".join(texts(ET.fromstring(data)))
-    assert f" of {plan.graph.number_of_edges():,} edges" in written
-    assert "goes on, not drawn" in written and "Edges without a name" in written
-    assert len(data) < 500_000
+    assert f" of {edges:,} edges" in written and len(data) < 60_000
+
+
+def test_nothing_behind_an_unsafe_edge_shines(tmp_path: Path) -> None:
+    plan, planner = planned(CLIFF, tmp_path, [0.0], 2)
+    layout_of(plan, planner)
+    blue = [
+        str(edge.findtext(f"{SVG}title")).partition(":")[0]
+        for edge in ET.fromstring(plan_svg(plan, planner)).findall(f"{SVG}g")
+        if "--good" in str(edge[1].get("style"))
+    ]
+    assert blue == ["walk", "walk"]  # and not that which follows a jump, worth 100
 
 
 def test_another_process_gives_equal_bytes() -> None:
     script = (
-        "import sys; from tests.serp.viz.test_plan_drawing import *\n"
-        "sys.stdout.buffer.write(svg_bytes(draw_plan(*cartpole(LEANING))))"
+        "import sys; from tests.serp.viz.test_plan_picture import *\n"
+        "sys.stdout.buffer.write(plan_picture(*cartpole(LEANING)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", script],
         cwd=ROOT, env={**os.environ, "PYTHONHASHSEED": "1"}, capture_output=True, check=True,
     )  # fmt: skip
-    with matplotlib.rc_context({"font.size": 30, "svg.fonttype": "path", "lines.linewidth": 9}):
-        assert done.stdout == svg_bytes(draw_plan(*cartpole(LEANING)))
+    assert done.stdout == plan_picture(*cartpole(LEANING))
 
 
 def test_names_numbers_and_what_is_unsafe_are_text() -> None:
     plan, planner = cartpole(LEANING)
     picture = svg(plan, planner)
     written = texts(picture)
-    assert {"a title", "unsafe", f"return {plan.reward:.3g}"} <= set(written)
+    assert {"a title", "unsafe", f"return {readable(plan.reward)}"} <= set(written)
     assert any("pole-angle = 0.21" in text for text in written)
     value = {a.name: plan.forecast.value[k] for k, a in enumerate(planner.model.actions)}
     for name in ("push-left", "push-right"):
-        assert f"{name}: {value[name]:.3g}" in written
+        assert f"{name}: {readable(float(value[name]))}" in written
     named = written.count("push-left") + written.count("push-right")
     assert named == plan.graph.number_of_edges() - 2
     # Colour is not the only sign of what is unsafe.
@@ -174,7 +207,7 @@ def test_names_numbers_and_what_is_unsafe_are_text() -> None:
 
 def dashed(picture: ET.Element) -> int:
     paths = picture.iter(f"{SVG}path")
-    return sum("stroke-dasharray" in path.get("style", "") for path in paths)
+    return sum(path.get("stroke-dasharray") == DASHES["unsafe"] for path in paths)
 
 
 def test_what_is_special_about_a_decision_is_said(tmp_path: Path) -> None:
