@@ -88,7 +88,7 @@ def source_files() -> set[str]:
         for kind in ("*.py", "*.j2")
         for path in folder.rglob(kind)
     }
-    domains = {f"serp_adapters/domains/{path.name}" for path in (ROOT / "domains").glob("*.pddl")}
+    domains = {f"serp_adapters/domains/{path.name}" for path in (ROOT / "domains").glob("*.*")}
     assert domains
     return names | domains | {f"{package}/py.typed" for package in PACKAGES}
 
@@ -97,7 +97,7 @@ def test_the_wheel_holds_every_module_the_domains_and_the_type_markers(wheel: Pa
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
         assert held == source_files()
-        for path in (ROOT / "domains").glob("*.pddl"):
+        for path in (ROOT / "domains").glob("*.*"):
             assert archive.read(f"serp_adapters/domains/{path.name}") == path.read_bytes()
 
 

@@ -21,7 +21,7 @@ from serp.planning.forecast import SAFE
 from serp.scenarios import syntax as s
 from serp.scenarios.decider import Decider
 
-Recorded = Callable[[s.RecordedStep], Mapping[str, float]]
+Recorded = Callable[[s.StepOfRun], Mapping[str, float]]
 """Returns fluent → value of a recorded step."""
 
 

@@ -164,7 +164,7 @@ class _Statement(Line):
             run = self._rest(self._at)
             if not run:
                 raise self._missing("the folder of a run", "like step 12 of runs/seven")
-            return replace(to, recorded=s.RecordedStep(step, episode, run, self.place))
+            return replace(to, recorded=s.StepOfRun(step, episode, run, self.place))
         title = self._rest(1)
         other = known.get(title.lower())
         if other is None or other.title == to.title:

@@ -12,6 +12,7 @@ from serp.pddl.source import Source
 from serp.scenarios.checking import Recorded, Result, check
 from serp.scenarios.decider import Decider
 from serp.scenarios.reading import read_scenarios, values_named
+from serp.scenarios.syntax import Scenario
 from serp.settings import Settings
 from serp.tasks.task import Task
 
@@ -46,13 +47,21 @@ class ScenarioFile:
         named = [name for name in values_named(source) if domain.declared(name) is not None]
         return cls(source, Decider.of_domain(domain.observed(named), settings, dt, task))
 
+    def scenarios(self) -> list[Scenario]:
+        """Read the file.
+
+        Raises:
+            DomainError: It is wrong.
+        """
+        return read_scenarios(self.source, self.decider.domain, self.decider.model)
+
     def run(self, recorded: Recorded, words: str = "") -> Iterator[Result]:
         """Check scenarios one by one; with `words`, those whose title has them.
 
         Raises:
             DomainError: The file is wrong.
         """
-        for scenario in read_scenarios(self.source, self.decider.domain, self.decider.model):
+        for scenario in self.scenarios():
             if words.lower() in scenario.title.lower():
                 yield check(scenario, self.decider, recorded)
 

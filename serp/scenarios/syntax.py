@@ -65,7 +65,7 @@ class GivenValue:
 
 
 @dataclass(frozen=True)
-class RecordedStep:
+class StepOfRun:
     """`like step 12 of RUN`, `like step 3 of episode 2 of RUN`: a situation of a run.
 
     Steps count as `serp why` counts them; without an episode, over the whole run.
@@ -154,6 +154,6 @@ class Scenario:
 
     title: str
     place: Place
-    recorded: RecordedStep | None = None
+    recorded: StepOfRun | None = None
     given: tuple[GivenValue, ...] = ()
     expectations: tuple[Expectation, ...] = field(default=(), repr=False)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         "serp test domains/soccer.pddl -k goal",
         "serp test cartpole --run runs/seven",
         "serp test new.pddl --scenarios domains/cartpole.scenarios",
+        "serp test cartpole.pddl --update runs/seven --step 1204",
     ),
 )
 @click.argument("names", metavar="FILE|NAME...", nargs=-1)
@@ -42,13 +43,31 @@ if TYPE_CHECKING:
 @click.option("--run", type=click.Path(path_type=Path), metavar="RUN",
               help="Ask planner and vetoes of a run, with the model that it has learned.",
               )  # fmt: skip
+@click.option("--update", type=click.Path(path_type=Path), metavar="RUN",
+              help="Write a recorded step of a run into the file, as a scenario with what holds "
+                   "there now.")  # fmt: skip
+@click.option("--step", type=click.IntRange(min=0), metavar="N",
+              help="The step, as `serp why` counts.")  # fmt: skip
+@click.option("--episode", type=click.IntRange(min=1), metavar="E",
+              help="The episode in which --step counts.")  # fmt: skip
+@click.option("--title", metavar="TEXT", help="Its title; a scenario that has it is replaced.",
+              )  # fmt: skip
 @click.option("--preset", default="default", show_default=True, metavar="NAME",
               help="default or paper.")  # fmt: skip
 @settings_option
 @click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
               help="Control period.  [default: the task's, else 1]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print all results as JSON.")
-def command(names: tuple[str, ...], words: str, as_json: bool, **deciding: Any) -> int:
+def command(
+    names: tuple[str, ...],
+    words: str,
+    update: Path | None,
+    step: int | None,
+    episode: int | None,
+    title: str | None,
+    as_json: bool,
+    **deciding: Any,
+) -> int:
     """Check the scenarios beside domain files: NAME.scenarios beside NAME.pddl.
 
     A scenario is a situation and what is expected in it: what the planner chooses, what is refused
@@ -58,6 +77,11 @@ def command(names: tuple[str, ...], words: str, as_json: bool, **deciding: Any) 
     Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
     """
     console = open_console()
+    if update is not None:
+        _update(names, update, step, episode, title, **deciding)
+        return DONE
+    if step is not None or episode is not None or title is not None:
+        raise click.UsageError("--step, --episode and --title belong to --update RUN")
     files, passed, wrong, results = _asked(names), 0, 0, []
     for position, name in enumerate(files):
         try:
@@ -80,6 +104,30 @@ def command(names: tuple[str, ...], words: str, as_json: bool, **deciding: Any) 
     elif not wrong:
         raise SerpError(f"no scenario has the words `{words}` in its title")
     return DONE if not failed and not wrong else MISTAKE
+
+
+def _update(
+    names: tuple[str, ...],
+    of: Path,
+    step: int | None,
+    episode: int | None,
+    title: str | None,
+    **deciding: Any,
+) -> None:
+    """Write a recorded step into the scenario file of a domain."""
+    from serp._util.files import write_durably
+    from serp.scenarios.recorded import recorded_step
+    from serp.scenarios.writing import add_scenario
+
+    if step is None or len(_asked(names)) != 1:
+        raise click.UsageError("--update takes one domain and --step N")
+    (name,) = _asked(names)
+    file = _opened(name, make=True, **deciding)
+    recording, found = recorded_step(of, step, episode)
+    where = f"step {step} of " + ("" if episode is None else f"episode {episode} of ") + str(of)
+    text = add_scenario(file, title or where, where, recording, found)
+    write_durably(Path(file.source.name), text)
+    say(f"{file.source.name}: the scenario `{title or where}` is written")
 
 
 def _asked(names: tuple[str, ...]) -> list[str]:
@@ -108,18 +156,26 @@ def _opened(
     preset: str,
     settings: Mapping[str, Mapping[str, Any]],
     dt: float | None,
+    *,
+    make: bool = False,
 ) -> ScenarioFile:
-    """Return the scenarios of a domain, with who decides in them."""
+    """Return the scenarios of a domain, with who decides in them.
+
+    With `make`, a file that is not there has no scenarios.
+    """
     from serp.pddl.source import Source
     from serp.scenarios.decider import trained
-    from serp.scenarios.running import ScenarioFile, read_beside
+    from serp.scenarios.running import ScenarioFile, read_beside, scenarios_beside
     from serp.settings import resolve
     from serp.tasks.registry import find_domain_file
 
     own = asked_own_task()
     found = find_domain_file(name) if name else None
     domain, task = asked_domain(name, found, None, None, own)
-    source = read_beside(domain) if file is None else Source.read(file)
+    if file is None and make and not scenarios_beside(domain).exists():
+        source = Source(str(scenarios_beside(domain)), "")
+    else:
+        source = read_beside(domain) if file is None else Source.read(file)
     if run is not None:
         return ScenarioFile(source, trained(open_run(run).agent, domain))
     used = resolve(preset, task.settings if task else None, settings)
@@ -131,10 +187,12 @@ def _report(
     console: Console | None, file: ScenarioFile, words: str, *, first: bool
 ) -> list[Result]:
     """Check the scenarios of a file, and print each as soon as it is checked."""
+    from serp.scenarios.recorded import recorded_values
+
     if console is not None:
         console.print(("" if first else "\n") + file.source.name, style="bold")
     results = []
-    for result in file.run(lambda r: {}, words):
+    for result in file.run(recorded_values, words):
         results.append(result)
         if console is None:
             continue

@@ -87,6 +87,8 @@ class GuardedEnv(ArbitratedEnv):
         try:
             bound.on_notice = lambda line: warnings.warn(visible(line), Notice, stacklevel=2)
             agent = Agent(bound, resolved, seed)
+            if agent.adaptation.notice is not None:
+                bound.on_notice(agent.adaptation.notice)
             super().__init__(bound, agent, seed, training_seed)
             self._log = RunLog(bound, resolved, preset, seed, out, begun)
         except BaseException:
