@@ -29,7 +29,7 @@ LAYERS = (
     {"adaptation"},
     {"training"},
     {"diagnosis", "comparison", "viz", "export", "scenarios"},
-    {"tuning"},
+    {"tuning", "studio"},
     {"cli"},
     {"__main__"},
 )

@@ -24,6 +24,7 @@ COMMANDS = {
     "watch": "Show a trained policy in a window or as a film.",
     "export": "Write a trained policy for a robot without serp.",
     "test": "Check that a domain file leads to what you expect.",
+    "studio": "Edit a domain file in the browser and see what it means, live.",
     "check": "Check domain files and say what to fix.",
     "format": "Lay domain files out regularly.",
     "list": "List what is installed: tasks, algorithms, strategies.",

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from serp.planning.advice import Advise
     from serp.tasks.bound_task import BoundTask
 
+Draw = Callable[[Mapping[str, float | bool]], str]
+"""Fluent → value, and returned: a picture of that state as text, an `svg` element."""
 Grounded = Mapping[str, float | bool] | NDArray[Any]
 Overrides = Mapping[str, Mapping[str, Any]]
 
@@ -57,6 +59,8 @@ class Task:
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
             value) → name of a ground action, None for no advice; or another domain file,
             or a loaded domain.
+        draw: Draws a state, for `serp studio`: fluent → value, and returned an `svg` element as
+            text. Colours may be the page's, such as `var(--ink)`, which is light in the dark.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
         description: One line for `serp list`.
     """
@@ -73,6 +77,7 @@ class Task:
     symmetries: Sequence[Symmetry] = ()
     world: WorldOptions | None = None
     planners: Mapping[str, Advise | str | Path | Domain] = field(default_factory=dict)
+    draw: Draw | None = None
     counters: Sequence[str] = ()
     description: str = ""
 

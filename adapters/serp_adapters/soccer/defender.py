@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import serp
 from serp_adapters.domains import domain_file
+from serp_adapters.soccer.drawing import draw
 from serp_adapters.soccer.shared import PROTOCOL, open_share
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.observation import FAR, MIRROR, NEAR
@@ -103,6 +104,7 @@ def task() -> serp.Task:
         reward="environment",
         settings=PROTOCOL,
         symmetries=(serp.Symmetry(objects={"left": "right"}, observation_signs=MIRROR),),
+        draw=draw,
         counters=("unsafe_choices", "damaging_hits"),
         description="defend the goal against an attacker who comes with the ball",
     )

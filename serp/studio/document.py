@@ -1,0 +1,109 @@
+"""A file in the editor: its text, what is on the disk, and saving it within the working folder."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from serp._util.files import write_durably
+from serp.errors import SerpError
+from serp.pddl.source import Source
+
+_MARK = "\ufeff"
+
+
+class ChangedOnDisk(SerpError):
+    """A file that is to be saved has been changed, made or removed by somebody else."""
+
+
+class Document:
+    """A text that is edited, and the file that it came from.
+
+    Lines end with a line feed while they are edited; the file keeps its own line ends, and its byte
+    order mark.
+
+    Args:
+        path: The file; it need not exist.
+        folder: Files are written in this folder alone. A document from elsewhere is saved in it
+            under the same name.
+
+    Raises:
+        DomainError: The file exists and cannot be read.
+
+    Attributes:
+        text: The text as it is edited.
+        saved: The text as it was read or last written.
+        target: Where it is saved.
+    """
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        self.path = path
+        self._folder = folder.resolve()
+        self.target = path if self._inside(path) else self._folder / path.name
+        self._newline, self._mark = "\n", ""
+        self._digest: bytes | None = None
+        self.text = self.saved = ""
+        if path.exists():
+            self._read(path)
+        if self.target != path:
+            self._digest = None  # it is not there, as far as is known
+
+    def _read(self, path: Path) -> None:
+        text = Source.read(path).text
+        content = path.read_bytes()
+        self._digest = _digest(content)
+        self._mark = _MARK if content.startswith(_MARK.encode()) else ""
+        self._newline = "\r\n" if "\r\n" in text else "\n"
+        self.text = self.saved = text.replace("\r\n", "\n").replace("\r", "\n")
+
+    def _inside(self, path: Path) -> bool:
+        return path.resolve().is_relative_to(self._folder)
+
+    @property
+    def name(self) -> str:
+        """The file as messages call it."""
+        return str(self.path)
+
+    @property
+    def changed(self) -> bool:
+        """Whether the text differs from what was read or last written."""
+        return self.text != self.saved
+
+    def save(self, *, anyway: bool = False) -> Path:
+        """Write the text to `target` atomically, and return that.
+
+        Args:
+            anyway: Whether to replace what somebody else has written there.
+
+        Raises:
+            ChangedOnDisk: The file there is not the one that was read or last written.
+            RunError: It cannot be written.
+        """
+        if not self._inside(self.target):  # a link may have been put there
+            raise SerpError(f"{self.target} leads out of the working folder {self._folder}")
+        if not anyway and self._on_disk() != self._digest:
+            raise ChangedOnDisk(f"{self.target} was changed by another program since it was read")
+        content = (self._mark + self.text.replace("\n", self._newline)).encode()
+        write_durably(self.target, content)
+        self._digest, self.saved, self.path = _digest(content), self.text, self.target
+        return self.target
+
+    def reload(self) -> None:
+        """Take the text that is on the disk.
+
+        Raises:
+            DomainError: It cannot be read.
+        """
+        self._read(self.target if self.target.exists() else self.path)
+
+    def _on_disk(self) -> bytes | None:
+        try:
+            return _digest(self.target.read_bytes())
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise SerpError(f"{self.target}: {error.strerror}") from error
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).digest()

@@ -1,0 +1,60 @@
+"""Keeps what is shown up with what is edited: one view at a time, always of the newest state."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from nicegui import background_tasks, run
+
+from serp.studio.session import Request, Session
+from serp.studio.view import View
+
+Shown = Callable[[Request, View], None]
+
+
+class Live:
+    """Asks for a view after every change and hands it to whoever shows it.
+
+    A change that comes while a view is computed is looked at next; those between are left out, so
+    that a slow file delays what is shown and never the typing.
+
+    Args:
+        session: What is open.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._shown: list[Shown] = []
+        self._wanted = asyncio.Event()
+        self._closed = False
+
+    def shows(self, shown: Shown) -> None:
+        """Add a function that is called with every request and its view."""
+        self._shown.append(shown)
+
+    def begin(self) -> None:
+        """Begin to follow the session."""
+        self._wanted.set()
+        background_tasks.create(self._follow(), name="studio: views")
+
+    def changed(self) -> None:
+        """Say that the session has changed."""
+        self._wanted.set()
+
+    def close(self) -> None:
+        """Follow no longer."""
+        self._closed = True
+        self._wanted.set()
+
+    async def _follow(self) -> None:
+        while True:
+            await self._wanted.wait()
+            self._wanted.clear()
+            if self._closed:
+                return
+            request = self._session.request()
+            view = await run.io_bound(request.view)
+            if view is not None and not self._closed:
+                for shown in self._shown:
+                    shown(request, view)

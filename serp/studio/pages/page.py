@@ -1,0 +1,80 @@
+"""The page of the studio: the files on the left, what they mean on the right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nicegui import ui
+
+from serp._util.figures import PALETTE
+from serp.studio.pages.decision import DecisionPane
+from serp.studio.pages.editor import EditorPane
+from serp.studio.pages.findings import FindingsPane
+from serp.studio.pages.live import Live
+from serp.studio.pages.scene import ScenePane
+from serp.studio.session import Request, Session
+from serp.studio.view import View
+
+_STYLE = Path(__file__).with_name("studio.css").read_text(encoding="utf-8")
+_PAGE = {
+    "paper": ("#f6f7f9", "#0f1216"),
+    "warn": ("#8a5a00", "#e3b341"),
+    "glow": ("#e8f0fa", "#1f2c3d"),
+}
+"""Colours of the page beside those of the palette: light, dark."""
+_ALL = {**PALETTE, **_PAGE}
+_PREFERS_DARK = "matchMedia('(prefers-color-scheme: dark)').matches"
+
+
+async def show_page(session: Session) -> None:
+    """Build the page for a browser that has just called."""
+    ui.add_css(_colours() + _STYLE)
+    live = Live(session)
+    dark = ui.dark_mode()
+    with ui.element("header").classes("serp-head"):
+        ui.label("serp studio").classes("serp-brand")
+        state = ui.label().classes("serp-file")
+        ui.element("div").classes("serp-space")
+        save = ui.button("Save").props('dense flat no-caps title="Ctrl+S"')
+        theme = ui.button("Dark").props("dense flat no-caps")
+    with ui.splitter(value=45, limits=(20, 80)).classes("serp-main") as splitter:
+        files = ui.element("section").classes("serp-editor").props('aria-label="Files"')
+        files.move(splitter, target_slot="before")
+        with files:
+            editor = EditorPane(session, live)
+            FindingsPane(session, live, editor)
+        with splitter.after, ui.element("div").classes("serp-right"):
+            scene = ScenePane(session, live)
+            DecisionPane(live, editor.jump)
+    save.on_click(lambda: editor.save())
+
+    def show_state(request: Request, view: View) -> None:
+        files = ", ".join(
+            f"{document.target}{' •' if document.changed else ''}"
+            for document in session.documents.values()
+        )
+        state.set_text(files)
+        save.set_enabled(session.changed)
+
+    live.shows(show_state)
+
+    def set_dark(value: bool) -> None:
+        dark.set_value(value)
+        editor.dark(value)
+        theme.set_text("Light" if value else "Dark")
+
+    theme.on_click(lambda: set_dark(not dark.value))
+    await ui.context.client.connected()
+    ui.context.client.on_delete(live.close)
+    set_dark(bool(await ui.run_javascript(_PREFERS_DARK)))
+    live.begin()
+    if session.task is not None and session.played is None:
+        await scene.play()
+
+
+def _colours() -> str:
+    """Return the palette as CSS variables, light and dark."""
+    return "".join(
+        f"{where} {{{''.join(f'--{name}: {both[k]};' for name, both in _ALL.items())}}}\n"
+        for k, where in enumerate((":root", ".body--dark"))
+    )

@@ -1,0 +1,103 @@
+"""Where the state comes from, and what it looks like: the initial state, or a played step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import run, ui
+
+from serp.errors import SerpError
+from serp.studio.pages.live import Live
+from serp.studio.pages.state import StatePane
+from serp.studio.session import PROBLEM, Request, Session
+from serp.studio.view import View
+
+
+class ScenePane:
+    """Buttons that choose the state, the steps of the episode, two pictures, and the fluents.
+
+    Args:
+        session: What is open.
+        live: Follows the session.
+    """
+
+    def __init__(self, session: Session, live: Live) -> None:
+        self._session = session
+        self._live = live
+        with ui.element("section").classes("serp-panel").props('aria-label="Situation"'):
+            with ui.element("div").classes("serp-row"):
+                if PROBLEM in session.documents:
+                    ui.button("Initial state", on_click=self._initial).props(
+                        "dense outline no-caps"
+                    )
+                self._play = ui.button("Play an episode", on_click=self.play).props(
+                    "dense outline no-caps"
+                )
+                self._seed = ui.number("seed", value=0, min=0, precision=0).props("dense")
+                self._seed.classes("serp-seed")
+                self._origin = ui.label().classes("serp-faint")
+            self._steps = ui.slider(min=0, max=1, step=1, value=0, on_change=self._chosen)
+            self._steps.props('dense snap markers aria-label="Step of the episode"')
+            self._steps.set_visibility(False)
+            with ui.element("div").classes("serp-situation"):
+                with ui.element("div").classes("serp-scenes"):
+                    self._drawing = ui.html().classes("serp-drawing")
+                    self._picture = ui.html().classes("serp-picture")
+                StatePane(session, live)
+        live.shows(self.show)
+
+    async def play(self) -> None:
+        """Play an episode in the environment, in a thread, and show its steps."""
+        self._play.props("loading")
+        try:
+            player = self._session.player(int(self._seed.value or 0))
+            played = await run.io_bound(player)
+            self._session.take(played)
+        except SerpError as error:
+            ui.notify(str(error), type="negative", multi_line=True, close_button=True, timeout=0)
+        else:
+            self._steps.props(f"max={len(played.steps) - 1}")
+            self._steps.set_visibility(len(played.steps) > 1)
+            self._steps.set_value(self._session.step)
+            if played.note:
+                ui.notify(played.note, multi_line=True)
+            self._live.changed()
+        finally:
+            self._play.props(remove="loading")
+
+    def _initial(self) -> None:
+        self._session.show_initial()
+        self._live.changed()
+
+    def _chosen(self, event: Any) -> None:
+        if self._session.played is not None and event.value != self._session.step:
+            self._session.show_step(int(event.value))
+            self._live.changed()
+
+    def show(self, request: Request, view: View) -> None:
+        """Show where the state comes from, and its pictures."""
+        session, played = self._session, self._session.played
+        as_played = session.as_played
+        origin = request.situation.origin or "all fluents 0 or false"
+        if session.step is not None and played is not None:
+            action = played.steps[session.step].action
+            origin = f"step {session.step} of {len(played.steps) - 1}"
+            origin += f", planner: {action}" if action and as_played else ""
+        changed = request.situation.values and not as_played
+        self._origin.set_text(origin + (", changed by hand" if changed else ""))
+        self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))
+        picture = ""
+        if session.step is not None and played is not None:
+            url = played.steps[session.step].picture
+            if url:
+                said = "the environment at this step"
+                said += "" if as_played else "; the fluents have been changed since"
+                picture = _figure(f'<img src="{url}" alt="{said}">', said)
+        self._picture.set_content(picture)
+        self._picture.classes(
+            add="" if as_played else "serp-stale", remove="serp-stale" if as_played else ""
+        )
+
+
+def _figure(picture: str, said: str) -> str:
+    return f"<figure>{picture}<figcaption>{said}</figcaption></figure>" if picture else ""

@@ -1,0 +1,158 @@
+"""An episode that the planner plays in the task's environment, to look at its steps."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import io
+import os
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+
+from serp.errors import MissingExtra, TaskError
+from serp.model.loading import Domain
+from serp.model.transition_model import TransitionModel
+from serp.pddl.source import DomainError, Source
+from serp.planning.replanner import MonitorReplanner
+from serp.studio.reading import Surroundings, Version, planner_of
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import Task
+from serp.tasks.worlds.file_world import file_task
+
+MOST_STEPS: Final = 100
+_NOT_DRAWN: Final = "The world of a file has no pictures."
+_WIDTH: Final = 640
+"""Most pixels of a picture in width."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PlayedStep:
+    """A moment of an episode.
+
+    Attributes:
+        values: Fluent → value.
+        action: What the planner does there; empty where it has no action, or at the end.
+        indifferent: Whether all actions promise the same there.
+        picture: The environment's picture as a data URL of a PNG; empty where there is none.
+    """
+
+    values: dict[str, float | bool]
+    action: str
+    indifferent: bool
+    picture: str
+
+
+@dataclasses.dataclass(frozen=True)
+class PlayedEpisode:
+    """An episode.
+
+    Attributes:
+        steps: Its moments, from the reset on.
+        seed: Seed of the reset.
+        supplied: Facts of `:init` that the grounding observes.
+        note: Why there are no pictures; empty where there are.
+    """
+
+    steps: tuple[PlayedStep, ...]
+    seed: int
+    supplied: frozenset[str]
+    note: str = ""
+
+    @property
+    def telling(self) -> int:
+        """Position of the first moment with something to decide; 0 where there is none."""
+        return next((k for k, step in enumerate(self.steps) if not step.indifferent), 0)
+
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Return the least and greatest value of each fluent."""
+        names = self.steps[0].values
+        return {
+            name: (min(column), max(column))
+            for name in names
+            for column in [[float(step.values[name]) for step in self.steps]]
+        }
+
+
+def play(
+    task: Task | None, version: Version, surroundings: Surroundings, seed: int
+) -> PlayedEpisode:
+    """Play an episode with the planner of a version, for at most `MOST_STEPS` steps.
+
+    Without a task it is played in the file's own world.
+
+    Raises:
+        SerpError: The version is wrong, does not fit the task, or the environment fails.
+    """
+    problem = version.problem
+    domain = Domain.parse(
+        Source(version.domain_name, version.domain),
+        Source(version.problem_name, problem) if problem is not None else None,
+        observed=task is not None and not task.closed,
+    )
+    if task is not None:
+        bound, note = _bound(dataclasses.replace(task, domain=domain, problem=None))
+    elif domain.problem_syntax is None or not domain.problem_syntax.has_init:
+        raise DomainError(
+            "an episode in the world of a file begins in the :init of a problem, and there is none",
+            domain.syntax.place,
+        )
+    else:
+        bound, note = file_task(domain, dt=surroundings.dt).bind(), _NOT_DRAWN
+    with bound:
+        supplied = bound.domain.supplied or frozenset()
+        model = TransitionModel(bound.model.ground, dt=bound.model.dt, own_code=False)
+        planner = planner_of(model, surroundings.planner)
+        steps = tuple(_steps(bound, planner, seed, pictures=not note))
+    return PlayedEpisode(steps, seed, supplied, note)
+
+
+def _bound(task: Task) -> tuple[BoundTask, str]:
+    """Return the task with an environment that can be drawn, else with one that cannot, and why."""
+    try:
+        import PIL  # noqa: F401  (needed to write pictures)
+    except ModuleNotFoundError:
+        return task.bind(), str(MissingExtra("A picture of the environment", "watch"))
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
+    try:
+        return task.bind(render_mode="rgb_array"), ""
+    except TaskError as error:
+        return task.bind(), f"There is no picture of the environment: {error}"
+
+
+def _steps(
+    bound: BoundTask, planner: MonitorReplanner, seed: int, *, pictures: bool
+) -> Iterator[PlayedStep]:
+    raw, info = bound.reset(seed)
+    over = False
+    for number in range(MOST_STEPS + 1):
+        state = bound.ground(raw, info, bound.env)
+        plan = planner.plan(state)
+        over = over or plan.action is None or number == MOST_STEPS
+        picture = _picture(bound.env) if pictures else ""
+        action = "" if over or plan.name is None else plan.name
+        yield PlayedStep(bound.model.values(state), action, plan.indifferent, picture)
+        if over or plan.action is None:
+            return
+        raw, _, terminated, truncated, info = bound.step(
+            bound.actions.environment_action[plan.action]
+        )
+        over = terminated or truncated
+
+
+def _picture(env: Any) -> str:
+    """Return what an environment draws as a data URL; empty where it draws nothing."""
+    from PIL import Image
+
+    try:
+        drawn = env.render()
+    except Exception:  # a picture is not worth a failure
+        return ""
+    if not isinstance(drawn, np.ndarray) or drawn.ndim != 3 or drawn.dtype != np.uint8:
+        return ""
+    image = Image.fromarray(drawn)
+    image.thumbnail((_WIDTH, _WIDTH))
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG")
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -1,0 +1,204 @@
+"""All that the studio's pages show and do, without a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from serp.lint.findings import Finding
+from serp.pddl.edits import edited
+from serp.pddl.source import Place
+from serp.studio.document import Document
+from serp.studio.played import PlayedEpisode, play
+from serp.studio.reading import Surroundings, Version
+from serp.studio.shown_state import ShownState
+from serp.studio.view import View, look
+from serp.tasks.task import Draw, Task
+
+DOMAIN, PROBLEM = "domain", "problem"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a view is asked of; whatever is edited meanwhile does not change it."""
+
+    version: Version
+    surroundings: Surroundings
+    situation: ShownState
+    seen: dict[str, tuple[float, float]]
+    draw: Draw | None
+
+    def view(self) -> View:
+        """Return the view; this may run in a thread."""
+        return look(self.version, self.surroundings, self.situation, self.seen, self.draw)
+
+
+class Session:
+    """The files that are open, and the state that decisions are shown for.
+
+    Args:
+        folder: The working folder: nothing outside of it is written.
+        domain: The domain file.
+        problem: The problem file; None where there is none.
+        surroundings: Control period and planner.
+        task: The task that the file belongs to; None for a file alone.
+
+    Attributes:
+        documents: `domain`, and `problem` where there is one.
+        situation: The state that decisions are shown for.
+        played: The episode that was played last, if any.
+        revision: A number that changes with every change of a text or of the situation.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        domain: Document,
+        problem: Document | None,
+        surroundings: Surroundings,
+        task: Task | None = None,
+    ) -> None:
+        self.folder = folder
+        self.documents = {DOMAIN: domain} | ({} if problem is None else {PROBLEM: problem})
+        self.surroundings = surroundings
+        self.task = task
+        self.situation = ShownState()
+        self.played: PlayedEpisode | None = None
+        self.step: int | None = None
+        self.revision = 0
+
+    # Editing -----------------------------------------------------------------------------------
+
+    def edit(self, which: str, text: str) -> None:
+        """Replace the text of a document."""
+        self.documents[which].text = text.replace("\r\n", "\n")
+        self.revision += 1
+
+    def document_of(self, place: Place | None) -> str | None:
+        """Return the key of the document that a place is in; None for none."""
+        if place is not None:
+            for which, document in self.documents.items():
+                if document.name == place.source.name:
+                    return which
+        return None
+
+    def mend(self, finding: Finding) -> bool:
+        """Make the change that mends a finding; return whether its text is still the same."""
+        which = self.document_of(finding.place)
+        if which is None or finding.place is None or finding.fix is None:
+            return False
+        text = self.documents[which].text
+        if text != finding.place.source.text:
+            return False
+        self.edit(which, edited(text, finding.fix.edits))
+        return True
+
+    @property
+    def version(self) -> Version:
+        """The texts as they are edited."""
+        return self._version({which: each.text for which, each in self.documents.items()})
+
+    @property
+    def saved_version(self) -> Version:
+        """The texts as they are on the disk."""
+        return self._version({which: each.saved for which, each in self.documents.items()})
+
+    def _version(self, texts: dict[str, str]) -> Version:
+        domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
+        name = domain.name if problem is None else problem.name
+        return Version(domain.name, texts[DOMAIN], name, texts.get(PROBLEM))
+
+    @property
+    def changed(self) -> bool:
+        """Whether a text is not saved."""
+        return any(document.changed for document in self.documents.values())
+
+    def save(self, *, anyway: bool = False) -> list[Path]:
+        """Save the documents that were changed; return their files.
+
+        Args:
+            anyway: Whether to replace what other programs have written.
+
+        Raises:
+            ChangedOnDisk: Another program changed one of the files; those before it are saved.
+            SerpError: A file cannot be written.
+        """
+        changed = [each for each in self.documents.values() if each.changed]
+        with self._moved():
+            return [document.save(anyway=anyway) for document in changed]
+
+    def reload(self) -> None:
+        """Take the texts that are on the disk; what was edited is lost."""
+        with self._moved():
+            for document in self.documents.values():
+                document.reload()
+
+    @contextmanager
+    def _moved(self) -> Iterator[None]:
+        try:
+            yield
+        finally:
+            self.revision += 1
+
+    # Looking -----------------------------------------------------------------------------------
+
+    def request(self) -> Request:
+        """Return what the view of this moment is asked of."""
+        seen = {} if self.played is None else self.played.ranges()
+        draw = None if self.task is None else self.task.draw
+        return Request(self.version, self.surroundings, self.situation, seen, draw)
+
+    def set_fluent(self, name: str, value: float | bool) -> None:
+        """Change one fluent of the situation."""
+        self.situation = self.situation.changed(name, value)
+        self.revision += 1
+
+    def show(self, situation: ShownState) -> None:
+        """Show decisions in another situation."""
+        self.situation, self.step = situation, None
+        self.revision += 1
+
+    # Playing -----------------------------------------------------------------------------------
+
+    def player(self, seed: int) -> Callable[[], PlayedEpisode]:
+        """Return what plays an episode with the planner of this moment; it may run in a thread."""
+        return partial(play, self.task, self.version, self.surroundings, seed)
+
+    def take(self, played: PlayedEpisode) -> None:
+        """Take over an episode, and show the first of its steps with something to decide."""
+        self.played = played
+        if played.supplied:
+            self.surroundings = replace(self.surroundings, supplied=played.supplied)
+        self.show_step(played.telling)
+
+    def show_initial(self) -> None:
+        """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
+        self.show(ShownState({}, "the initial state of the problem"))
+
+    def show_step(self, number: int) -> None:
+        """Show the decision in a step of the episode, from 0."""
+        assert self.played is not None
+        step = self.played.steps[number]
+        origin = f"step {number} of an episode of the planner, seed {self.played.seed}"
+        self.show(ShownState(step.values, origin))
+        self.step = number
+
+    @property
+    def as_played(self) -> bool:
+        """Whether the situation is that of the step, with no fluent changed by hand."""
+        if self.played is None or self.step is None:
+            return False
+        return dict(self.situation.values) == self.played.steps[self.step].values
+
+    def set_planner(self, **changes: int | float) -> None:
+        """Change settings of the planner, such as `depth`.
+
+        Raises:
+            SettingsError: A value is outside its range.
+        """
+        planner = self.surroundings.planner.replace(**changes)
+        self.surroundings = replace(self.surroundings, planner=planner)
+        self.revision += 1

@@ -1,0 +1,194 @@
+"""What the studio shows and saves, without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from serp.model.loading import load_domain
+from serp.pddl.source import DomainError
+from serp.planning.replanner import MonitorReplanner
+from serp.studio.document import ChangedOnDisk, Document
+from serp.studio.guard import Guard
+from serp.studio.opening import open_session
+from serp.studio.reading import Surroundings
+from serp.studio.session import Session
+from serp.studio.shown_state import ShownState
+from serp.tasks.registry import load_task
+
+DOMAINS = Path(__file__).resolve().parents[3] / "domains"
+SWITCH = """(define (domain switch)
+  (:requirements :strips :numeric-fluents :time)
+  (:predicates (on) (unsafe) (terminal))
+  (:functions (heat) (reward))
+  (:action press :parameters () :precondition (and (< (heat) 80.0))
+    :effect (and (on) (increase (heat) 10.0) (increase (reward) 1.0)))
+  (:event burns :parameters () :precondition (and (on) (> (heat) 75.0))
+    :effect (and (unsafe) (terminal))))
+"""
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    file = tmp_path / "switch.pddl"
+    file.write_text(SWITCH)
+    return open_session(str(file), tmp_path)
+
+
+def test_a_view_says_what_the_planner_of_the_text_decides(session: Session) -> None:
+    session.show(ShownState({"heat": 20.0, "on": True, "no such fluent": 1.0}))
+    view = session.request().view()
+    assert view.decision is not None and view.findings == ()
+    domain = load_domain(session.documents["domain"].path, observed=True)
+    plan = MonitorReplanner(domain.model).plan([1.0, 20.0])
+    account = view.decision.account
+    assert (account.chosen, account.alternatives[0].best_return) == (plan.action, plan.reward)
+    session.set_fluent("heat", 70.0)  # a fluent that is set
+    view = session.request().view()
+    assert view.decision is not None
+    (unsafe,) = (c for c in view.decision.account.alternatives[0].causes if c.what == "unsafe")
+    assert unsafe.place is not None and unsafe.place.line == 8
+    heat = next(each for each in view.decision.controls if each.name == "heat")
+    assert heat.low <= 0.0 and heat.high >= 80.0  # the thresholds of the file
+    assert heat.value == 70.0
+
+
+def test_a_mistake_is_placed_and_leaves_what_was_edited(session: Session) -> None:
+    session.edit("domain", SWITCH.replace("(heat) 10.0", "(heet) 10.0"))
+    view = session.request().view()
+    assert view.decision is None
+    (error,) = (finding for finding in view.findings if finding.severity == "error")
+    assert error.place is not None and (error.place.line, error.place.text) == (6, "heet")
+    assert session.mend(error) and session.documents["domain"].text == SWITCH
+    assert not session.mend(error)  # it is about another text
+    session.set_planner(depth=2)
+    decided = session.request().view().decision
+    assert decided is not None and "2 actions" in decided.verdict[-1]
+
+
+def test_an_episode_gives_states_pictures_and_ranges(tmp_path: Path) -> None:
+    session = open_session(str(DOMAINS / "cartpole.pddl"), tmp_path)
+    assert session.task is not None and session.surroundings.dt == load_task("cartpole").dt
+    session.take(session.player(3)())
+    assert session.played is not None and session.as_played and session.step is not None
+    step = session.played.steps[session.step]
+    assert step.picture.startswith("data:image/png;base64,") and not step.indifferent
+    view = session.request().view()
+    assert view.decision is not None and view.drawing.startswith("<svg")
+    taken = view.decision.account.taken
+    assert taken is not None and taken.name == step.action
+    session.set_fluent("pole-angle", 0.25)
+    assert not session.as_played and session.request().view().drawing != view.drawing
+
+
+@pytest.mark.parametrize("encoded", [b"one\r\ntwo\r\n", "\ufeffone\ntwo\n".encode()])
+def test_saving_keeps_line_ends_and_byte_order_mark(tmp_path: Path, encoded: bytes) -> None:
+    file = tmp_path / "a.pddl"
+    file.write_bytes(encoded)
+    document = Document(file, tmp_path)
+    assert document.text == "one\ntwo\n"
+    document.text = document.text.replace("two", "three")
+    assert document.changed and document.save() == file and not document.changed
+    assert file.read_bytes() == encoded.replace(b"two", b"three")
+
+
+def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> None:
+    folder, outside = tmp_path / "mine", tmp_path / "theirs.pddl"
+    folder.mkdir()
+    outside.write_text("theirs")
+    document = Document(outside, folder)
+    document.text = "mine"
+    assert document.save() == folder / "theirs.pddl" and outside.read_text() == "theirs"
+    (folder / "theirs.pddl").write_text("changed meanwhile")
+    document.text = "mine again"
+    with pytest.raises(ChangedOnDisk):
+        document.save()
+    document.save(anyway=True)
+    assert (folder / "theirs.pddl").read_text() == "mine again"
+    (folder / "linked.pddl").symlink_to(outside)
+    document = Document(folder / "linked.pddl", folder)
+    document.text = "through a link"
+    with pytest.raises(Exception, match="leads out of"):
+        document.save()
+    assert outside.read_text() == "theirs"
+
+
+# The guard ---------------------------------------------------------------------------------------
+
+
+def answer(guard: Guard, headers: dict[str, str], query: str = "", kind: str = "http") -> Any:
+    """Ask a guard; return the first message of its answer."""
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def receive() -> Any:
+        return {"type": "http.request"}
+
+    scope = {
+        "type": kind,
+        "method": "GET",
+        "path": "/",
+        "query_string": query.encode(),
+        "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+    }
+    asyncio.run(guard(scope, receive, send))
+    return sent[0]
+
+
+async def inside(scope: Any, receive: Any, send: Any) -> None:
+    kind = "http.response.start" if scope["type"] == "http" else "websocket.accept"
+    await send({"type": kind, "status": 200, "headers": []})
+
+
+def test_only_the_browser_with_the_token_is_let_in() -> None:
+    guard = Guard(inside, 8000)
+    here = {"host": "127.0.0.1:8000"}
+    assert answer(guard, here)["status"] == 403
+    assert answer(guard, here, "token=wrong")["status"] == 403
+    assert answer(guard, {"host": "evil.example:8000"}, f"token={guard.token}")["status"] == 403
+    welcome = answer(guard, here, f"token={guard.token}")
+    cookie = dict(welcome["headers"])[b"set-cookie"].decode()
+    assert "HttpOnly; SameSite=Strict" in cookie
+    known = {**here, "cookie": f"other=1; {cookie.partition(';')[0]}"}
+    headers = dict(answer(guard, known)["headers"])
+    assert b"connect-src 'self' ws://127.0.0.1:8000" in headers[b"content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "let_in"),
+    [
+        ("127.0.0.1:8000", "http://127.0.0.1:8000", True),
+        ("localhost:8000", "http://localhost:8000", True),
+        ("127.0.0.1:8000", "http://evil.example", False),
+        ("127.0.0.1:8000", "null", False),
+        ("127.0.0.1:8000", "http://127.0.0.1:9000", False),
+        ("127.0.0.1:8000", None, False),
+        ("evil.example:8000", "http://evil.example:8000", False),  # a name that leads here
+    ],
+)
+def test_a_websocket_of_another_page_is_refused(
+    host: str, origin: str | None, let_in: bool
+) -> None:
+    guard = Guard(inside, 8000)
+    welcome = answer(guard, {"host": "127.0.0.1:8000"}, f"token={guard.token}")
+    cookie = dict(welcome["headers"])[b"set-cookie"].decode().partition(";")[0]
+    headers = {"host": host, "cookie": cookie} | ({} if origin is None else {"origin": origin})
+    accepted = answer(guard, headers, kind="websocket")["type"] == "websocket.accept"
+    assert accepted == let_in
+    del headers["cookie"]
+    assert answer(guard, headers, kind="websocket")["type"] == "websocket.close"
+
+
+def test_what_a_file_is_read_for_is_that_of_its_task(tmp_path: Path) -> None:
+    assert open_session("taxi", tmp_path).documents.keys() == {"domain", "problem"}
+    copy = tmp_path / "other.pddl"
+    copy.write_text(SWITCH)
+    session = open_session(str(copy), tmp_path)
+    assert session.task is None and session.surroundings == Surroundings()
+    with pytest.raises(DomainError, match="begins in the :init"):  # it has no problem
+        session.player(0)()
