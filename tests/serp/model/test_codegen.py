@@ -45,8 +45,10 @@ def check_function(generated: Generated) -> None:
                 assert OWN_NAMES.fullmatch(name), name
             case ast.Constant(value=value):
                 assert type(value) in (bool, int, float)
-            case ast.Expr(value=ast.Call(func=function, args=[ast.Constant()], keywords=[])):
-                assert generated.sites and ast.unparse(function) == "trace.append"
+            case ast.Expr(ast.Call(function, [ast.Tuple([ast.Constant(), _, state])], [])):
+                assert ast.unparse(function) == "trace.append" and ast.unparse(state) == "out[:]"
+            case ast.Tuple() | ast.Slice():
+                assert generated.sites, node
             case ast.Call(func=ast.Name(name), keywords=[]):
                 assert name in MATH
             case ast.Call(func=ast.Attribute(ast.Name("trace"), "append")):
