@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from serp._util.figures import FAINT, INK, PLANNER, STYLE, render
+from serp._util.figures import FAINT, INK, PALETTE, PLANNER, STYLE, render
 from serp._util.number_format import readable
 from serp.diagnosis.accuracy import END, REWARD
 from serp.diagnosis.diagnosis import Diagnosis, FitRow
@@ -19,7 +19,7 @@ from serp.model.transition_model import Vector
 PANELS: Final = 12
 """Most panels of a picture."""
 
-_WRITTEN: Final = "#D55E00"
+_WRITTEN: Final = PALETTE["vermilion"][0]
 _FOUND: Final = PLANNER
 _POINTS: Final = 600
 _AREA: Final = 7.0  # of one step's point; that of equal steps grows with their number
@@ -61,8 +61,13 @@ def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
             fontsize=13, fontweight="bold", x=0.01, horizontalalignment="left",
         )  # fmt: skip
         if fits:
-            handles, labels = figure.axes[0].get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside lower center", ncols=3, markerscale=2)
+            entries = {
+                label: handle
+                for axes in figure.axes
+                for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+            }
+            figure.legend(entries.values(), entries.keys(), loc="outside lower center",
+                          ncols=3, markerscale=2)  # fmt: skip
     return figure
 
 
@@ -87,13 +92,16 @@ def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow) -> None:
     changes = changes[:, np.isfinite(changes).all(axis=0)]
     title = f"{fit.action}: {fit.fluent}"
     axes.set_title(title if len(title) <= _NAME else title[: _NAME - 1] + "…", pad=18)
+    better = fit.rmse_found != fit.rmse_written
+    found = f" → {readable(fit.rmse_found)}" if better else ", nothing found"
     axes.text(
-        0.0, 1.02, f"error {readable(fit.rmse_written)} → {readable(fit.rmse_found)}",
+        0.0, 1.02, f"error {readable(fit.rmse_written)}{found}",
         transform=axes.transAxes, fontsize=8, color=FAINT, verticalalignment="bottom",
     )  # fmt: skip
     few = np.unique(np.linspace(0, changes.shape[1] - 1, _POINTS).astype(int))
     _scatter(axes, changes[1, few], changes[0, few], _WRITTEN, "file as written")
-    _scatter(axes, changes[2, few], changes[0, few], _FOUND, "with what was found")
+    if better:
+        _scatter(axes, changes[2, few], changes[0, few], _FOUND, "with what was found")
     low, high = float(changes.min()), float(changes.max())
     margin = 0.1 * (high - low) or 1.0
     ends = low - margin, high + margin

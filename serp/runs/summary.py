@@ -11,6 +11,7 @@ from serp.control.decision_counts import SAFETY, STEPS_BY, sight_of, total
 
 FIRST = 10  # episodes at the beginning of a run
 WINDOW = 20  # episodes of the moving mean, also in the learning curve
+_BINS = 200
 
 _FROM_CONFIG = ("domain", "preset", "seed", "learned_from", "file_rewards")
 Metrics = Mapping[str, np.ndarray[Any, Any]]
@@ -26,6 +27,60 @@ def moving_mean(values: np.ndarray[Any, Any]) -> np.ndarray[tuple[int], np.dtype
         ends - starts
     )
     return means
+
+
+def moving_interval(
+    values: np.ndarray[Any, Any],
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Return the ends of the 95 % interval of each `moving_mean`, ``[n]`` each.
+
+    Student's interval, no wider than the values that the mean is of: a return that nothing exceeds
+    is not exceeded by its interval.
+    """
+    from scipy.special import stdtrit
+
+    if not len(values):
+        return np.zeros(0), np.zeros(0)
+    counts = np.minimum(np.arange(1, len(values) + 1), WINDOW)
+    centre = float(np.mean(values))
+    mean, square = moving_mean(values - centre), moving_mean((values - centre) ** 2)
+    error = np.sqrt(np.maximum(square - mean**2, 0.0) / np.maximum(counts - 1, 1))
+    reach = stdtrit(np.maximum(counts - 1, 1), 0.975) * error
+    before = np.full(WINDOW - 1, values[0])
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([before, values]), WINDOW)
+    return (
+        np.maximum(mean + centre - reach, windows.min(axis=1)),
+        np.minimum(mean + centre + reach, windows.max(axis=1)),
+    )
+
+
+def binned_shares(
+    metrics: Metrics,
+) -> tuple[np.ndarray[Any, Any], dict[str, np.ndarray[Any, Any]]]:
+    """Return the shares of executed actions by actor, in at most `_BINS` bins of episodes.
+
+    Returns:
+        The env step in the middle of each bin ``[bins]`` (the outermost ones moved to the ends of
+        the run), and actor → share ``[bins]``; the shares add up to 1.
+    """
+    ends, lengths = metrics["env_steps"], metrics["length"]
+    if not len(lengths):
+        return np.zeros(0), {actor: np.zeros(0) for actor in STEPS_BY}
+    # Bins of equal env steps; an episode belongs to the bin in which it ends.
+    width = max(ends[-1] / _BINS, 1.0)
+    _, first = np.unique(np.floor((ends - 1) / width), return_index=True)
+    total = np.add.reduceat(lengths, first)
+    shares = {
+        actor: np.add.reduceat(metrics[name], first) / total for actor, name in STEPS_BY.items()
+    }
+    last = np.append(first[1:], len(ends)) - 1
+    begins = ends[first] - lengths[first]
+    centres = (begins + ends[last]) / 2
+    centres[0], centres[-1] = begins[0], ends[-1]
+    if len(centres) == 1:  # an area needs two corners
+        centres = np.array([begins[0], ends[-1]])
+        shares = {actor: np.repeat(share, 2) for actor, share in shares.items()}
+    return centres, shares
 
 
 def summarize(

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from serp._util.figures import FAINT, INK
+from serp._util.figures import INK, LINE, PALETTE
 from serp.comparison.algorithms import DQN
 from serp.comparison.analysis.definitions import BY_NAME
 from serp.comparison.analysis.results import Results
@@ -22,7 +22,7 @@ _PANELS: Final = ("training_area", "learner_area", "final_learner", "final_vetoe
 # Okabe and Ito's palette, told apart by colour-blind readers too, without its yellow, which does
 # not show on white. The numbers of colours, dashes and markers share no divisor, so that 140
 # algorithms differ.
-_COLOURS: Final = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+_COLOURS: Final = ("vermilion", "blue", "green", "purple", "sky", "orange", "ink")
 _DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
 _MARKERS: Final = ("o", "s", "^", "D", "v")
 
@@ -40,7 +40,7 @@ def line_styles(algorithms: Sequence[str]) -> dict[str, LineStyle]:
     """Return the style of each algorithm, by its place in the comparison."""
     return {
         name: LineStyle(
-            _COLOURS[i % len(_COLOURS)],
+            PALETTE[_COLOURS[i % len(_COLOURS)]][0],
             _DASHES[i % len(_DASHES)],
             _MARKERS[i % len(_MARKERS)],
             2.6 if i == 0 else 1.7,
@@ -116,7 +116,7 @@ def _panel(axes: Axes, results: Results, measure: str) -> None:
     axes.autoscale_view()
     # The line on which learning is worth as much as the planner alone; the limits stay.
     limits = axes.get_xlim(), axes.get_ylim()
-    axes.axline((limits[0][0], limits[0][0]), slope=1, color=FAINT, linestyle=":", linewidth=1.6,
+    axes.axline((limits[0][0], limits[0][0]), slope=1, color=LINE, linestyle=":", linewidth=1.6,
                 label="the planner's own", zorder=1)  # fmt: skip
     axes.set(xlim=limits[0], ylim=limits[1])
 

@@ -10,7 +10,7 @@ import matplotlib.style
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from serp._util.figures import FAINT, INK, STYLE
+from serp._util.figures import INK, LINE, STYLE, label_ends
 from serp.comparison.analysis.curves import (
     Curves,
     evaluation_curves,
@@ -106,9 +106,11 @@ def _draw(results: Results, what: _Curve) -> Figure | None:
     last = max((float(found.x[-1]) for found in shown.values()), default=0.0)
     if not shown:
         return None
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    height = max(4.6, 0.22 * len(shown) + 1.5)
+    figure = Figure(figsize=(9.0, height), layout="constrained")
     axes = figure.subplots()
     styles = line_styles(list(curves))
+    ends = []
     for rank, (name, found) in enumerate(shown.items()):
         style, band, above = styles[name], interquartile_band(found.y), -rank / 1_000
         # A single point, such as one evaluation, would be an invisible line.
@@ -121,18 +123,20 @@ def _draw(results: Results, what: _Curve) -> Figure | None:
             found.x, band.low, band.high, color=style.colour, alpha=0.16, linewidth=0,
             zorder=1 + above,
         )  # fmt: skip
+        ends.append((name, float(band.centre[-1]), style.colour))
     planner = planner_returns(results, results.plan.base)
     if what.name == "learner" and len(planner):
-        axes.axhline(planner.mean(), color=FAINT, linestyle=(0, (1, 1.5)), linewidth=2.0,
+        axes.axhline(planner.mean(), color=LINE, linestyle=(0, (1, 1.5)), linewidth=2.0,
                      label="planner alone")  # fmt: skip
+        ends.append(("planner alone", float(planner.mean()), LINE))
     threshold = results.plan.threshold
     low, high = axes.get_ylim()
     if threshold is not None and low <= threshold <= high + 0.1 * (high - low):
-        axes.axhline(threshold, color=FAINT, linewidth=1.2, zorder=1.5, label="threshold")
+        axes.axhline(threshold, color=LINE, linewidth=1.2, zorder=1.5, label="threshold")
+        ends.append(("threshold", threshold, LINE))
     axes.set(title=what.title, xlabel="env steps", ylabel=what.y)
     axes.set_xlim(0, max(last, 2.0))
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", handlelength=2.6)
+    label_ends(axes, ends, height - 1.2)
     return figure

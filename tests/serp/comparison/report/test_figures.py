@@ -40,13 +40,18 @@ def test_curves_show_every_algorithm_with_its_band():
     (axes,) = training.figure.axes
     assert "mean of 20 episodes" in axes.get_ylabel()
     lines = {line.get_label(): line for line in axes.get_lines()}
-    assert set(lines) == {"serp", "mrp", "dqn", "threshold"}
+    assert set(lines) == {"serp", "mrp", "dqn", "threshold", "_name"}
     assert len(axes.collections) == 3
     assert lines["serp"].get_xdata()[-1] == 600
     ours = [r.episodes["return"][-20:].mean() for r in found if r.trial.algorithm == "serp"]
     assert lines["serp"].get_ydata()[-1] == pytest.approx(interquartile_mean(np.array(ours)))
-    (legend,) = training.figure.legends
-    assert [text.get_text() for text in legend.get_texts()][:3] == ["serp", "mrp", "dqn"]
+    # Each is named at the height of its end, and no name lies on another.
+    heights = {text.get_text(): text.get_position()[1] for text in axes.texts}
+    assert set(heights) == {"serp", "mrp", "dqn", "threshold"}
+    assert sorted(heights, key=heights.get) == sorted(
+        heights, key=lambda n: lines[n].get_ydata()[-1]
+    )
+    assert np.diff(sorted(heights.values())).min() > 0.05
 
 
 def test_the_learners_picture_shows_the_planner_alone():
