@@ -46,7 +46,9 @@ def asked_state(
         grounded = domain.observed(given)
     elif given and problem is not None and problem.has_init:
         # What can be reached is reached from the given state.
-        grounded = domain.starting(given)
+        from serp.tasks.worlds.start import starting
+
+        grounded = starting(domain, given)
     initial = grounded.model.initial_state
     if observe or (task is not None and not given and not complete and initial is None):
         # What --state changes is the state after the reset, whatever there is to choose.

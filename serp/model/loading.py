@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from serp.model.transition_model import TransitionModel
 from serp.pddl import syntax as x
 from serp.pddl.domain_parser import parse_domain
 from serp.pddl.problem_parser import parse_problem
-from serp.pddl.source import DomainError, DomainWarning, Source
+from serp.pddl.source import DomainWarning, Source
 
 
 @dataclass(frozen=True)
@@ -117,47 +117,6 @@ class Domain:
             if known is None or not any(self.syntax.is_a(known.type, t) for t in parameter.types):
                 return None
         return declaration
-
-    def starting(self, values: Mapping[str, float | bool]) -> Domain:
-        """Return the same domain with other values in the problem's `:init`.
-
-        Args:
-            values: Name of a ground predicate or function → its value at the start.
-
-        Raises:
-            DomainError: There is no such name, or no problem; or the domain instantiates to too
-                many actions or fluents.
-        """
-        problem = self.problem_syntax
-        if problem is None:
-            raise DomainError(
-                f"{self.source.name}: there is no problem file and so no :init",
-                code="missing-value",
-            )
-        atoms = {(a.name, *(t.name for t in a.arguments)): a for a in problem.true_atoms}
-        numbers = {(f.name, *(t.name for t in f.arguments)): (f, n) for f, n in problem.values}
-        for name, value in values.items():
-            declaration = self.declared(name)
-            if declaration is None:
-                raise DomainError(f"{self.source.name}: there is no `{name}`")
-            given = Source("a given value", f"(= ({name}) {value:g})")
-            place = given.place(0, len(given.text))
-            symbol, *arguments = name.split()
-            key, terms = (symbol, *arguments), tuple(x.SchemaTerm(a, place) for a in arguments)
-            if declaration.numeric:
-                number = x.Number(float(value), place)
-                numbers[key] = (x.FunctionTerm(symbol, terms, place), number)
-            elif value:
-                atoms[key] = x.Atom(symbol, terms, place)
-            else:
-                atoms.pop(key, None)
-        started = dataclasses.replace(
-            problem,
-            true_atoms=tuple(atoms.values()),
-            values=tuple(numbers.values()),
-            init=problem.init or problem.place,
-        )
-        return dataclasses.replace(self, problem_syntax=started)
 
     @functools.cached_property
     def model(self) -> TransitionModel:
