@@ -28,7 +28,7 @@ LAYERS = (
     {"lint", "runs", "sysid"},
     {"adaptation"},
     {"training"},
-    {"diagnosis", "comparison", "viz", "export", "scenarios"},
+    {"diagnosis", "comparison", "viz", "export", "scenarios", "play", "scaffold"},
     {"tuning", "studio"},
     {"cli"},
     {"__main__"},

@@ -14,6 +14,8 @@ from serp.cli.failures import exit_with
 from serp.cli.output import examples
 
 COMMANDS = {
+    "new": "Write the first files of a task of your own.",
+    "play": "Step through the world of a domain file, or train in it.",
     "plan-and-learn": "Train: the planner acts first, the learner takes over.",
     "plan": "Show one decision of the planner, as a table or a picture.",
     "evaluate": "Measure a trained policy.",

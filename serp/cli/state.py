@@ -120,31 +120,31 @@ def observed_state(task: Task, planner: MonitorReplanner | None, seed: int) -> t
     return first, origin
 
 
-def parse_state(assignments: Iterable[str], domain: Domain) -> dict[str, float]:
+def parse_state(
+    assignments: Iterable[str], domain: Domain, said: str = "--state"
+) -> dict[str, float]:
     """Return fluent → value of `fluent=value` texts, several in one text separated by commas.
 
-    A predicate takes `true` or `false` as well as 1 or 0.
+    A predicate takes `true` or `false` as well as 1 or 0. `said` begins the messages.
     """
     state: dict[str, float] = {}
     for text in (part for whole in assignments for part in whole.split(",") if part.strip()):
         target, equals, value = text.partition("=")
         if not equals or not target.strip():
-            raise click.UsageError(
-                f"--state {text}: expected fluent=value, such as pole-angle=0.05"
-            )
+            raise click.UsageError(f"{said} {text}: expected fluent=value, such as pole-angle=0.05")
         name = " ".join(target.lower().strip().strip("()").split())
         declaration = domain.declared(name)
         if declaration is None:
             model = domain.model
             known = [*(fluent.name for fluent in model.fluents), *model.ground.static]
-            raise SerpError(f"--state: unknown fluent `{name}`; {did_you_mean(name, known)}")
+            raise SerpError(f"{said}: unknown fluent `{name}`; {did_you_mean(name, known)}")
         if name in state:
-            raise SerpError(f"--state: `{name}` is given twice")
-        state[name] = _value(name, value.strip(), numeric=declaration.numeric)
+            raise SerpError(f"{said}: `{name}` is given twice")
+        state[name] = _value(name, value.strip(), said, numeric=declaration.numeric)
     return state
 
 
-def _value(name: str, text: str, *, numeric: bool) -> float:
+def _value(name: str, text: str, said: str, *, numeric: bool) -> float:
     words = {} if numeric else {"true": 1.0, "false": 0.0}
     try:
         value = words[text.lower()] if text.lower() in words else float(text.replace("−", "-"))
@@ -152,5 +152,5 @@ def _value(name: str, text: str, *, numeric: bool) -> float:
         value = float("nan")
     if value - value != 0.0 or (not numeric and value not in (0.0, 1.0)):
         wanted = "a finite number" if numeric else "true or false"
-        raise SerpError(f"--state: `{name}` is {wanted}, not `{text}`")
+        raise SerpError(f"{said}: `{name}` is {wanted}, not `{text}`")
     return value

@@ -20,7 +20,7 @@ from serp.pddl.comments import comment_of
 from serp.pddl.source import Place
 from serp.pddl.syntax import Kind
 
-What = Literal["reward", "unsafe", "risk", "end", "failed", "conflict", "undefined"]
+What = Literal["change", "reward", "unsafe", "risk", "end", "failed", "conflict", "undefined"]
 Origin = Literal["action", "event", "process", "goal", "metric", "learned"]
 
 _NOISE: Final = 1e-12
@@ -49,11 +49,12 @@ class Cause:
     """Something that a step brings, and what of the file is behind it.
 
     Attributes:
-        what: `reward`; `unsafe` (the file flags the step); `risk` (an outcome that was learned is
-            unsafe); `end` of the task; `failed` (a precondition that does not hold); `conflict` (an
-            effect that contradicts another) or `undefined` (a condition that is neither true nor
-            false, or numbers that are not finite), for both of which the step has no result.
-        amount: Of `reward` the change, of `risk` the probability; else None.
+        what: `change` of a fluent; `reward`; `unsafe` (the file flags the step); `risk` (an outcome
+            that was learned is unsafe); `end` of the task; `failed` (a precondition that does not
+            hold); `conflict` (an effect that contradicts another) or `undefined` (a condition that
+            is neither true nor false, or numbers that are not finite), for both of which the step
+            has no result.
+        amount: Of `change` and `reward` the difference, of `risk` the probability; else None.
         origin: The kind of the schema; `goal`, `metric`, or `learned`: what the run learned.
         name: The ground action, process or event; empty for others.
         text: What is written there: the effect or the failed condition, in one line.
@@ -91,7 +92,28 @@ def causes_of(model: TransitionModel, state: Vector, action: int) -> list[Cause]
     """
     passages, flags = model.passages(state, action)
     out, _ = model.transition(state.tolist(), action)
+    return causes_passed(model, state, passages, flags, out)
+
+
+def causes_passed(
+    model: TransitionModel,
+    state: Vector,
+    passages: Sequence[Passage],
+    flags: int,
+    out: list[float],
+) -> list[Cause]:
+    """Return what is behind a step that was traced, see `TransitionModel.traced`."""
     return list(_Tracing(model, state.tolist(), passages).causes(flags, out))
+
+
+def changes_passed(
+    model: TransitionModel, state: Vector, passages: Sequence[Passage]
+) -> dict[int, list[Cause]]:
+    """Return position of a fluent → what changed it in a step that was traced, in order."""
+    found: dict[int, list[Cause]] = {}
+    for fluent, cause in _Tracing(model, state.tolist(), passages).changes():
+        found.setdefault(fluent, []).append(cause)
+    return found
 
 
 def location_of(place: Place) -> Location:
@@ -132,6 +154,19 @@ class _Tracing:
                     yield self._of_effect("end", None, schema, effect, k)
         if flags & APPLICABLE and self._exact:
             yield from self._of_problem(out[-1] - gained, flags, out)
+
+    def changes(self) -> Iterator[tuple[int, Cause]]:
+        """Yield the position of a fluent, and what changed it."""
+        for k, passage in enumerate(self._passages):
+            effect, schema = passage.site.item, passage.site.schema
+            if not isinstance(effect, g.SetBoolean | g.SetNumber) or schema is None:
+                continue
+            if effect.target < 0 or passage.site.what not in ("effect", "rate"):
+                continue
+            before = self._passages[k - 1].values if k else self._state
+            amount = passage.values[effect.target] - before[effect.target]
+            if amount != 0.0:
+                yield effect.target, self._of_effect("change", amount, schema, effect, k)
 
     def _of_effect(
         self,

@@ -30,8 +30,10 @@ def custom_task(name: str) -> Task:
     where, colon, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
     if not where or (colon and not attribute):
         raise TaskError(f"--task {name}: expected {FORMS}")
-    module = _import(Path(where)) if where.endswith(".py") else _import_module(where, Path())
-    found = _named(module, attribute, name) if attribute else _only(module, name)
+    said = f"--task {name}"
+    is_file = where.endswith(".py")
+    module = import_file(Path(where), said) if is_file else _import_module(where, Path(), said)
+    found = attribute_of(module, attribute, said) if attribute else _only(module, name)
     if isinstance(found, Task):
         return found
     if not callable(found):
@@ -49,20 +51,23 @@ def custom_task(name: str) -> Task:
     return made
 
 
-def _import(file: Path) -> ModuleType:
-    """Import a file as a module of its name, so that other processes can import it, too."""
+def import_file(file: Path, said: str) -> ModuleType:
+    """Import a file as a module of its name, so that other processes can import it, too.
+
+    `said` is the option that names it, for messages.
+    """
     if not file.is_file():
-        raise TaskError(f"--task {file}: there is no such file")
-    module = _import_module(file.stem, file.parent)
+        raise TaskError(f"{said}: there is no such file")
+    module = _import_module(file.stem, file.parent, said)
     if not module.__file__ or Path(module.__file__).resolve() != file.resolve():
         raise TaskError(
-            f"--task {file}: another module is called `{file.stem}` ({module.__file__}); "
+            f"{said}: another module is called `{file.stem}` ({module.__file__}); "
             "give the file another name"
         )
     return module
 
 
-def _import_module(name: str, folder: Path) -> ModuleType:
+def _import_module(name: str, folder: Path, said: str) -> ModuleType:
     place = str(folder.resolve())
     if place not in sys.path:
         sys.path.append(place)  # last, so that no file hides an installed module
@@ -71,15 +76,16 @@ def _import_module(name: str, folder: Path) -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{name}.".startswith(f"{error.name}."):
-            raise _failed(f"--task {name}: importing it failed", error) from error
+            raise _failed(f"{said}: importing it failed", error) from error
         raise TaskError(
-            f"--task {name}: there is no module `{error.name}`, neither installed nor in {place}"
+            f"{said}: there is no module `{error.name}`, neither installed nor in {place}"
         ) from None
     except Exception as error:
-        raise _failed(f"--task {name}: importing it failed", error) from error
+        raise _failed(f"{said}: importing it failed", error) from error
 
 
-def _named(module: ModuleType, attribute: str, name: str) -> Any:
+def attribute_of(module: ModuleType, attribute: str, said: str) -> Any:
+    """Return what a module has under a name, which may have dots."""
     found: Any = module
     for part in attribute.split("."):
         try:
@@ -87,8 +93,7 @@ def _named(module: ModuleType, attribute: str, name: str) -> Any:
         except AttributeError:
             names = [n for n in dir(found) if not n.startswith("_")]
             raise TaskError(
-                f"--task {name}: {module.__file__} has no `{attribute}`; "
-                f"{did_you_mean(part, names)}"
+                f"{said}: {module.__file__} has no `{attribute}`; {did_you_mean(part, names)}"
             ) from None
     return found
 

@@ -71,8 +71,8 @@ def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
         raise TaskError(
             f"{path}: no task is installed for domain `{loaded.name}` "
             f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}); with an "
-            "environment of your own, write a serp.Task and name it: --task FILE.py:FUNCTION, or "
-            "call serp.plan_and_learn"
+            "environment of your own, write a serp.Task (serp new does) and name it: --task "
+            f"FILE.py:FUNCTION; without one, the file is a world: serp play {path} --train"
         )
     return task
 
@@ -91,11 +91,17 @@ def _shipped_beside(name: str) -> Path | None:
 
 def task_of(domain: Domain, path: Path) -> Task | None:
     """Return the installed task that a domain file belongs to, with that domain; None for none."""
+    name = task_like(domain.name, path.stem)
+    return (
+        None if name is None else dataclasses.replace(load_task(name), domain=domain, problem=None)
+    )
+
+
+def task_like(*names: str) -> str | None:
+    """Return the first installed task with one of these names, or with one up to a hyphen."""
     entries = task_entries()
-    for name in (domain.name, path.stem, *_shortened(domain.name), *_shortened(path.stem)):
-        if name in entries:
-            return dataclasses.replace(load_task(name), domain=domain, problem=None)
-    return None
+    shortened = (short for name in names for short in _shortened(name))
+    return next((name for name in (*names, *shortened) if name in entries), None)
 
 
 def _shortened(name: str) -> list[str]:

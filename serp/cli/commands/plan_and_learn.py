@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import shlex
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
 
-from serp._util.number_format import readable
-from serp._util.text import plural
-from serp.cli.account import print_account
 from serp.cli.asked import asked_task
-from serp.cli.failures import say, stopped_by
-from serp.cli.options import (
-    max_ground_schemas_option,
-    own_task_name,
-    own_task_option,
-    settings_option,
-)
-from serp.cli.output import examples, open_console, print_result, print_table
-
-if TYPE_CHECKING:
-    from serp.training.run import Run
+from serp.cli.options import max_ground_schemas_option, own_task_option, settings_option
+from serp.cli.output import examples
+from serp.cli.trained import train
 
 _FROM_OUT = ""
 """What `--resume` holds without a value of its own."""
@@ -117,26 +103,9 @@ def command(
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --resume RUN"
         )
-    from serp.errors import Interrupted
-    from serp.training.plan_and_learn import plan_and_learn
-
-    try:
-        with _own_task_added():
-            run = plan_and_learn(
-                task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet,
-                **options,
-            )  # fmt: skip
-    except (Interrupted, KeyboardInterrupt) as stop:
-        if not isinstance(stop, Interrupted) and not _notes(stop):
-            raise
-        said = str(stop) if isinstance(stop, Interrupted) else "Stopped at once."
-        say("\n".join([said, *_notes(stop)]))
-        return stopped_by(stop)
-    if quiet:
-        print_result(run.path)
-    else:
-        _print_results(run)
-    return None
+    return train(
+        task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet, **options
+    )
 
 
 def _set(
@@ -162,63 +131,3 @@ def _run_to_resume(given: str, out: Path | None) -> Path:
     if path is None:
         raise click.UsageError("give the run to continue: --resume RUN")
     return path
-
-
-@contextlib.contextmanager
-def _own_task_added() -> Iterator[None]:
-    """Add `--task` to what an error says of how the run goes on."""
-    try:
-        yield
-    except BaseException as error:
-        if _notes(error) and (own := _own_task()):
-            error.add_note(f"and add{own} to the command, for this task is not installed")
-        raise
-
-
-def _notes(error: BaseException) -> list[str]:
-    """Return what was added to an error: how the run goes on."""
-    return list(getattr(error, "__notes__", []))
-
-
-def _own_task() -> str:
-    """Return `--task` as it was given, for a command that is to be typed next."""
-    name = own_task_name()
-    return f" --task {shlex.quote(name)}" if name is not None else ""
-
-
-def _print_results(run: Run) -> None:
-    summary: dict[str, Any] = run.summary
-    episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
-    said = f"{readable(returns['mean'])} on average"
-    if returns["last_20"] is not None:
-        said += f", {readable(returns['first_10'])} in the first 10 episodes, "
-        said += f"{readable(returns['last_20'])} in the last 20"
-    unsafe = plural(summary["unsafe_executed"], "action")
-    quoted = shlex.quote(str(run.path))
-    console = open_console()
-    console.print("")
-    print_table(
-        console,
-        ("", ""),
-        [
-            ("run", str(run.path)),
-            ("length", f"{episodes}, {plural(summary['env_steps'], 'env step')}"),
-            ("return", said),
-            ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
-                           "(a fall, a crash, the goal)"),
-            ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
-            ("unsafe", f"{unsafe} executed that the domain file flags unsafe"),
-        ],
-    )  # fmt: skip
-    console.print("")
-    print_account(console, summary, summary["sight"])
-    console.print("\nNext:")
-    print_table(
-        console,
-        ("", ""),
-        [
-            (f"  serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
-            (f"  serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
-            (f"  {run.path / 'report.md'}", "the whole run on one page, with its learning curve"),
-        ],
-    )

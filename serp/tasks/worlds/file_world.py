@@ -12,7 +12,7 @@ from gymnasium import spaces
 from gymnasium.wrappers import TimeLimit
 
 from serp.errors import TaskError
-from serp.model.emit import Site
+from serp.model.emit import Passage
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import Vector
@@ -26,11 +26,13 @@ class Happened(NamedTuple):
 
     Attributes:
         action: Position of the ground action that was carried out; -1 for none.
-        sites: The effects, rates and events that took part, in order.
+        flags: The flags of the step.
+        passages: The effects, rates and events that took part, in order.
     """
 
     action: int
-    sites: list[Site]
+    flags: int
+    passages: list[Passage]
 
 
 class FileWorld(gym.Env[Vector, int]):
@@ -66,7 +68,7 @@ class FileWorld(gym.Env[Vector, int]):
         self._start = _initial_state(domain)
         self._options = options or WorldOptions()
         self.state = self._start
-        self.happened = Happened(-1, [])
+        self.happened = Happened(-1, 0, [])
         self._numeric = np.array([f.numeric for f in self.model.fluents], dtype=np.bool_)
         self.observation_space = spaces.Box(
             np.where(self._numeric, -np.inf, 0.0),
@@ -92,10 +94,10 @@ class FileWorld(gym.Env[Vector, int]):
         if not self.action_space.contains(action):
             raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
         done = self._disturbed(int(action))
-        out, flags, sites = self._carried_out(done)
+        out, flags, passages = self._carried_out(done)
         if not flags & (APPLICABLE | UNDEFINED):
             done = -1
-            out, flags, sites = self._carried_out(done)
+            out, flags, passages = self._carried_out(done)
         model = self.model
         if not flags & APPLICABLE:
             name = "waiting" if done < 0 else model.actions[done].name
@@ -105,7 +107,7 @@ class FileWorld(gym.Env[Vector, int]):
                 "contradicts itself"
             )
         reward = out.pop()
-        self.state, self.happened = np.array(out), Happened(done, sites)
+        self.state, self.happened = np.array(out), Happened(done, flags, passages)
         info = {"applied": done == action, "unsafe": bool(flags & UNSAFE)}
         return self.state.copy(), reward, bool(flags & TERMINAL), False, info
 
@@ -124,11 +126,11 @@ class FileWorld(gym.Env[Vector, int]):
         others = [k for k in possible if k != action]
         return others[int(self.np_random.integers(len(others)))] if others else -1
 
-    def _carried_out(self, action: int) -> tuple[list[float], int, list[Site]]:
+    def _carried_out(self, action: int) -> tuple[list[float], int, list[Passage]]:
         noise = self._options.noise
-        amend = self._scatter if noise > 0.0 else None
-        out, flags, passages = self.model.traced(self.state.tolist(), action, amend=amend)
-        return out, flags, [passage.site for passage in passages]
+        return self.model.traced(
+            self.state.tolist(), action, amend=self._scatter if noise > 0.0 else None
+        )
 
     def _scatter(self, state: list[float], action: int, out: list[float]) -> None:
         """Make the changes of numbers larger or smaller by chance."""

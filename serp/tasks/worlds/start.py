@@ -10,7 +10,6 @@ import numpy as np
 
 from serp._util.text import did_you_mean
 from serp.model.loading import Domain, problem_beside
-from serp.pddl.definition import read_definition
 from serp.pddl.edits import Edit, edited
 from serp.pddl.problem_parser import parse_problem
 from serp.pddl.source import DomainError, Source
@@ -35,7 +34,9 @@ def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
         if declaration is None:
             known = [*(fluent.name for fluent in domain.model.fluents), *stated]
             raise DomainError(
-                f"{domain.source.name}: there is no `{name}`", advice=did_you_mean(name, known)
+                f"{domain.source.name}: there is no `{name}`",
+                advice=did_you_mean(name, known),
+                code="unknown-name",
             )
         if declaration.numeric:
             stated[name] = f"(= ({name}) {np.format_float_positional(value, trim='0')})"
@@ -70,9 +71,8 @@ def _with_init(domain: Domain, init: str) -> Source:
         name = str(problem_beside(Path(domain.source.name)))
         text = f"(define (problem start)\n  (:domain {domain.name})\n  {init}\n  (:goal (and)))\n"
         return Source(name, text)
-    _, whole, sections = read_definition(before, "problem")
-    old = next((section.place for section in sections if section.head == ":init"), None)
-    end = whole.place.end - 1  # before the last parenthesis
-    start, end = (old.start, old.end) if old is not None else (end, end)
-    text = init if old is not None else f"\n  {init}"
-    return Source(before.name, edited(before.text, [Edit(start, end, text)]))
+    assert domain.problem_syntax is not None
+    old, end = domain.problem_syntax.init, domain.problem_syntax.place.end - 1
+    # A new one stands before the last parenthesis.
+    edit = Edit(old.start, old.end, init) if old else Edit(end, end, f"\n  {init}")
+    return Source(before.name, edited(before.text, [edit]))

@@ -1,0 +1,1 @@
+"""Playing a domain file by hand: its world, one step at a time."""

@@ -1,0 +1,158 @@
+"""The files of `serp new` work at once, whatever the environment calls its things."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+from click.testing import CliRunner
+from gymnasium import spaces
+
+from serp.cli.root import serp
+from serp.errors import TaskError
+from serp.model.loading import load_domain
+from serp.play.game import Game
+from serp.scaffold.environment import describe
+from serp.scaffold.files import new_task
+from serp.tasks.custom_tasks import custom_task
+
+OWN = '''
+import gymnasium
+from gymnasium import spaces
+
+
+class Robot(gymnasium.Env):
+    """A robot.
+
+    ## Action Space
+
+    * 0: go "left"\\"); import os  # evil
+    * 1: object
+
+    ## Observation Space
+    """
+
+    observation_space = spaces.Dict({
+        "arm": spaces.Dict({
+            "pose": spaces.Box(-1, 1, (1, 2)), "g\\"r'i\\np${name}": spaces.Discrete(3),
+        }),
+        "lamps": spaces.MultiBinary(1),
+        "mode": spaces.Tuple([spaces.MultiDiscrete([2]), spaces.Box(0, 9, ())]),
+    })
+    action_space = spaces.Discrete(2, start=-1)
+    steps = 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.steps = 0
+        self.observation_space.seed(seed)
+        return self.observation_space.sample(), {}
+
+    def step(self, action):
+        self.steps += 1
+        return self.observation_space.sample(), float(action), self.steps > 4, False, {}
+'''
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("env", "actions", "numbers"),
+    [
+        ("CartPole-v1", "push-cart-to-the-left", "pole-angular-velocity"),
+        ("Acrobot-v1", "apply-minus-1-torque-to-the-actuated", "cosine-of-theta1"),
+        ("MountainCar-v0", "dont-accelerate", "position-of-the-car-along-the-x-axis"),
+        ("Taxi-v4", "pickup-passenger", "observation"),
+        ("FrozenLake-v1", "move-up", "observation"),
+        ("Blackjack-v1", "hit", "observation-2"),
+    ],
+)
+def test_what_an_environment_documents_names_actions_and_fluents(
+    folder: Path, env: str, actions: str, numbers: str
+) -> None:
+    name = f"new-{env.partition('-')[0].lower()}"
+    new_task(Path(name), env)
+    with custom_task(f"{name}.py").bind() as bound:
+        assert actions in [action.name for action in bound.model.actions]
+        state = bound.ground(bound.reset(seed=0)[0])
+        assert numbers in bound.model.values(state)
+        assert bound.rewarded_by == "environment"
+        bound.step(0)
+    assert load_domain(f"{name}.pddl").model.actions
+
+
+def test_names_are_taken_from_attributes_that_speak_of_actions() -> None:
+    class Actions(IntEnum):
+        TURN_LEFT = 0
+        turn_right = 1
+
+    class Plain(gym.Env[Any, Any]):
+        observation_space = spaces.Box(-1, 1, (2,))
+        action_space = spaces.Discrete(2)
+
+    def named(**attributes: Any) -> list[str]:
+        env = Plain()
+        for name, value in attributes.items():
+            setattr(env, name, value)
+        return [entry.name for entry in describe(env, "env").actions]
+
+    assert named() == ["action-0", "action-1"]
+    assert named(actions=Actions) == ["turn-left", "turn-right"]
+    assert named(action_names=["Halt", "halt!"]) == ["halt", "halt-2"]
+    assert named(get_action_meanings=lambda: ["NOOP", "FIRE"]) == ["noop", "fire"]
+    chooser = type("Chooser", (), {"actions": {0: "LANE_LEFT", 1: "reward"}})()
+    assert named(action_type=chooser) == ["lane-left", "the-reward"]
+    with pytest.raises(TaskError, match=r"Box.*serp_envs\.MacroActions"):
+        env = Plain()
+        env.action_space = spaces.Box(-1, 1)  # type: ignore[assignment]
+        describe(env, "env")
+    with pytest.raises(TaskError, match=r"has 75 numbers, too many"):
+        env = Plain()
+        env.observation_space = spaces.Box(0, 1, (5, 5, 3))
+        describe(env, "env")
+
+
+def test_an_environment_of_ones_own_fits_at_once(folder: Path) -> None:
+    Path("own_robot.py").write_text(OWN)
+    shown = CliRunner().invoke(serp, ["new", "my-own-robot", "--env", "own_robot.py:Robot"])
+    assert shown.exit_code == 0, shown.output
+    assert "serp plan-and-learn --task my-own-robot.py" in shown.output
+    domain, adapter = Path("my-own-robot.pddl").read_text(), Path("my-own-robot.py").read_text()
+    assert "(:action go-left  ; go left ); import os # evil\n" in domain
+    assert "(:action the-object  ; object\n" in domain and "(arm-g-ri-p-name)" in domain
+    assert "import os" not in adapter
+    checked = CliRunner().invoke(serp, ["check", "my-own-robot.pddl", "--task", "my-own-robot.py"])
+    assert "fit together" in checked.output
+    with custom_task("my-own-robot.py").bind() as bound:
+        assert len(bound.ground(bound.reset(seed=1)[0])) == 6
+        assert bound.step(0)[1] == -1.0 and bound.step(1)[1] == 0.0
+
+
+def test_nothing_is_overwritten_and_names_do_not_clash(folder: Path) -> None:
+    written = new_task(Path("rail"))
+    assert [file.name for file in written] == ["rail.pddl", "rail-problem.pddl"]
+    assert not load_domain("rail.pddl").warnings
+    game = Game(load_domain("rail.pddl"))
+    for name in ("charge", *["forward"] * 3, "pick-up", *["back"] * 3):
+        played = game.step(game.model.action_index(name))
+    assert played.over and not played.unsafe and played.total > 10
+    text = written[0].read_text()
+    for name, env, said in (
+        ("rail", None, "rail.pddl and rail-problem.pddl: there is such a file already"),
+        ("Rail", None, "small letters"),
+        ("no/rail", None, "there is no folder no"),
+        ("cartpole-two", None, "`cartpole` is an installed task"),
+        ("json", "CartPole-v1", "a Python module has this name"),
+        ("a", "CartPoole-v1", "FILE.py:CLASS"),
+        ("a", "own_robt.py:Robot", "--env own_robt.py:Robot: there is no such file"),
+    ):
+        with pytest.raises(TaskError, match=said):
+            new_task(Path(name), env)
+    assert written[0].read_text() == text and not Path("a.pddl").exists()
