@@ -28,6 +28,7 @@ LAYERS = (
     {"lint", "runs", "sysid"},
     {"adaptation"},
     {"training"},
+    {"review"},
     {"diagnosis", "comparison", "viz", "export", "scenarios", "play", "scaffold"},
     {"tuning", "studio"},
     {"cli"},

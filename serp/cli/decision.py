@@ -144,8 +144,8 @@ def print_state(console: Console, account: Explanation) -> None:
         console.print(f"  true: {shortened(true)}")
 
 
-def print_alternatives(console: Console, account: Explanation) -> None:
-    """Print the table of the actions."""
+def print_alternatives(console: Console, account: Explanation, refused: str = "") -> None:
+    """Print the table of the actions; `refused` is the name of a proposal that was refused."""
     # The best first where there are too many to show; else as in the file.
     order = list(account.alternatives)
     if len(order) > _ACTIONS_SHOWN:
@@ -157,7 +157,8 @@ def print_alternatives(console: Console, account: Explanation) -> None:
             numbers = readable(each.reward), readable(each.best_return)
             unsafe = each.unsafe or each.safe_steps is not None
             style = "red" if unsafe else "bold blue" if taken else ""
-        rows.append(("→" if taken else "", each.name, *numbers, each.remark))
+        mark = "→" if taken else "✗" if each.name == refused else ""
+        rows.append((mark, each.name, *numbers, each.remark))
         styles.append(style)
     head = ("", "action", "reward", "best return", "remarks")
     print_table(console, head, rows, styles=styles, right=(2, 3))
@@ -166,12 +167,15 @@ def print_alternatives(console: Console, account: Explanation) -> None:
         console.print(f"  … and {rest}, no better than these (--json has all)")
 
 
-def print_causes(console: Console, account: Explanation) -> None:
-    """Print what is behind the action taken and behind the best other one."""
+def print_causes(console: Console, account: Explanation, refused: str = "") -> None:
+    """Print what is behind the action taken, a refused proposal, and the best other action."""
     taken, other = account.taken, account.runner_up
     if taken is None:
         return
     _print_lines(console, taken)
+    for each in account.alternatives:
+        if each.name == refused and (other is None or each.action != other.action):
+            _print_lines(console, each)
     if other is not None:
         console.print(between(other, taken.name))
         _print_lines(console, account.alternatives[other.action])

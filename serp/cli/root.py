@@ -18,6 +18,7 @@ COMMANDS = {
     "play": "Step through the world of a domain file, or train in it.",
     "plan-and-learn": "Train: the planner acts first, the learner takes over.",
     "plan": "Show one decision of the planner, as a table or a picture.",
+    "why": "Explain a recorded step of a run, in the words of its file.",
     "evaluate": "Measure a trained policy.",
     "compare": "Compare algorithms on one task, under one protocol.",
     "tune": "Search settings by the returns of whole trainings.",

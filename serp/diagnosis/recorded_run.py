@@ -6,17 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from serp._util.saved_state import Saved
-from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adoption import ModelAdoption
 from serp.errors import RunError
-from serp.model.loading import Domain, load_domain
+from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel
-from serp.runs.folder import RunFolder
+from serp.review.run_model import RunModel
 from serp.sysid.transitions import TransitionMemory
-from serp.training.run_metadata import read_run_metadata, refuse_changes
 
 
 @dataclass(frozen=True)
@@ -54,24 +50,9 @@ def read_recorded(run: Path) -> Recorded:
             was changed.
         DomainError: Its copy of the domain is damaged.
     """
-    folder = RunFolder.open(run)
-    made = read_run_metadata(folder)
-    checkpoint = folder.load_checkpoint()
-    refuse_changes(folder, checkpoint, domain_only=True)
-    domain = load_domain(
-        *folder.copies(),
-        observed=made.observed is not None,
-        max_ground_schemas=made.max_ground_schemas,
-    )
-    if made.observed is not None:
-        domain = domain.observed(made.observed)
-    model = domain.model.replace(dt=made.control_period)
+    read = RunModel(run)
+    checkpoint, adaptation = read.checkpoint, read.adaptation
     whole = Saved("run", checkpoint.arrays, checkpoint.meta)
-    agent = Saved("agent", checkpoint.arrays, whole.part("agent")[1])
-    # Nothing is drawn after loading, so any seed will do.
-    unused = np.random.SeedSequence(made.seed)
-    adaptation = ModelAdaptation(model, made.settings.adaptation, unused)
-    adaptation.load_state_dict(*agent.part("adaptation"))
     experience = adaptation.experience
     if not len(experience):
         raise RunError(
@@ -81,12 +62,12 @@ def read_recorded(run: Path) -> Recorded:
     damage = checkpoint.fallback
     return Recorded(
         run=run,
-        domain=domain,
-        files={str(k): str(v) for k, v in folder.metadata["domain_files"].items()},
-        model=model,
+        domain=read.domain,
+        files={str(k): str(v) for k, v in read.folder.metadata["domain_files"].items()},
+        model=read.model,
         experience=experience,
         adoption=adaptation.adoption,
         env_steps=whole.whole("env_steps"),
-        learned_from=str(folder.metadata["config"].get("learned_from", "")),
+        learned_from=str(read.folder.metadata["config"].get("learned_from", "")),
         notice=None if damage is None else f"{damage} This diagnosis uses the one before.",
     )

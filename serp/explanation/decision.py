@@ -200,7 +200,8 @@ def _first_causes(
             found.append(Cause("reward", rest, "learned", "", ""))
     if risk_of(flags) > 0.0 and not flags & UNSAFE:
         unsafe = [each for each in causes_of(model, state, ground) if each.what == "unsafe"]
-        found += [replace(each, what="risk", amount=risk_of(flags)) for each in unsafe[:1]]
+        cause = unsafe[0] if unsafe else Cause("risk", None, "learned", "", "")
+        found.append(replace(cause, what="risk", amount=risk_of(flags)))
     return found
 
 
@@ -235,7 +236,10 @@ def _remark(model: TransitionModel, state: Vector, ground: int, flags: int, step
     remarks = []
     if flags & (UNSAFE | RISKY):
         what = "unsafe" if flags & UNSAFE else "too risky"
-        remarks.append(f"{what}: {why_unsafe(model, state, ground).removeprefix(f'{name}: ')}")
+        why = why_unsafe(model, state, ground).removeprefix(f"{name}: ")
+        if why.startswith(name):  # the model at hand does not say so
+            why = f"{percent(risk_of(flags))} by what was learned"
+        remarks.append(f"{what}: {why}")
     else:
         if risk_of(flags):
             remarks.append(f"risk {percent(risk_of(flags))}, accepted")

@@ -39,10 +39,11 @@ def lines_of(alternative: Alternative) -> list[str]:
 def between(runner_up: RunnerUp, name: str) -> str:
     """Say what is between the action taken and the best other one."""
     other, gap = runner_up.name, readable(abs(runner_up.gap))
+    if not runner_up.ahead and runner_up.by == "order":
+        return f"To the planner {other} is worth the same and comes first in the file."
     if not runner_up.ahead:
         better = {
             "value": f": its best return is larger by {gap}",
-            "order": "",
             "rank": ": it is safer one step ahead",
             "risk": ": its path has less risk",
             "safe steps": ": its path stays safe for longer",

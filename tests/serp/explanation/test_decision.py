@@ -9,7 +9,7 @@ import pytest
 
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.explanation.decision import Explanation, explain
-from serp.explanation.runner_up import flips_of
+from serp.explanation.flips import flips_of
 from serp.explanation.sentences import lines_of
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
@@ -63,7 +63,7 @@ def one_step(model: TransitionModel, state: Vector) -> Forecast:
 
 def test_the_parts_of_a_reward_add_up_to_it_and_flags_have_causes() -> None:
     told = 0
-    for seed in range(80):
+    for seed in range(40):
         random = Random(seed)
         model = generate(random, PLANNABLE).model
         for state in random_states(random, model, 3):
@@ -79,7 +79,7 @@ def test_the_parts_of_a_reward_add_up_to_it_and_flags_have_causes() -> None:
                 else:
                     assert whats & {"failed", "conflict", "undefined"}
                 told += len(each.causes)
-    assert told > 500
+    assert told > 250
 
 
 def test_causes_quote_the_file_with_comment_place_and_values(hall: TransitionModel) -> None:
@@ -122,7 +122,7 @@ def test_what_was_learned_is_a_cause_of_its_own(hall: TransitionModel) -> None:
 
 def test_the_runner_up_is_the_best_other_action() -> None:
     seen = set[str]()
-    for seed in range(60):
+    for seed in range(30):
         random = Random(seed)
         model = generate(random, PLANNABLE).model
         for state in random_states(random, model, 2):
@@ -147,11 +147,11 @@ def test_the_smallest_change_that_tips_the_choice_is_found(hall: TransitionModel
     state = np.array([1.0, 0.5])  # leaping costs less than walking
     ranges = np.array([0.0, -5.0]), np.array([1.0, 5.0])
     assert planner.forecast(state).choice == 1
-    flips = flips_of(planner.forecast, hall.fluents, state, ranges)
+    flips = flips_of(lambda s: planner.forecast(s).choice, hall.fluents, state, ranges)
     by_fluent = {flip.fluent: flip for flip in flips.found}
-    assert by_fluent["open"].becomes == 0.0 and by_fluent["open"].action == 0
+    assert by_fluent["open"].becomes == 0.0 and by_fluent["open"].outcome == "0"
     x = by_fluent["x"]  # below 0.25 a leap ends in the hole
-    assert x.becomes == pytest.approx(0.25) and x.becomes < 0.25 and x.action == 0
+    assert x.becomes == pytest.approx(0.25) and x.becomes < 0.25 and x.outcome == "0"
     assert x.share == pytest.approx(0.025)
     assert flips.found[0].share == min(flip.share for flip in flips.found)
     assert "1 number" in flips.searched and "1 predicate" in flips.searched

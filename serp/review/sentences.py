@@ -1,0 +1,157 @@
+"""Sentences about a recorded step, in the words of the file."""
+
+from __future__ import annotations
+
+import math
+
+from serp._util.number_format import readable
+from serp._util.text import plural
+from serp.control.decision import Actor, Reason
+from serp.explanation.flips import Flip
+from serp.explanation.refusals import unsafe_ahead
+from serp.explanation.sentences import told
+from serp.review.predictions import PredictedFluent
+from serp.review.step_account import StepAccount
+
+_SHOWN = 3
+"""Flips that are told."""
+_MINOR = 0.05
+"""Error, in usual changes, up to which a fluent is as predicted."""
+_WHO = {
+    Actor.PLANNER: "The planner",
+    Actor.LEARNER: "The learner",
+    Actor.EXPLORATION: "Exploration, at random,",
+    Actor.FALLBACK: "The fallback",
+}
+_REFUSED = {
+    Reason.NOT_APPLICABLE: "It was refused as not applicable",
+    Reason.UNDEFINED: "It was refused because it has no defined result",
+    Reason.UNSAFE: "It was refused as unsafe",
+    Reason.TOO_RISKY: "It was refused as too risky",
+    Reason.UNSAFE_AHEAD: "It was refused because something unsafe would become unavoidable",
+    Reason.LOW_REWARD: "It was refused because its predicted reward is below R_min",
+    Reason.UNMODELLED: "It was refused because the domain does not mention it",
+    Reason.NO_SAFE_ACTION: "Every action was predicted unsafe",
+    Reason.LEAST_RISK: "Every action was predicted too risky",
+    Reason.NO_APPLICABLE_ACTION: "No action of the domain was applicable",
+}
+
+
+def heading(step: StepAccount) -> str:
+    """Return which step it is: `step 1,204, that is step 37 of episode 12, at 0:14.4`."""
+    return (
+        f"step {step.step:,}, that is step {step.number:,} of episode {step.episode:,}, "
+        f"at {step.time}"
+    )
+
+
+def who_acted(step: StepAccount) -> list[str]:
+    """Say who acted and why."""
+    who, executed = _WHO[step.proposed_by], step.executed
+    if step.reason is Reason.PLANNER_TURN:
+        return [f"It was the planner's turn: {executed} was executed."]
+    if step.reason is Reason.LITTLE_TRIED:
+        return [f"It was the planner's turn: {executed} was executed, for it was rarely tried."]
+    if step.reason is Reason.ACCEPTED:
+        lead = "" if math.isnan(step.rho) else f" (ρ = {readable(step.rho)})"
+        if step.indifferent:
+            lead = ", for all plans were worth the same to the planner"
+        return [f"{who} chose {executed}{lead}. Nothing refused it."]
+    lines = [f"{who} proposed {step.proposed}."] if step.proposed else []
+    because = _why_refused(step)
+    lines.append(f"{_REFUSED[step.reason]}{because}.")
+    whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
+    lines.append(
+        f"{executed} was executed instead, {whose.get(step.executed_by, 'as proposed')}."
+        if executed != step.proposed
+        else f"{executed} was executed all the same: nothing better was left."
+    )
+    return lines
+
+
+def _why_refused(step: StepAccount) -> str:
+    """Return what of the file is behind a refusal, after a colon."""
+    shown = [each for each in step.account.alternatives if each.name == step.proposed]
+    if not shown:
+        return ""
+    proposal = shown[0]
+    wanted = ("unsafe", "risk", "failed", "conflict", "undefined")
+    for cause in proposal.causes:
+        if cause.what in wanted:
+            text = told(cause).rstrip(".")
+            shorter = text
+            for known in ("unsafe", "not applicable", "no defined result"):
+                shorter = shorter.removeprefix(known)
+            return shorter if shorter != text else f": {text}"
+    if step.reason is Reason.LOW_REWARD:
+        return f": it is {readable(proposal.reward)}"
+    return "" if proposal.safe_steps is None else f": {unsafe_ahead(proposal.safe_steps)}"
+
+
+def what_would_differ(step: StepAccount) -> list[str]:
+    """Say what would have had to differ for another outcome, and what was searched."""
+    lines = []
+    veto = f"{step.proposed} would not have been refused"
+    for flips, what in ((step.veto_flips, veto), (step.choice_flips, "")):
+        if flips is None:
+            continue
+        for flip in flips.found[:_SHOWN]:
+            outcome = what or f"the planner would have chosen {flip.outcome}"
+            lines.append(f"{_change(flip)}, {outcome}.")
+        if not flips.found:
+            other = what or "the planner would have chosen otherwise"
+            lines.append(f"No change of a single fluent was found with which {other}.")
+    searched = step.choice_flips or step.veto_flips
+    if searched is not None:
+        lines.append(f"{searched.searched} Planned again with {step.ahead_by}.")
+    return lines
+
+
+def _change(flip: Flip) -> str:
+    """Return the condition of a flip: `With opponent-to-ball below 0.31 (it is 0.35)`."""
+    if flip.share == 1.0 and flip.value in (0.0, 1.0) and flip.becomes == 1.0 - flip.value:
+        return f"If {flip.fluent} were {'true' if flip.becomes else 'false'}"
+    side = "at least" if flip.becomes > flip.value else "at most"
+    return f"With {flip.fluent} {side} {readable(flip.becomes)} instead of {readable(flip.value)}"
+
+
+def told_prediction(each: PredictedFluent) -> str:
+    """Return an error of a prediction as a line."""
+    line = f"{each.fluent}: {_shown(each.predicted)} predicted, {_shown(each.observed)} observed"
+    if isinstance(each.observed, bool):
+        pass
+    elif math.isinf(each.error):
+        line += "; it never changes otherwise"
+    else:
+        line += f", {readable(abs(each.error))} times what it usually changes by"
+    if each.learned is not None:
+        line += f"; {_shown(each.learned)} by what the run has learned"
+    return line + f" (before: {_shown(each.before)})"
+
+
+def what_came(step: StepAccount) -> list[str]:
+    """Compare what was predicted with what was observed, the largest errors first."""
+    if not step.predictions:
+        return ["What it led to was not recorded: the recording stopped there."]
+    wrong = [each for each in step.predictions if abs(each.error) > _MINOR]
+    if step.predictions[0].predicted is None:
+        lines = ["The file predicts nothing for this action."]
+    elif wrong:
+        right = len(step.predictions) - len(wrong)
+        rest = f"; {plural(right, 'other')} as predicted" if right else ""
+        lines = [f"Not as the file predicts{rest}:", *(f"  {told_prediction(w)}" for w in wrong)]
+    else:
+        lines = ["Everything came as the file predicts."]
+    came = f"The environment gave {readable(step.reward)}"
+    if step.terminated or step.truncated:
+        came += " and the episode ended" + ("" if step.terminated else ", cut off")
+    lines.append(came + ".")
+    if step.unsafe:
+        lines.append("By the file, what happened was unsafe.")
+    return lines
+
+
+def _shown(value: float | bool | None) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return readable(value)

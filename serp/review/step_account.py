@@ -1,0 +1,163 @@
+"""The account of a recorded step: what `serp.explanation` tells of it, and what came of it.
+
+Values are those that were recorded. Causes are those of the file as the run has it. What lies
+beyond one control period, and what would have had to differ, is computed by a lookahead that makes
+the same choice in this state: with the file as written, else with what the newest checkpoint has
+learned. Where neither does, it is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from serp.control.decision import Actor, Reason
+from serp.explanation.decision import Explanation, explain
+from serp.explanation.flips import Flips, flips_of
+from serp.review.agreeing import agreeing_lookahead, refusal_by
+from serp.review.place_in_run import FoundStep, clock
+from serp.review.predictions import PredictedFluent, predictions_of
+from serp.review.run_model import RunModel
+from serp.runs.recording import Recording
+
+_REFUSAL: Final = ("allowed", "refused")
+_SECONDS: Final = 4.0
+"""Time that planning again may take, and the search for what would have had to differ."""
+
+
+@dataclass(frozen=True)
+class StepAccount:
+    """The account of a recorded step.
+
+    Attributes:
+        step: Env steps before it; of an evaluation, steps.
+        episode, number: Its episode and its number in it, from 1.
+        time: Time since the episode began, such as `3:12.4`.
+        because: Why this step was chosen; empty where it was asked for.
+        executed, proposed: Names of actions; `proposed` is empty where there was no proposal.
+        executed_by, proposed_by, reason: As in `decisions.csv`.
+        vetoed: Whether a proposal was refused.
+        rho: ρ at this step; NaN if unknown.
+        indifferent: Whether all plans were worth the same to the planner.
+        account: Alternatives with the recorded values, causes and runner-up.
+        admissible: Of each alternative, whether no veto refused it.
+        planned: Name of the planner's choice; empty where it had none.
+        ahead_by: Whose lookahead tells what lies ahead and what would have had to differ; empty
+            where none makes the same choice.
+        choice_flips: Changes of one fluent with which the planner chooses another action.
+        veto_flips: Changes of one fluent with which the proposal would not have been refused.
+        predictions: The fluents, the largest error first; empty where the next state is unknown.
+        reward: The environment's reward.
+        domain_reward: The reward of the observed step by the file, as recorded in training.
+        unsafe: Whether the observed step was unsafe by the file, as recorded in training.
+        terminated, truncated: Whether the episode ended with it, and how.
+    """
+
+    step: int
+    episode: int
+    number: int
+    time: str
+    because: str
+    executed: str
+    proposed: str
+    executed_by: Actor
+    proposed_by: Actor
+    reason: Reason
+    vetoed: bool
+    rho: float
+    indifferent: bool
+    account: Explanation
+    admissible: tuple[bool, ...]
+    planned: str
+    ahead_by: str
+    choice_flips: Flips | None
+    veto_flips: Flips | None
+    predictions: tuple[PredictedFluent, ...]
+    reward: float
+    domain_reward: float
+    unsafe: bool
+    terminated: bool
+    truncated: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values (infinities and NaN among them)."""
+        told = asdict(self)
+        return {
+            **told,
+            **{name: str(told[name]) for name in ("executed_by", "proposed_by", "reason")},
+        }
+
+
+def account_of_step(
+    run: RunModel, recording: Recording, found: FoundStep, *, search: bool = True
+) -> StepAccount:
+    """Return the account of a recorded step.
+
+    Args:
+        run: The run.
+        recording: The recording, of the run or of an evaluation of it.
+        found: The step.
+        search: Whether it is searched what would have had to differ, which takes up to 8 s in large
+            domains.
+
+    Raises:
+        RunError: There is no such step, or its recording is damaged.
+    """
+    step = recording.step(found.step)
+    decision, names = step.decision, recording.layout.actions
+    forecast = decision.forecast
+    ground: list[int] = forecast.ground.tolist()
+    lookahead = agreeing_lookahead(run, step)
+    paths = None
+    if lookahead is not None:
+        ahead = lookahead.paths(step.state, _SECONDS)
+        paths = [ahead[g] if g >= 0 else [] for g in ground]
+    choice_flips = veto_flips = None
+    if search and lookahead is not None:
+        again = lookahead.forecast
+        where = run.model.fluents, step.state, recording.ranges
+        choice_flips = flips_of(
+            lambda s: again(s).choice, *where, called=_action_of(run), seconds=_SECONDS
+        )
+        proposal = ground[decision.proposed] if decision.vetoed else -1
+        refused = refusal_by(run.settings.arbiter, proposal)
+        if refused is not None and refused(again(step.state)):
+            veto_flips = flips_of(
+                lambda s: refused(again(s)), *where, called=_REFUSAL.__getitem__, seconds=_SECONDS
+            )
+    return StepAccount(
+        step=step.step,
+        episode=step.episode,
+        number=step.number,
+        time=clock((step.number - 1) * recording.layout.control_period),
+        because=found.because,
+        executed=names[decision.action],
+        proposed=names[decision.proposed] if decision.proposed >= 0 else "",
+        executed_by=decision.executed_by,
+        proposed_by=decision.proposed_by,
+        reason=decision.reason,
+        vetoed=decision.vetoed,
+        rho=decision.rho,
+        indifferent=decision.indifferent,
+        account=explain(
+            run.model, step.state, forecast, decision.action,
+            names=names, ground=ground, paths=paths,
+        ),
+        admissible=tuple(decision.admissible.tolist()),
+        planned=names[forecast.choice] if forecast.choice >= 0 else "",
+        ahead_by="" if lookahead is None else lookahead.called,
+        choice_flips=choice_flips,
+        veto_flips=veto_flips,
+        predictions=tuple(predictions_of(run, recording, step)),
+        reward=step.env_reward,
+        domain_reward=step.domain_reward,
+        unsafe=step.unsafe,
+        terminated=step.terminated,
+        truncated=step.truncated,
+    )  # fmt: skip
+
+
+def _action_of(run: RunModel) -> Callable[[int], str]:
+    names = [action.name for action in run.model.actions]
+    return lambda position: names[position] if position >= 0 else "no action"
