@@ -26,7 +26,7 @@ LAYERS = (
     {"explanation"},
     {"tasks", "control"},
     {"lint", "runs", "sysid"},
-    {"adaptation"},
+    {"adaptation", "language_server"},
     {"training"},
     {"review"},
     {"diagnosis", "comparison", "viz", "export", "scenarios", "play", "scaffold"},

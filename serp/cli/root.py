@@ -30,6 +30,7 @@ COMMANDS = {
     "studio": "Edit a domain file in the browser and see what it means, live.",
     "check": "Check domain files and say what to fix.",
     "format": "Lay domain files out regularly.",
+    "lsp": "Check and complete domain files in an editor.",
     "list": "List what is installed: tasks, algorithms, strategies.",
 }
 """Command, in the order of use → one line of help. The command `a-b` is the attribute `command`

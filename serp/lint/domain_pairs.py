@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from serp.errors import SerpError
+from serp.pddl.sexpr import Group, read_group
+from serp.pddl.source import DomainError, Recovery, Source
 
 _SUFFIX = "-problem"
 
@@ -35,7 +37,7 @@ def pairs(names: Iterable[str]) -> list[DomainFiles]:
     from serp.tasks.registry import find_domain_file
 
     given = [(name, find_domain_file(name)) for name in names]
-    titles = {path: _title(path) for _, path in given if path is not None}
+    titles = {path: _title_of_file(path) for _, path in given if path is not None}
     domains = [path for path, title in titles.items() if title.kind != "problem"]
     found: dict[tuple[str, str], DomainFiles] = {}
     for name, path in given:
@@ -49,33 +51,43 @@ def pairs(names: Iterable[str]) -> list[DomainFiles]:
     ]
 
 
-class _Title(NamedTuple):
+class Title(NamedTuple):
     """`domain` or `problem` (empty where it is unknown), and the name of the domain."""
 
     kind: str
     domain: str
 
 
-def _title(path: Path) -> _Title:
-    from serp.pddl.sexpr import Group, read_group
-    from serp.pddl.source import Source
-
+def _title_of_file(path: Path) -> Title:
     try:
-        top = read_group(Source.read(path))
+        return title_of(Source.read(path))
     except SerpError:
-        return _Title("", "")
+        return Title("", "")
+
+
+def title_of(source: Source) -> Title:
+    """Return what a file is, as far as its first lines can be read."""
+    try:
+        top = read_group(Source(source.name, source.text, recovery=Recovery()))
+    except DomainError:
+        return Title("", "")
     named = {
         group.head: group.items[1].place.text.lower()
         for group in top.items
         if isinstance(group, Group) and len(group.items) > 1
     }
     if "problem" in named:
-        return _Title("problem", named.get(":domain", ""))
-    return _Title("domain" if "domain" in named else "", named.get("domain", ""))
+        return Title("problem", named.get(":domain", ""))
+    return Title("domain" if "domain" in named else "", named.get("domain", ""))
+
+
+def domain_beside(problem: Path, title: Title) -> Path | None:
+    """Return the domain file beside a problem file; None where there is none."""
+    return _domain_of(problem, title, (), {})
 
 
 def _domain_of(
-    problem: Path, title: _Title, given: Sequence[Path], titles: dict[Path, _Title]
+    problem: Path, title: Title, given: Sequence[Path], titles: dict[Path, Title]
 ) -> Path | None:
     """Return the domain file of a problem file, or None where it is not known."""
     beside = [problem.with_name(f"{name}.pddl") for name in

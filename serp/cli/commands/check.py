@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -186,5 +187,7 @@ def _watch(once: Callable[[], int], checks: list[DomainFiles]) -> int:
 
     for _ in changes([path for pair in checks for path in pair[1:] if path is not None]):
         click.clear()
+        click.echo(f"checking at {time.strftime('%H:%M:%S')}")
         once()
+        click.echo("waiting for changes (Ctrl-C ends)")
     return DONE

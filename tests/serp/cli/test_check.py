@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -164,6 +165,20 @@ def test_findings_are_printed_for_programs_and_mended(run: Run, walk: Path) -> N
         ":conditional-effects)", ":conditional-effects :typing)"
     )
     assert run("check", "walk.pddl", "--format=github").stdout == "\n"
+
+
+def test_the_pattern_for_editors_matches_errors_and_warnings(run: Run, walk: Path) -> None:
+    page = DOMAINS.parent / "docs" / "how-to" / "editors.md"
+    (block,) = re.findall(r"```json\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    pattern = re.compile(json.loads(block)["tasks"][0]["problemMatcher"]["pattern"]["regexp"])
+    text = WALK.replace("(> (walked) 0)", "(> (walked) 0) (> (walked) 1)")
+    walk.write_text(text.replace("(assign (walked) 0)", "(assign (walkd) 0)"))
+    Path("other.pddl").write_text(text)
+    result = run("check", "walk.pddl", "other.pddl", "walk-problem.pddl", expect=1)
+    lines = [*result.stderr.splitlines(), *result.stdout.splitlines()]
+    found = [match.groups() for match in map(pattern.match, lines) if match]
+    assert (None, "walk.pddl", "15", "27", "unknown function `walkd`", "unknown-name") in found
+    assert any(f[:2] == ("warning", "other.pddl") and f[5] == "redundant-condition" for f in found)
 
 
 def test_formatting_says_what_would_change_and_changes_blanks_only(run: Run, walk: Path) -> None:

@@ -12,6 +12,7 @@ from serp.lint.codes import CODES
 from serp.lint.findings import Finding, findings_of
 from serp.lint.fixing import mended, write_changed
 from serp.lint.formats import as_github, as_sarif
+from serp.lint.watching import changes
 from serp.pddl.source import Source
 from tests.serp.cli.conftest import WALK, WALK_PROBLEM
 
@@ -166,3 +167,13 @@ def test_the_page_explains_every_code_with_an_example_that_has_it() -> None:
 
 
 PROBLEM = "(:init (on desk) (= (level) 1)) (:goal (and))"
+
+
+def test_a_file_that_is_written_is_noticed(tmp_path: Path) -> None:
+    file = tmp_path / "d.pddl"
+    noticed = changes([file])
+    next(noticed)
+    (tmp_path / "d-problem.pddl").write_text("(define (problem p))")
+    next(noticed)
+    file.write_text("(define (domain d))")
+    next(noticed)

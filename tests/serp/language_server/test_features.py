@@ -1,0 +1,69 @@
+"""What an editor is told of any position of any file."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+
+pytest.importorskip("pygls")
+
+from serp.errors import SerpError
+from serp.language_server.actions import renamed
+from serp.language_server.completion import choices
+from serp.language_server.features import code_actions, symbols
+from serp.language_server.hover import explained
+from serp.language_server.index import Index
+from serp.language_server.positions import Positions
+from serp.lint.findings import findings_of
+from serp.pddl.source import Source
+from tests.serp.cli.conftest import WALK
+from tests.serp.pddl.test_fuzz import SHIPPED, damage
+
+POSITIONS = Positions("utf-16")
+
+
+def test_damaged_files_are_explained_as_far_as_they_can_be_read() -> None:
+    for seed in range(25):
+        random = Random(seed)
+        texts = damage(random.choice(SHIPPED), random)
+        source = Source("d.pddl", texts.domain)
+        index = Index(source)
+        symbols(index, POSITIONS)
+        whole = POSITIONS.range(source.place(0, len(source.text)))
+        code_actions(findings_of(source), "d.pddl", whole, POSITIONS)
+        for _ in range(15):
+            position = random.randrange(len(source.text) + 1)
+            at = POSITIONS.position(source, position)
+            assert POSITIONS.offset(source, at) == position
+            explained(index, source, position)
+            choices(index, source, position)
+            try:
+                places = renamed(index, source, position, "new-name")
+            except SerpError:
+                continue
+            assert len({place.text.lower() for place in places}) == 1
+
+
+@pytest.mark.parametrize(
+    ("before", "texts"),
+    [
+        ("(define (domain walk)\n  (:re", [":requirements"]),
+        ("(:requirements :typ", [":typing"]),
+        ("(at ?p - ", ["place", "object", "number"]),
+        (":parameters (?a - place ?b - place)\n    :precondition (and (at ?", ["?a", "?b"]),
+        (":precondition (and (ro", ["road"]),
+        (":effect (and (assign (wal", ["walked"]),
+        (":parameters ()\n    :pre", [":precondition"]),
+        ("(walked) 0) (sca", ["scale-up", "scale-down"]),
+        ("; a comm", []),
+    ],
+)
+def test_what_can_stand_there_is_offered_though_the_form_is_not_complete(
+    before: str, texts: list[str]
+) -> None:
+    index = Index(Source("d.pddl", WALK))
+    start = next((k for k in range(len(before), 0, -1) if before[:k] in WALK), 0)
+    text = WALK[: WALK.index(before[:start]) + start] + before[start:]
+    found = choices(index, Source("d.pddl", text), len(text))
+    assert [choice.text for choice in found] == texts
