@@ -31,6 +31,7 @@ HELP: Final = (
     ("r", "restart where the game began"),
     ("s", "the state: all fluents, and what can be done"),
     ("FLUENT = VALUE", "change the state, such as `door-open hall = true`"),
+    ("save TITLE", "write the situation as a scenario beside the file, for `serp test`"),
     ("h", "this help"),
     ("q", "quit"),
 )
@@ -52,7 +53,8 @@ class Player:
         make_planner: Makes the planner of a domain.
         console: Where to print.
         keys: Key → name of an action.
-        parse: Reads `FLUENT=VALUE,...` for a domain.
+        parse: Reads `FLUENT=VALUE,...` for the world as it is.
+        save: Writes the situation as a scenario with a title, and says where.
     """
 
     def __init__(
@@ -62,12 +64,14 @@ class Player:
         console: Console,
         keys: Mapping[str, str],
         parse: Callable[[str], Mapping[str, float]],
+        save: Callable[[str], str],
     ) -> None:
         self._game = game
         self._make_planner = make_planner
         self._console = console
         self._keys = keys
         self._parse = parse
+        self._save = save
         self._planner: tuple[object, MonitorReplanner] | None = None
 
     def do(self, line: str) -> bool:
@@ -80,6 +84,9 @@ class Player:
         if not line or line.startswith((";", "#")):
             return True
         action = self._keys.get(line, line)
+        if line.startswith("save ") and line not in self._keys:
+            self._console.print(self._save(line.removeprefix("save ")))
+            return True
         if "=" in line and line not in self._keys:
             self._game.set(self._parse(line))
             self.print_state()
@@ -133,7 +140,7 @@ class Player:
             return found[0]
         if found:
             raise SerpError(f"`{name}` may be {' or '.join(names[k] for k in found[:8])}")
-        known = did_you_mean(name, [*names, *_WORDS])
+        known = did_you_mean(name, [*names, *_WORDS, "save"])
         raise SerpError(f"there is no action or command `{name}`; {known} (h: help)")
 
     # Steps ---------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from serp._util.numbers import seed_of
 from serp.errors import SerpError
@@ -28,6 +28,7 @@ class Moment:
         steps: Number of steps so far.
         total: Sum of their rewards.
         over: Whether the episode has ended.
+        changed: What was changed by hand; fluent or fact → value.
     """
 
     domain: Domain
@@ -36,6 +37,7 @@ class Moment:
     steps: int = 0
     total: float = 0.0
     over: bool = False
+    changed: Mapping[str, float | bool] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,8 @@ class Game:
         refusal = self.refusal(action)
         state, reward, over, _, info = world.step(action)
         done = world.happened.action
-        self._go(Moment(now.domain, world, state, now.steps + 1, now.total + reward, over=over))
+        steps, total = now.steps + 1, now.total + reward
+        self._go(replace(now, state=state, steps=steps, total=total, over=over))
         return GameStep(
             number=self.moment.steps,
             chosen=model.actions[action].name,
@@ -156,7 +159,8 @@ class Game:
         world = FileWorld(domain, self._options, dt=self._dt)
         state, _ = world.reset()
         world.np_random = now.world.np_random
-        self._go(Moment(domain, world, state, now.steps, now.total))
+        changed = {**now.changed, **values}
+        self._go(Moment(domain, world, state, now.steps, now.total, changed=changed))
 
     def undo(self) -> bool:
         """Take the last step, change or restart back; return whether there was one."""

@@ -36,7 +36,7 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
     if env is None:
         texts = _world_texts(path.name)
     else:
-        _refuse_existing(path, [f"{path.name}.pddl", f"{path.name}.py"])
+        _refuse_existing(path, [f"{path.name}.{kind}" for kind in ("pddl", "py")])
         if importlib.util.find_spec(path.name) is not None:
             raise TaskError(f"{path.name}: a Python module has this name; choose another one")
         with made(env) as found:
@@ -74,6 +74,7 @@ def _world_texts(name: str) -> dict[str, str]:
     return {
         f"{name}.pddl": _filled("world.pddl", name=name),
         f"{name}-problem.pddl": _filled("world-problem.pddl", name=name),
+        f"{name}.scenarios": _filled("world.scenarios", name=name),
     }
 
 
@@ -105,7 +106,10 @@ def _environment_texts(
         actions="\n".join(f'            "{e.name}": {e.value},' for e in told.actions),
         dt=told.dt or 1.0,
     )
-    return {f"{name}.pddl": domain, f"{name}.py": adapter}
+    scenarios = _filled(
+        "environment.scenarios", name=name, first=told.numbers[0].name, action=told.actions[0].name
+    )
+    return {f"{name}.pddl": domain, f"{name}.py": adapter, f"{name}.scenarios": scenarios}
 
 
 def _action(entry: Listed) -> str:

@@ -46,8 +46,24 @@ def add_scenario(
     decision = step.decision
     executed = recording.layout.actions[decision.action]
     remark = f"{where}: {decision.executed_by} executed {executed} ({decision.reason})"
-    lines = [f"scenario {title}", f"  ; {remark}", *_situation(values, decider)]
-    lines += _expected(values, decider, where)
+    return add_situation(file, title, values, remark)
+
+
+def add_situation(file: ScenarioFile, title: str, values: Mapping[str, float], remark: str) -> str:
+    """Return the text of a file with a scenario of what holds in a situation.
+
+    Args:
+        file: The scenario file.
+        title: The title of the scenario, which replaces one that has it.
+        values: Every fluent → its value.
+        remark: Where the situation comes from, a comment of the scenario.
+
+    Raises:
+        DomainError: The file is wrong.
+        SerpError: Nothing can be expected there.
+    """
+    lines = [f"scenario {title}", f"  ; {remark}", *_situation(values, file.decider)]
+    lines += _expected(values, file.decider, title)
     return _with(file.source, file.scenarios(), lines)
 
 

@@ -28,7 +28,8 @@ def command(name: Path, env: str | None) -> None:
     numbers of its observations, and NAME.py, the task that adapts it. What is known of the
     environment is yours to write; check and plan-and-learn work at once.
 
-    Without --env it is an example whose world is the file itself, for `serp play`.
+    Without --env it is an example whose world is the file itself, for `serp play`. NAME.scenarios
+    is for what you expect of the file, for `serp test`.
     """
     from serp.scaffold.files import new_task
 
@@ -40,6 +41,7 @@ def command(name: Path, env: str | None) -> None:
     rows = [
         (f"  serp play {domain}", "step it by hand; `?` asks the planner"),
         (f"  serp check {domain}", "does it make sense, after each change"),
+        (f"  serp test {domain}", "does the planner do what you expect"),
         (f"  serp play {domain} --train", "let a learner practise in it"),
     ]
     if env is not None:

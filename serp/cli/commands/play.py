@@ -14,13 +14,9 @@ from serp.cli.options import max_ground_schemas_option, settings_option
 from serp.cli.output import examples
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from serp.cli.chosen_planner import ChosenPlanner
     from serp.cli.player import Player
-    from serp.cli.state import MakePlanner
+    from serp.cli.playground import Playground
     from serp.model.loading import Domain
-    from serp.settings import PlannerSettings
     from serp.tasks.task import Task
     from serp.tasks.worlds.options import WorldOptions
 
@@ -93,6 +89,7 @@ def command(
     With --train a learner practises in this world, and leaves a run behind like any other.
     """
     from serp.cli.asked import asked_domain
+    from serp.cli.playground import Playground
     from serp.tasks.registry import find_domain_file
     from serp.tasks.worlds.options import WorldOptions
 
@@ -107,7 +104,9 @@ def command(
         settings.setdefault("planner", {})["name"] = planner
     if train:
         return _train(_begun(domain, assignments), task, world, dt, settings, seed=seed, **options)
-    _play(domain, task, world, dt, settings, assignments, keys, seed)
+    played = Playground(domain, task, dt, settings, own_file=file is not None)
+    played.settings()  # what is wrong with them is told at once
+    _play(played, world, assignments, keys, seed)
     return None
 
 
@@ -162,11 +161,8 @@ def _train(
 
 
 def _play(
-    domain: Domain,
-    task: Task | None,
+    played: Playground,
     world: WorldOptions,
-    dt: float,
-    settings: Mapping[str, Mapping[str, Any]],
     assignments: tuple[str, ...],
     keys: str | None,
     seed: int,
@@ -177,6 +173,7 @@ def _play(
     from serp.cli.state import parse_state
     from serp.play.game import Game
 
+    domain, dt = played.domain, played.dt
     console = open_console()
     by_hand = sys.stdin.isatty()
     problem = domain.problem_syntax
@@ -192,10 +189,11 @@ def _play(
     actions = [action.name for action in game.model.actions]
     player = Player(
         game,
-        _planner_of(task, settings, dt),
+        played.planner,
         console,
         action_keys(actions, keys),
         lambda text: parse_state([text], game.moment.domain, "change"),
+        lambda title: played.save(title, game, parse_state(assignments, domain)),
     )
     console.print(_headline(game.moment.domain, world, dt))
     player.print_state()
@@ -217,31 +215,6 @@ def _headline(domain: Domain, world: WorldOptions, dt: float) -> str:
         if value
     ]
     return ", ".join([f"the world of {domain.source.name}", f"control period {dt:g}", *disturbed])
-
-
-def _planner_of(
-    task: Task | None, settings: Mapping[str, Mapping[str, Any]], dt: float
-) -> MakePlanner:
-    """Return what makes the planner that a training would have."""
-    from serp.control.registry import refuse_unknown_names
-    from serp.settings import resolve
-
-    resolved = resolve("default", None if task is None else task.settings, settings)
-    refuse_unknown_names(resolved, {} if task is None else task.planners)
-    chosen: PlannerSettings = resolved.planner
-
-    def make(domain: Domain) -> ChosenPlanner:
-        # Imported when the planner is asked, because this imports torch.
-        from serp.cli.chosen_planner import ChosenPlanner
-        from serp.control.own_planners import own_planners
-        from serp.control.registry import make_planner
-
-        model = domain.model.replace(dt=dt)
-        own = {} if task is None else own_planners(task.loaded().planners)
-        planner = make_planner(model, chosen, own)
-        return ChosenPlanner(planner, model, chosen, 10.0, f"The planner {chosen.name}")
-
-    return make
 
 
 def _by_lines(player: Player) -> None:

@@ -57,6 +57,18 @@ def test_the_planner_is_asked_and_slips_and_ends_are_told(walk: Path) -> None:
     assert "may be go home shop or go home field" in typed("go ho", "walk.pddl", expect=1)
 
 
+def test_a_situation_is_saved_as_a_scenario_that_holds(run: Run, walk: Path) -> None:
+    lines = "1\nmined shop = true\nsave mines wherever one looks\nundo\nsave at the shop\n"
+    shown = typed(lines, "walk.pddl")
+    assert "walk.scenarios: the scenario `at the shop` is written\n" in shown
+    written = Path("walk.scenarios").read_text()
+    assert "  (mined shop)\n" in written.split("scenario")[1]
+    assert "scenario at the shop\n  ; played by hand, after 1 step\n  not (at home)\n" in written
+    assert "2 passed" in run("test", "walk.pddl").stdout
+    told = typed("save a", "cartpole", expect=1)
+    assert "line 1: cartpole.pddl is the file of an installed task; play a copy" in told
+
+
 def test_keys_and_options_that_do_not_fit_are_refused(walk: Path) -> None:
     shown = typed("x\n", "walk.pddl", "--keys=x=go home shop,left=rest")
     assert "x     go home shop" in shown and "step 1: go home shop" in shown

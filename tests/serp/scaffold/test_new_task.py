@@ -130,6 +130,7 @@ def test_an_environment_of_ones_own_fits_at_once(folder: Path) -> None:
     assert "import os" not in adapter
     checked = CliRunner().invoke(serp, ["check", "my-own-robot.pddl", "--task", "my-own-robot.py"])
     assert "fit together" in checked.output
+    assert "1 passed" in CliRunner().invoke(serp, ["test", "my-own-robot.pddl"]).output
     with custom_task("my-own-robot.py").bind() as bound:
         assert len(bound.ground(bound.reset(seed=1)[0])) == 6
         assert bound.step(0)[1] == -1.0 and bound.step(1)[1] == 0.0
@@ -137,7 +138,8 @@ def test_an_environment_of_ones_own_fits_at_once(folder: Path) -> None:
 
 def test_nothing_is_overwritten_and_names_do_not_clash(folder: Path) -> None:
     written = new_task(Path("rail"))
-    assert [file.name for file in written] == ["rail.pddl", "rail-problem.pddl"]
+    assert [file.name for file in written] == ["rail.pddl", "rail-problem.pddl", "rail.scenarios"]
+    assert "5 passed" in CliRunner().invoke(serp, ["test", "rail.pddl"]).output
     assert not load_domain("rail.pddl").warnings
     game = Game(load_domain("rail.pddl"))
     for name in ("charge", *["forward"] * 3, "pick-up", *["back"] * 3):
@@ -145,7 +147,7 @@ def test_nothing_is_overwritten_and_names_do_not_clash(folder: Path) -> None:
     assert played.over and not played.unsafe and played.total > 10
     text = written[0].read_text()
     for name, env, said in (
-        ("rail", None, "rail.pddl and rail-problem.pddl: there is such a file already"),
+        ("rail", None, "rail.scenarios: there is such a file already"),
         ("Rail", None, "small letters"),
         ("no/rail", None, "there is no folder no"),
         ("cartpole-two", None, "`cartpole` is an installed task"),
