@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -83,6 +84,15 @@ def test_tasks_are_listed_without_importing_them(package: Path) -> None:
     assert {"cartpole", "corridor", "broken"} <= set(entries)
     assert "lab" not in entries
     assert "third_party_lab" not in sys.modules
+
+
+def test_a_package_that_is_installed_meanwhile_is_found(package: Path) -> None:
+    site = package.parent / "site"
+    os.utime(site, (0, 0))
+    assert "late" not in task_entries()
+    (site / "late-1.0.dist-info").mkdir()
+    (site / "late-1.0.dist-info" / "entry_points.txt").write_text("[serp.tasks]\nlate = lab:task")
+    assert "late" in task_entries()
 
 
 def test_the_task_of_an_installed_package_is_found_by_name(package: Path) -> None:
