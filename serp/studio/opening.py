@@ -15,13 +15,16 @@ from serp.tasks.registry import find_domain_file, load_task, task_entries, task_
 from serp.tasks.task import Task
 
 
-def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
+def open_session(
+    name: str, folder: Path, own: Task | None = None, own_name: str | None = None
+) -> Session:
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
     Args:
         name: A domain file, or the name of an installed task.
         folder: The working folder.
         own: The task of `--task`.
+        own_name: What `--task` says.
 
     Raises:
         SerpError: There is no such file or task.
@@ -41,7 +44,7 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
         problem = Path(task.problem)
     documents = Document(file, folder), Document(problem, folder) if problem.is_file() else None
     task = task or _task_of(file)
-    return Session(folder, *documents, _surroundings(task), task)
+    return Session(folder, *documents, _surroundings(task), task, own_name)
 
 
 def _task_of(file: Path) -> Task | None:

@@ -52,7 +52,10 @@ def serve(session: Session, port: int, *, browser: bool, said: Callable[[str], N
         said(guard.address)
         if browser:
             webbrowser.open(guard.address)
-        uvicorn.Server(config).run(sockets=[listening])
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        finally:
+            session.close()
 
 
 def _listening(port: int) -> socket.socket:

@@ -7,18 +7,25 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Final
 
+from serp.errors import SerpError
 from serp.lint.findings import Finding
 from serp.pddl.edits import edited
-from serp.pddl.source import Place
+from serp.pddl.source import Place, Source
+from serp.scenarios.running import SUFFIX
 from serp.studio.document import Document
+from serp.studio.expectations import Expectations
 from serp.studio.played import PlayedEpisode, play
-from serp.studio.reading import Surroundings, Version
+from serp.studio.reading import Surroundings, Version, read
 from serp.studio.shown_state import ShownState
+from serp.studio.training import BackgroundTraining, run_folder
 from serp.studio.view import View, look
 from serp.tasks.task import Draw, Task
 
-DOMAIN, PROBLEM = "domain", "problem"
+_PATIENCE: Final = 20.0
+"""Seconds that a training has to save when the studio ends."""
+DOMAIN, PROBLEM, SCENARIOS = "domain", "problem", "scenarios"
 
 
 @dataclass(frozen=True)
@@ -27,13 +34,13 @@ class Request:
 
     version: Version
     surroundings: Surroundings
-    situation: ShownState
+    shown: ShownState
     seen: dict[str, tuple[float, float]]
     draw: Draw | None
 
     def view(self) -> View:
         """Return the view; this may run in a thread."""
-        return look(self.version, self.surroundings, self.situation, self.seen, self.draw)
+        return look(self.version, self.surroundings, self.shown, self.seen, self.draw)
 
 
 class Session:
@@ -45,12 +52,15 @@ class Session:
         problem: The problem file; None where there is none.
         surroundings: Control period and planner.
         task: The task that the file belongs to; None for a file alone.
+        task_name: What `--task` says, for commands; None where it is not given.
 
     Attributes:
-        documents: `domain`, and `problem` where there is one.
-        situation: The state that decisions are shown for.
+        documents: `domain`, `problem` where there is one, and `scenarios`, which need not exist.
+        shown: The state that decisions are shown for.
         played: The episode that was played last, if any.
-        revision: A number that changes with every change of a text or of the situation.
+        step: The step of it that is shown, from 0; None for none.
+        training: The training that was begun last, if any.
+        revision: A number that changes with every change of a text or of the state.
     """
 
     def __init__(
@@ -60,14 +70,18 @@ class Session:
         problem: Document | None,
         surroundings: Surroundings,
         task: Task | None = None,
+        task_name: str | None = None,
     ) -> None:
         self.folder = folder
         self.documents = {DOMAIN: domain} | ({} if problem is None else {PROBLEM: problem})
+        self.documents[SCENARIOS] = Document(domain.path.with_suffix(SUFFIX), folder)
+        self.task_name = task_name
         self.surroundings = surroundings
         self.task = task
-        self.situation = ShownState()
+        self.shown = ShownState()
         self.played: PlayedEpisode | None = None
         self.step: int | None = None
+        self.training: BackgroundTraining | None = None
         self.revision = 0
 
     # Editing -----------------------------------------------------------------------------------
@@ -149,16 +163,16 @@ class Session:
         """Return what the view of this moment is asked of."""
         seen = {} if self.played is None else self.played.ranges()
         draw = None if self.task is None else self.task.draw
-        return Request(self.version, self.surroundings, self.situation, seen, draw)
+        return Request(self.version, self.surroundings, self.shown, seen, draw)
 
     def set_fluent(self, name: str, value: float | bool) -> None:
-        """Change one fluent of the situation."""
-        self.situation = self.situation.changed(name, value)
+        """Change one fluent of the state."""
+        self.shown = self.shown.changed(name, value)
         self.revision += 1
 
-    def show(self, situation: ShownState) -> None:
-        """Show decisions in another situation."""
-        self.situation, self.step = situation, None
+    def show(self, shown: ShownState) -> None:
+        """Show decisions in another state."""
+        self.shown, self.step = shown, None
         self.revision += 1
 
     # Playing -----------------------------------------------------------------------------------
@@ -188,10 +202,59 @@ class Session:
 
     @property
     def as_played(self) -> bool:
-        """Whether the situation is that of the step, with no fluent changed by hand."""
+        """Whether the state is that of the step, with no fluent changed by hand."""
         if self.played is None or self.step is None:
             return False
-        return dict(self.situation.values) == self.played.steps[self.step].values
+        return dict(self.shown.values) == self.played.steps[self.step].values
+
+    # Testing, comparing, training ----------------------------------------------------------------
+
+    @property
+    def expectations(self) -> Expectations:
+        """The scenarios, and what they are about, as they are edited."""
+        document = self.documents[SCENARIOS]
+        source = Source(document.name, document.text)
+        return Expectations(source, self.version, self.surroundings, self.task)
+
+    def states(self) -> list[ShownState]:
+        """Return the state that is shown, and those of the episode's steps."""
+        steps = () if self.played is None else self.played.steps
+        return [self.shown, *(ShownState(each.values, f"step {k}") for k, each in enumerate(steps))]
+
+    def other_version(self, file: Path) -> Version:
+        """Return the version that another domain file is, with the same problem.
+
+        Raises:
+            DomainError: It cannot be read.
+        """
+        edited = self.version
+        return edited._replace(domain_name=str(file), domain=Source.read(file).text)
+
+    def begin_training(self, env_steps: int, seed: int) -> None:
+        """Train on the saved file, in a process of its own and a run folder in the working folder.
+
+        A file without a task is trained on in its own world.
+
+        Raises:
+            SerpError: The file is not saved.
+        """
+        document = self.documents[DOMAIN]
+        if self.changed:
+            raise SerpError("Save first: a training reads the files.")
+        command = ["play", str(document.path), "--train"]
+        if self.task is not None:
+            command = ["plan-and-learn", "--domain", str(document.path)]
+        command += [] if self.task_name is None else ["--task", self.task_name]
+        command += ["--env-steps", str(env_steps), "--seed", str(seed)]
+        run = run_folder(self.folder, document.path.stem)
+        planner = read(self.saved_version, self.surroundings).planner
+        model = None if planner is None else planner.model
+        self.training = BackgroundTraining(command, run, model)
+
+    def close(self) -> None:
+        """Stop what runs in the background."""
+        if self.training is not None:
+            self.training.stop(wait=_PATIENCE)
 
     def set_planner(self, **changes: int | float) -> None:
         """Change settings of the planner, such as `depth`.

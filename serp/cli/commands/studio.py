@@ -8,7 +8,7 @@ import click
 
 from serp.cli.asked import asked_own_task
 from serp.cli.failures import say
-from serp.cli.options import own_task_option
+from serp.cli.options import own_task_name, own_task_option
 from serp.cli.output import examples, print_result
 
 
@@ -40,6 +40,6 @@ def command(name: str, port: int, no_browser: bool) -> None:
         from serp.studio.serving import serve
     from serp.studio.opening import open_session
 
-    session = open_session(name, Path.cwd(), asked_own_task())
+    session = open_session(name, Path.cwd(), asked_own_task(), own_task_name())
     say("serp studio runs at this address; Ctrl-C ends it.")
     serve(session, port, browser=not no_browser, said=print_result)

@@ -11,7 +11,7 @@ from nicegui import ui
 from serp.errors import SerpError
 from serp.studio.document import ChangedOnDisk
 from serp.studio.pages.live import Live
-from serp.studio.session import DOMAIN, Session
+from serp.studio.session import DOMAIN, SCENARIOS, Session
 
 _LANGUAGE = "Common Lisp"
 _THEMES = {False: "githubLight", True: "githubDark"}
@@ -47,7 +47,7 @@ class EditorPane:
                 with ui.tab_panel(tab):
                     self._editors[which] = ui.codemirror(
                         documents[which].text,
-                        language=_LANGUAGE,
+                        language=None if which == SCENARIOS else _LANGUAGE,
                         indent="  ",
                         on_change=functools.partial(self._edited, which),
                         keymap={"Mod-s": lambda: self.save()},

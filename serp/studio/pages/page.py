@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from nicegui import ui
@@ -9,10 +10,13 @@ from nicegui import ui
 from serp._util.figures import PALETTE
 from serp.studio.pages.decision import DecisionPane
 from serp.studio.pages.editor import EditorPane
+from serp.studio.pages.expectations import ExpectationsPane
 from serp.studio.pages.findings import FindingsPane
 from serp.studio.pages.live import Live
 from serp.studio.pages.scene import ScenePane
-from serp.studio.session import Request, Session
+from serp.studio.pages.training import TrainingPane
+from serp.studio.pages.versions import VersionsPane
+from serp.studio.session import SCENARIOS, Request, Session
 from serp.studio.view import View
 
 _STYLE = Path(__file__).with_name("studio.css").read_text(encoding="utf-8")
@@ -45,13 +49,28 @@ async def show_page(session: Session) -> None:
             FindingsPane(session, live, editor)
         with splitter.after, ui.element("div").classes("serp-right"):
             scene = ScenePane(session, live)
-            DecisionPane(live, editor.jump)
+            with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as tabs:
+                names = ("Decision", "Versions", "Scenarios", "Training")
+                made = [ui.tab(name) for name in names]
+            with ui.tab_panels(tabs, value="Decision", animated=False, keep_alive=True).classes(
+                "serp-views"
+            ):
+                panes: tuple[Callable[[], object], ...] = (
+                    lambda: DecisionPane(live, editor.jump),
+                    lambda: VersionsPane(session, live),
+                    lambda: ExpectationsPane(session, live, editor),
+                    lambda: TrainingPane(session),
+                )
+                for tab, pane in zip(made, panes, strict=True):
+                    with ui.tab_panel(tab), ui.element("section").classes("serp-panel"):
+                        pane()
     save.on_click(lambda: editor.save())
 
     def show_state(request: Request, view: View) -> None:
         files = ", ".join(
             f"{document.target}{' •' if document.changed else ''}"
-            for document in session.documents.values()
+            for which, document in session.documents.items()
+            if which != SCENARIOS or document.text
         )
         state.set_text(files)
         save.set_enabled(session.changed)

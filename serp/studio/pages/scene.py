@@ -78,12 +78,12 @@ class ScenePane:
         """Show where the state comes from, and its pictures."""
         session, played = self._session, self._session.played
         as_played = session.as_played
-        origin = request.situation.origin or "all fluents 0 or false"
+        origin = request.shown.origin or "all fluents 0 or false"
         if session.step is not None and played is not None:
             action = played.steps[session.step].action
             origin = f"step {session.step} of {len(played.steps) - 1}"
             origin += f", planner: {action}" if action and as_played else ""
-        changed = request.situation.values and not as_played
+        changed = request.shown.values and not as_played
         self._origin.set_text(origin + (", changed by hand" if changed else ""))
         self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))
         picture = ""

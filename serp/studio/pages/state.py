@@ -55,7 +55,7 @@ class StatePane:
         for control in controls:
             for element in self._setters.get(control.name, ()):
                 # What is being dragged or typed is ahead of this view.
-                newest = self._session.situation.values.get(control.name, control.value)
+                newest = self._session.shown.values.get(control.name, control.value)
                 value = float(newest) if control.numeric else bool(newest)
                 if element.value != value:
                     element.value = value
@@ -100,7 +100,7 @@ class StatePane:
         value = event.value
         if value is None:
             return
-        known = self._session.situation.values.get(control.name, control.value)
+        known = self._session.shown.values.get(control.name, control.value)
         if float(value) != float(known):
             self._session.set_fluent(control.name, float(value) if control.numeric else bool(value))
             self._live.changed()

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from serp.errors import SerpError
 from serp.model.loading import load_domain
 from serp.pddl.source import DomainError
 from serp.planning.replanner import MonitorReplanner
+from serp.runs.recording import open_recording
 from serp.studio.document import ChangedOnDisk, Document
 from serp.studio.guard import Guard
 from serp.studio.opening import open_session
-from serp.studio.reading import Surroundings
+from serp.studio.reading import Surroundings, read
 from serp.studio.session import Session
 from serp.studio.shown_state import ShownState
+from serp.studio.training import model_errors, vetoes_by_reason
+from serp.studio.versions import compare_versions
 from serp.tasks.registry import load_task
+from serp.training.plan_and_learn import plan_and_learn
 
 DOMAINS = Path(__file__).resolve().parents[3] / "domains"
 SWITCH = """(define (domain switch)
@@ -185,10 +191,63 @@ def test_a_websocket_of_another_page_is_refused(
 
 
 def test_what_a_file_is_read_for_is_that_of_its_task(tmp_path: Path) -> None:
-    assert open_session("taxi", tmp_path).documents.keys() == {"domain", "problem"}
+    opened = open_session("taxi", tmp_path).documents
+    assert opened.keys() == {"domain", "problem", "scenarios"}
     copy = tmp_path / "other.pddl"
     copy.write_text(SWITCH)
     session = open_session(str(copy), tmp_path)
     assert session.task is None and session.surroundings == Surroundings()
     with pytest.raises(DomainError, match="begins in the :init"):  # it has no problem
         session.player(0)()
+
+
+# Scenarios, versions, trainings ------------------------------------------------------------------
+
+
+def test_versions_are_compared_on_the_same_states(session: Session) -> None:
+    session.show(ShownState({"heat": 40.0, "on": True}))
+    session.edit("domain", SWITCH.replace("75.0", "95.0"))
+    states = [ShownState({"heat": heat, "on": True}) for heat in (0.0, 70.0)]
+    found = compare_versions(
+        session.saved_version, session.version, session.surroundings, [*session.states(), *states]
+    )
+    assert (found.states, found.chosen) == (3, 0)
+    assert [(each.state, each.harms) for each in found.differences] == [
+        (0, ("-press",)), (2, ("-press",)),
+    ]  # fmt: skip
+    with pytest.raises(SerpError, match="with errors decides nothing"):
+        session.edit("domain", "(define")
+        compare_versions(session.saved_version, session.version, session.surroundings, states)
+
+
+def test_a_state_becomes_a_scenario_that_holds_until_the_file_changes(session: Session) -> None:
+    session.show(ShownState({"heat": 70.0, "on": True}))
+    text = session.expectations.with_state("it is\nhot", session.shown)
+    assert "scenario it is hot\n" in text and "refuses press because unsafe" in text
+    session.edit("scenarios", text)
+    (result,) = session.expectations.run()
+    assert result.passed
+    session.edit("domain", SWITCH.replace("75.0", "95.0"))
+    (result,) = session.expectations.run()
+    assert [failure.expected for failure in result.failures] == ["refuses press because unsafe"]
+    session.save()
+    assert session.documents["scenarios"].path.read_text() == text
+
+
+def test_what_a_training_writes_is_read_while_it_goes_on(tmp_path: Path) -> None:
+    shutil.copy(DOMAINS / "cartpole.pddl", tmp_path)
+    session = open_session(str(tmp_path / "cartpole.pddl"), tmp_path)
+    session.edit("domain", session.documents["domain"].text + "\n")
+    with pytest.raises(SerpError, match="Save first"):
+        session.begin_training(100, 0)
+    task = session.task
+    assert task is not None
+    run = plan_and_learn(task, env_steps=300, seed=1, out=tmp_path / "run", quiet=True)
+    recording = open_recording(run.path)
+    planner = read(session.saved_version, session.surroundings).planner
+    assert planner is not None
+    _, errors = model_errors(recording, planner.model)
+    assert errors.keys() == {"cart-position", "cart-velocity", "pole-angle", "pole-velocity"}
+    # The velocity of the cart changes as the file says, but for what the pole does to it.
+    assert max(errors["cart-velocity"]) < 0.2
+    assert sum(vetoes_by_reason(recording).values()) == run.metrics["vetoes"].sum()

@@ -1,0 +1,90 @@
+"""The scenarios: run on the text as it is edited, and made of the state that is shown."""
+
+from __future__ import annotations
+
+from html import escape
+
+from nicegui import run, ui
+
+from serp.errors import SerpError
+from serp.scenarios.checking import Result
+from serp.studio.pages.editor import EditorPane
+from serp.studio.pages.live import Live
+from serp.studio.session import SCENARIOS, Session
+
+
+class ExpectationsPane:
+    """Runs the scenarios.
+
+    Args:
+        session: What is open.
+        live: Follows the session.
+        editor: Where the scenarios are edited.
+    """
+
+    def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
+        self._session = session
+        self._live = live
+        self._editor = editor
+        with ui.element("div").classes("serp-row"):
+            self._run = ui.button("Run the scenarios", on_click=self.run)
+            self._run.props("dense outline no-caps")
+            self._title = ui.input(placeholder="title of a new scenario").props("dense")
+            self._add = ui.button("Add the state as a scenario", on_click=self.add)
+            self._add.props("dense outline no-caps")
+        self._summary = ui.label().classes("serp-verdict").props('role="status"')
+        self._list = ui.html(tag="ul").classes("serp-results")
+
+    async def run(self) -> None:
+        """Run the scenarios on the texts of this moment."""
+        expectations = self._session.expectations
+        if not expectations.source.text.strip():
+            self._summary.set_text(
+                "There are no scenarios yet. Choose a state, write a title, and add it."
+            )
+            return
+        self._run.props("loading")
+        try:
+            results = await run.io_bound(expectations.run)
+        except SerpError as error:
+            self._summary.set_text(str(error))
+            self._list.set_content("")
+        else:
+            failed = sum(not result.passed for result in results)
+            passed = f"{len(results) - failed} passed"
+            self._summary.set_text(f"{passed}, {failed} failed" if failed else passed)
+            self._list.set_content("".join(map(_result, results)))
+        finally:
+            self._run.props(remove="loading")
+
+    async def add(self) -> None:
+        """Add the state that is shown, as a scenario of what holds there."""
+        title = (self._title.value or "").strip()
+        if not title:
+            ui.notify("Write a title first.")
+            return
+        session = self._session
+        self._add.props("loading")
+        try:
+            text = await run.io_bound(session.expectations.with_state, title, session.shown)
+        except SerpError as error:
+            ui.notify(str(error), type="negative", multi_line=True)
+        else:
+            session.edit(SCENARIOS, text)
+            self._editor.refresh()
+            self._editor.reveal(SCENARIOS, len(text), text.count("\n") + 1)
+            self._title.set_value("")
+            self._live.changed()
+            await self.run()
+        finally:
+            self._add.props(remove="loading")
+
+
+def _result(result: Result) -> str:
+    mark, kind = ("✓", "serp-passed") if result.passed else ("✗", "serp-failed")
+    failures = "".join(
+        f"<div>line {failure.line}: <code>{escape(failure.expected)}</code><br>"
+        f"{escape(failure.found)}</div>"
+        for failure in result.failures
+    )
+    return f'<li class="{kind}"><b>{mark} {escape(result.scenario.title)}</b>{failures}</li>'
