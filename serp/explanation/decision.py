@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 from serp._util.number_format import percent
 from serp.explanation.causes import Cause, causes_of
-from serp.explanation.refusals import (
-    unsafe_ahead,
-    why_not_applicable,
-    why_unsafe,
-)
+from serp.explanation.refusals import unsafe_ahead, what_fails, what_flags
 from serp.explanation.runner_up import RunnerUp, runner_up_of
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
@@ -182,7 +178,7 @@ def _alternative(
         best_return=float(predicted.value[k]),
         path_risk=float(predicted.path_risk[k]),
         safe_steps=None if steps == SAFE else steps,
-        remark=_remark(model, state, ground, flags, steps),
+        remark=_remark(causes, ground, flags, steps),
         causes=causes,
         next_state=after,
         ahead=tuple(causes_ahead(model, state, path)),
@@ -225,21 +221,21 @@ def causes_ahead(model: TransitionModel, state: Vector, path: Sequence[int]) -> 
     return found
 
 
-def _remark(model: TransitionModel, state: Vector, ground: int, flags: int, steps: int) -> str:
+def _remark(causes: Sequence[Cause], ground: int, flags: int, steps: int) -> str:
     """Return what is special about an action, in one line that quotes the file."""
     if ground < 0:
         return "the domain does not mention it"
-    name = model.actions[ground].name
     if not flags & APPLICABLE:
-        why = why_not_applicable(model, state, ground).removeprefix(f"{name}: ")
-        return f"not applicable: {why}"
+        failing = [each for each in causes if each.what in ("failed", "conflict", "undefined")]
+        return f"not applicable: {what_fails(failing[0]) if failing else 'it has no result'}"
     remarks = []
-    if flags & (UNSAFE | RISKY):
-        what = "unsafe" if flags & UNSAFE else "too risky"
-        why = why_unsafe(model, state, ground).removeprefix(f"{name}: ")
-        if why.startswith(name):  # the model at hand does not say so
-            why = f"{percent(risk_of(flags))} by what was learned"
-        remarks.append(f"{what}: {why}")
+    if flags & UNSAFE:
+        flagging = [each for each in causes if each.what == "unsafe"]
+        remarks.append(f"unsafe: {what_flags(flagging[0])}" if flagging else "unsafe")
+    elif flags & RISKY:
+        cause = next(each for each in causes if each.what == "risk")
+        of = "by what was learned" if cause.place is None else f"risk of {what_flags(cause)}"
+        remarks.append(f"too risky: {percent(risk_of(flags))} {of}")
     else:
         if risk_of(flags):
             remarks.append(f"risk {percent(risk_of(flags))}, accepted")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -61,6 +61,7 @@ def flips_of(
     state: Vector,
     ranges: tuple[Vector, Vector],
     *,
+    whole: Collection[int] = (),
     called: Callable[[int], str] = str,
     seconds: float = math.inf,
 ) -> Flips:
@@ -75,6 +76,7 @@ def flips_of(
         fluents: The fluents.
         state: `[F]`.
         ranges: Smallest and largest value `[F]` of each fluent; one that never differs is left out.
+        whole: Positions of the numeric fluents that are tried at whole numbers only.
         called: What an outcome is called.
         seconds: Time after which no further fluent is tried.
     """
@@ -91,23 +93,31 @@ def flips_of(
             continue
         tried.append(fluent)
         search = _Search(outcome, fluent, state, now, called)
-        nearest = search.between(low, high) if fluent.numeric else search.negated()
+        if not fluent.numeric:
+            nearest = search.negated()
+        elif fluent.index in whole:
+            nearest = search.nearest_whole(low, high)
+        else:
+            nearest = search.between(low, high)
         if nearest is not None:
             found.append(nearest)
     found.sort(key=lambda flip: flip.share)
-    return Flips(tuple(found), _searched(tried, left))
+    return Flips(tuple(found), _searched(tried, left, whole))
 
 
-def _searched(tried: Sequence[Fluent], left: Sequence[str]) -> str:
-    numbers = sum(fluent.numeric for fluent in tried)
+def _searched(tried: Sequence[Fluent], left: Sequence[str], whole: Collection[int]) -> str:
+    counted = sum(fluent.index in whole for fluent in tried if fluent.numeric)
+    numbers = sum(fluent.numeric for fluent in tried) - counted
     parts = []
+    if counted:
+        parts.append(f"{plural(counted, 'number')} at up to {_POINTS} whole numbers on either side")
     if numbers:
         parts.append(
             f"{plural(numbers, 'number')} at {_POINTS} points to either end of the range that was "
             "seen, then by bisection"
         )
-    if len(tried) > numbers:
-        parts.append(f"{plural(len(tried) - numbers, 'predicate')} negated")
+    if len(tried) > numbers + counted:
+        parts.append(f"{plural(len(tried) - numbers - counted, 'predicate')} negated")
     searched = f"Each fluent was changed alone: {'; '.join(parts) or 'none varies'}."
     return searched + (f" There was no time for {listed(left)}." if left else "")
 
@@ -143,6 +153,14 @@ class _Search:
 
     def _flip(self, becomes: float, outcome: int, share: float) -> Flip:
         return Flip(self._fluent.name, self._value, becomes, self._called(outcome), share)
+
+    def nearest_whole(self, low: float, high: float) -> Flip | None:
+        """Return the smallest flip to a whole number in a range, or None."""
+        for distance in range(1, _POINTS + 1):
+            for becomes in (self._value - distance, self._value + distance):
+                if low <= becomes <= high and (other := self._with(becomes)) != self._now:
+                    return self._flip(becomes, other, distance / (high - low))
+        return None
 
     def between(self, low: float, high: float) -> Flip | None:
         """Return the smallest flip of a number towards either end, or None."""

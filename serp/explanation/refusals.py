@@ -23,16 +23,20 @@ def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> st
     return f"{name} is applicable"
 
 
-def what_fails(cause: Cause) -> str:
-    """Say what keeps a step from having a result; its cause is that of an action not applicable."""
+def what_fails(cause: Cause, *, located: bool = True) -> str:
+    """Say what keeps a step from having a result; its cause is that of an action not applicable.
+
+    With its line, unless not `located`.
+    """
+    quote = quoted(cause) if located else f"`{cause.text}`"
     if cause.what == "failed":
-        return f"{quoted(cause)} does not hold{values_of(cause)}"
+        return f"{quote} does not hold{values_of(cause)}"
     if cause.what == "conflict":
-        return f"{quoted(cause)} contradicts another effect"
+        return f"{quote} contradicts another effect"
     if not cause.text:
         return f"{cause.name or 'the reward'} gives no finite number"
     through = "" if cause.origin == "action" else f" of {schema_of(cause)}"
-    return f"{quoted(cause)}{through} is neither true nor false, it has no value"
+    return f"{quote}{through} is neither true nor false, it has no value"
 
 
 def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:

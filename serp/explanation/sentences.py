@@ -112,9 +112,9 @@ def _what(cause: Cause, amount: float | None) -> str:
         case "end":
             return "the end of the task"
         case "failed":
-            return f"not applicable: {what_fails(cause)}"
+            return f"not applicable: {what_fails(cause, located=False)}"
         case _:
-            return f"no defined result: {what_fails(cause)}"
+            return f"no defined result: {what_fails(cause, located=False)}"
 
 
 def _where(causes: Sequence[Cause]) -> str:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from serp._util.saved_state import Saved
 from serp.adaptation.adaptation import ModelAdaptation
@@ -75,13 +78,21 @@ class RunModel:
         Raises:
             RunError: There is no intact checkpoint.
         """
-        whole = Saved("run", self.checkpoint.arrays, self.checkpoint.meta)
-        agent = Saved("agent", self.checkpoint.arrays, whole.part("agent")[1])
         # Nothing is drawn after loading, so any seed will do.
         unused = np.random.SeedSequence(0)
         adaptation = ModelAdaptation(self.model, self.settings.adaptation, unused)
-        adaptation.load_state_dict(*agent.part("adaptation"))
+        adaptation.load_state_dict(*self._agent.part("adaptation"))
         return adaptation
+
+    @property
+    def saved_planner(self) -> tuple[Mapping[str, NDArray[Any]], Any]:
+        """What the newest checkpoint has of the planner, for its `load_state_dict`."""
+        return self._agent.part("planner")
+
+    @property
+    def _agent(self) -> Saved:
+        whole = Saved("run", self.checkpoint.arrays, self.checkpoint.meta)
+        return Saved("agent", self.checkpoint.arrays, whole.part("agent")[1])
 
     @property
     def adapted(self) -> TransitionModel | None:

@@ -111,6 +111,8 @@ def _change(flip: Flip) -> str:
     """Return the condition of a flip: `With opponent-to-ball below 0.31 (it is 0.35)`."""
     if flip.share == 1.0 and flip.value in (0.0, 1.0) and flip.becomes == 1.0 - flip.value:
         return f"If {flip.fluent} were {'true' if flip.becomes else 'false'}"
+    if flip.value.is_integer() and flip.becomes.is_integer():
+        return f"With {flip.fluent} = {readable(flip.becomes)} instead of {readable(flip.value)}"
     side = "at least" if flip.becomes > flip.value else "at most"
     return f"With {flip.fluent} {side} {readable(flip.becomes)} instead of {readable(flip.value)}"
 

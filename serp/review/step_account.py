@@ -1,9 +1,8 @@
 """The account of a recorded step: what `serp.explanation` tells of it, and what came of it.
 
 Values are those that were recorded. Causes are those of the file as the run has it. What lies
-beyond one control period, and what would have had to differ, is computed by a lookahead that makes
-the same choice in this state: with the file as written, else with what the newest checkpoint has
-learned. Where neither does, it is left out.
+beyond one control period, and what would have had to differ, is computed by a planner that makes
+the same choice in this state, see `serp.review.agreeing`. Where none does, it is left out.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any, Final
 from serp.control.decision import Actor, Reason
 from serp.explanation.decision import Explanation, explain
 from serp.explanation.flips import Flips, flips_of
-from serp.review.agreeing import agreeing_lookahead, refusal_by
+from serp.review.agreeing import agreeing_planner, refusal_by
 from serp.review.place_in_run import FoundStep, clock
 from serp.review.predictions import PredictedFluent, predictions_of
 from serp.review.run_model import RunModel
@@ -43,8 +42,8 @@ class StepAccount:
         account: Alternatives with the recorded values, causes and runner-up.
         admissible: Of each alternative, whether no veto refused it.
         planned: Name of the planner's choice; empty where it had none.
-        ahead_by: Whose lookahead tells what lies ahead and what would have had to differ; empty
-            where none makes the same choice.
+        ahead_by: With what it was planned again, for what lies ahead and what would have had to
+            differ; empty where nothing makes the same choice.
         choice_flips: Changes of one fluent with which the planner chooses another action.
         veto_flips: Changes of one fluent with which the proposal would not have been refused.
         predictions: The fluents, the largest error first; empty where the next state is unknown.
@@ -108,24 +107,29 @@ def account_of_step(
     decision, names = step.decision, recording.layout.actions
     forecast = decision.forecast
     ground: list[int] = forecast.ground.tolist()
-    lookahead = agreeing_lookahead(run, step)
+    planner = agreeing_planner(run, step)
     paths = None
-    if lookahead is not None:
-        ahead = lookahead.paths(step.state, _SECONDS)
+    if planner is not None:
+        ahead = planner.paths(step.state, _SECONDS)
         paths = [ahead[g] if g >= 0 else [] for g in ground]
     choice_flips = veto_flips = None
-    if search and lookahead is not None:
-        again = lookahead.forecast
+    if search and planner is not None:
+        again = planner.forecast
         where = run.model.fluents, step.state, recording.ranges
         choice_flips = flips_of(
-            lambda s: again(s).choice, *where, called=_action_of(run), seconds=_SECONDS
-        )
+            lambda s: again(s).choice, *where, whole=recording.whole, called=_action_of(run),
+            seconds=_SECONDS,
+        )  # fmt: skip
         proposal = ground[decision.proposed] if decision.vetoed else -1
         refused = refusal_by(run.settings.arbiter, proposal)
         if refused is not None and refused(again(step.state)):
             veto_flips = flips_of(
-                lambda s: refused(again(s)), *where, called=_REFUSAL.__getitem__, seconds=_SECONDS
-            )
+                lambda s: refused(again(s)), *where, whole=recording.whole,
+                called=_REFUSAL.__getitem__, seconds=_SECONDS,
+            )  # fmt: skip
+    model = run.adapted or run.model  # risks that were learned are traced in it
+    if planner is not None:
+        model = planner.model
     return StepAccount(
         step=step.step,
         episode=step.episode,
@@ -141,12 +145,12 @@ def account_of_step(
         rho=decision.rho,
         indifferent=decision.indifferent,
         account=explain(
-            run.model, step.state, forecast, decision.action,
+            model, step.state, forecast, decision.action,
             names=names, ground=ground, paths=paths,
         ),
         admissible=tuple(decision.admissible.tolist()),
         planned=names[forecast.choice] if forecast.choice >= 0 else "",
-        ahead_by="" if lookahead is None else lookahead.called,
+        ahead_by="" if planner is None else planner.called,
         choice_flips=choice_flips,
         veto_flips=veto_flips,
         predictions=tuple(predictions_of(run, recording, step)),

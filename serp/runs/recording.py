@@ -137,6 +137,14 @@ class Recording:
         """The smallest and the largest value `[F]` of every fluent."""
         return self.states.min(axis=0), self.states.max(axis=0)
 
+    @property
+    def whole(self) -> list[int]:
+        """Positions of the fluents that have whole numbers in all states."""
+        found: list[int] = np.flatnonzero(
+            (self.states == np.rint(self.states)).all(axis=0)
+        ).tolist()
+        return found
+
     @functools.cached_property
     def usual_change(self) -> Vector:
         """The root mean square `[F]` of what a fluent changes by from one step to the next."""

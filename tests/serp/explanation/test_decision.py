@@ -153,5 +153,10 @@ def test_the_smallest_change_that_tips_the_choice_is_found(hall: TransitionModel
     x = by_fluent["x"]  # below 0.25 a leap ends in the hole
     assert x.becomes == pytest.approx(0.25) and x.becomes < 0.25 and x.outcome == "0"
     assert x.share == pytest.approx(0.025)
+    whole = flips_of(lambda s: planner.forecast(s).choice, hall.fluents, state, ranges, whole=[1])
+    assert [flip.becomes for flip in whole.found if flip.fluent == "x"] == []  # 0 and 1 are none
+    one = np.array([1.0, 1.0])
+    whole = flips_of(lambda s: planner.forecast(s).choice, hall.fluents, one, ranges, whole=[1])
+    assert [flip.becomes for flip in whole.found if flip.fluent == "x"] == [0.0]
     assert flips.found[0].share == min(flip.share for flip in flips.found)
     assert "1 number" in flips.searched and "1 predicate" in flips.searched

@@ -67,7 +67,8 @@ def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     (flip,) = made.veto_flips.found
     state = recording.step(found.step).state
     ground = run.model.action_index(made.proposed)
-    for value, refused in ((flip.becomes, False), (flip.becomes - 1e-6, True)):
+    nearer = flip.becomes + float(np.sign(state[0] - flip.becomes))  # x is a whole number
+    for value, refused in ((flip.becomes, False), (nearer, True)):
         outcome = run.model.step(np.array([value]), ground)
         assert (outcome.unsafe or not outcome.applicable) == refused
     assert abs(flip.becomes - state[0]) <= np.ptp(recording.ranges)

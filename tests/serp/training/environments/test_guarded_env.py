@@ -14,7 +14,12 @@ from gymnasium.utils.env_checker import check_env
 import serp
 from serp.errors import Notice
 from serp.model.flags import APPLICABLE, UNSAFE
+from serp.review.place_in_run import FoundStep
+from serp.review.run_model import RunModel
+from serp.review.step_account import account_of_step
 from serp.runs.folder import DECISIONS, METRICS
+from serp.runs.recording import open_recording
+from serp.runs.recording_format import COLUMNS
 from serp.training.evaluation import evaluate
 from tests.serp import lava
 from tests.serp.sample_tasks import corridor
@@ -69,6 +74,13 @@ def test_a_loop_outside_makes_the_steps_of_a_training(tmp_path: Path) -> None:
         ours, theirs = (table(tmp_path / where, name) for where in ("inside", "outside"))
         for one, other in zip(ours, theirs, strict=True):
             assert all(one[column] == other[column] for column in one.keys() - unknown)
+    names = set(COLUMNS) - {"proposed_by", "executed_by", "reason"}
+    ours, theirs = (
+        open_recording(tmp_path / where).columns(*names) for where in ("inside", "outside")
+    )
+    assert all(ours[name].tobytes() == theirs[name].tobytes() for name in names)
+    read = RunModel(tmp_path / "outside")  # it has no checkpoint
+    assert account_of_step(read, read.recording(), FoundStep(3)).predictions
     assert (tmp_path / "outside" / "report.md").exists()
     assert same(env._agent.adaptation.state_dict(), run.agent.adaptation.state_dict())
 
