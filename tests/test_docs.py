@@ -10,6 +10,7 @@ Comments in the Markdown tell what a fenced block or a table is:
 `<!-- run with: ... -->`   the same, with these options added
 `<!-- accepted in: X -->`  the first column of the table is valid PDDL there
 `<!-- refused in: X -->`   it is refused, with the message of the second column
+`<!-- one step: X -->`      the table tells what a part of `docs/examples/tea.pddl` does in one step
 `<!-- scenarios: X -->`     the first column of the table is a statement of a scenario file
 `<!-- names of: X -->`     the first column lists exactly what the code has under X
 
@@ -363,6 +364,53 @@ def test_what_is_said_to_be_refused_is_refused_so(page: Path, where: str, tmp_pa
         with pytest.raises(serp.DomainError) as error:
             load_fragment(where, code(fragment), tmp_path)
         assert message in str(error.value)
+
+
+STEPS = {
+    "condition": "(:action try :parameters () :precondition (and {}) :effect (and))",
+    "effect": "(:action try :parameters () :precondition (and) :effect (and {}))",
+    **dict.fromkeys(
+        ("process", "event", "flag"),
+        "{} (:action try :parameters () :precondition (and) :effect (and))",
+    ),
+}
+
+
+@pytest.mark.parametrize(("page", "kind"), marks("one step"))
+def test_the_guides_tell_what_happens_in_one_step(page: Path, kind: str, tmp_path: Path) -> None:
+    tea = (EXAMPLES / "tea.pddl").read_text(encoding="utf-8").partition("  (:action")[0]
+    problem = (EXAMPLES / "tea-problem.pddl").read_text(encoding="utf-8")
+    # Fluents may have any value, and the rows name cups, which belong to the domain then.
+    moved = re.compile(r"\(= \((temperature|water)\) .+\)\n|\(:objects .+\)\n")
+    (tmp_path / "tea-problem.pddl").write_text(moved.sub("", problem), encoding="utf-8")
+    tea += "(:constants red blue - cup)"
+    file = tmp_path / "tea.pddl"
+    for fragment, before, after, _ in table_after(page, f"one step: {kind}"):
+        file.write_text(f"{tea} {STEPS[kind].format(code(fragment))})", encoding="utf-8")
+        if "error: " in after:
+            with pytest.raises(serp.DomainError) as error:
+                serp.load_domain(file)
+            assert code(after.partition("error: ")[2]) in str(error.value)
+            continue
+        model = serp.load_domain(file, observed=True).model.replace(dt=1.0)
+        names = [fluent.name for fluent in model.fluents]
+        values = dict.fromkeys(names, 0.0) | told(before)
+        step = model.step([values[name] for name in names], "try")
+        assert step.applicable == (after != "not applicable"), fragment
+        assert step.unsafe == ("unsafe" in after.split(", ")), fragment
+        assert step.terminal == ("the task ends" in after), fragment
+        assert step.reward == pytest.approx(told(after).get("reward", 0.0)), fragment
+        expected = values | told(after)
+        assert list(step.state) == pytest.approx([expected[name] for name in names]), fragment
+
+
+def told(cell: str) -> dict[str, float]:
+    """The values of a cell such as "`temperature = 20`, `filled red`, `not heater-on`"."""
+    found = {}
+    for part in re.findall(r"`([^`]+)`", cell):
+        name, _, number = part.partition(" = ")
+        found[name.removeprefix("not ")] = float(number or not name.startswith("not "))
+    return found
 
 
 @pytest.mark.parametrize(("page", "kind"), marks("scenarios"))
