@@ -10,8 +10,9 @@ Comments in the Markdown tell what a fenced block or a table is:
 `<!-- run with: ... -->`   the same, with these options added
 `<!-- accepted in: X -->`  the first column of the table is valid PDDL there
 `<!-- refused in: X -->`   it is refused, with the message of the second column
-`<!-- one step: X -->`      the table tells what a part of `docs/examples/tea.pddl` does in one step
-`<!-- scenarios: X -->`     the first column of the table is a statement of a scenario file
+`<!-- one step: X -->`     the table tells what `docs/examples/tea.pddl` does with it in one step
+`<!-- messages -->`        the first column quotes messages of the code, `…` for what varies
+`<!-- scenarios: X -->`    the first column of the table is a statement of a scenario file
 `<!-- names of: X -->`     the first column lists exactly what the code has under X
 
 Python blocks run in the order of their page and share their names. A `text` block right after
@@ -425,6 +426,30 @@ def test_statements_of_scenarios_are_read(page: Path, kind: str) -> None:
     )
     source = Source("page.scenarios", f"scenario a lean\n(lean) = 1\nallows fall\n{text}")
     assert len(read_scenarios(source, domain, domain.model)) == len(lines) + 1
+
+
+def texts_of(node: ast.expr) -> str:
+    """A text in the code, with `…` for what is filled in."""
+    if isinstance(node, ast.JoinedStr):
+        return "".join(texts_of(value) for value in node.values)
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else "…"
+
+
+def test_messages_that_are_explained_are_those_of_the_code() -> None:
+    page = (ROOT / "docs" / "how-to" / "troubleshooting.md").read_text(encoding="utf-8")
+    quoted = re.findall(r"^\| `+ ?(.+?) ?`+ (?:\(.+\) )?\|", page, re.M)
+    assert len(quoted) == len(re.findall(r"^\| .*`.*\|$", page, re.M)) > 40
+    said = "\n".join(
+        {
+            texts_of(node)
+            for file in (ROOT / "serp").rglob("*.py")
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+            if isinstance(node, ast.JoinedStr | ast.Constant)
+        }
+    )
+    for message in quoted:
+        parts = [re.escape(part) for part in re.split(r"`?…`?", message) if part]
+        assert re.search(".*".join(parts), said), message
 
 
 def test_the_limits_are_those_of_the_code() -> None:
