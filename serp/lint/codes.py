@@ -50,6 +50,7 @@ _ERRORS = {
 _WARNINGS = {
     "always-true": "A condition holds in every state.",
     "always-unsafe": "An action is unsafe wherever it can be applied, or an event always fires.",
+    "assigned-twice": "One list of effects sets a function to two numbers.",
     "contradictory-condition": "A condition that can never hold.",
     "dead-effect": "An effect under a `when` that can never hold.",
     "declared-twice": "A second declaration; an error where it differs from the first.",

@@ -67,7 +67,9 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
             )
         if slip := slips.in_word(node):
             raise slip
-        raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place)
+        code = "bad-number" if node.text[0] in "+-.0123456789" else "malformed"
+        problem = f"expected a number or `(...)`, found `{node.text}`"
+        raise DomainError(problem, node.place, code=code)
     if scope.calculates(node.head):
         return _arithmetic(node, scope)
     if node.head == TOTAL_TIME:

@@ -128,10 +128,13 @@ def parse_arguments(
             for own in scope.types_of(term)
         )
         if not fits:
+            untyped = not term.is_variable and scope.types_of(term) == (x.OBJECT,)
+            wanted = parameter.types[0]
             raise DomainError(
                 f"`{term.name}` is of type `{'/'.join(scope.types_of(term))}`, but "
                 f"{what} `{declaration.name}` takes `{'/'.join(parameter.types)}` there",
                 term.place,
+                f"give it one where it is declared: `{term.name} - {wanted}`" if untyped else "",
                 code="wrong-type",
             )
     return terms

@@ -12,16 +12,17 @@ from serp.pddl.source import DomainWarning
 
 
 def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find schemas that say the same as an earlier one and change something besides the reward.
+    """Find schemas that say the same as an earlier one.
 
-    What does nothing, or costs something only, is described by its name: nobody has measured what
-    it does.
+    Actions that do nothing, or cost something only, are described by their names: nobody has
+    measured what they do.
     """
     known: dict[tuple[object, ...], str] = {}
-    changing = {s.name for s in subject.domain.syntax.schemas if _changes_something(s)}
+    schemas = subject.domain.syntax.schemas
+    telling = {s.name for s in schemas if s.kind is not x.Kind.ACTION or _changes_something(s)}
     for section in subject.sections(*SCHEMAS):
         name = section.items[1].place.text.lower() if len(section.items) > 1 else ""
-        if name not in changing:
+        if name not in telling:
             continue
         values = values_of(section)
         key = (section.head, *(_sorted(values.get(k)) for k in values), *values)

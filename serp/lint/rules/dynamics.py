@@ -43,21 +43,15 @@ def _frozen(subject: LintSubject) -> Iterator[DomainWarning]:
     A file that leaves its dynamics out altogether is left alone, and so is what a problem states.
     """
     domain, syntax = subject.domain, subject.domain.syntax
-    changed = _changed(syntax)
-    movers = (s for s in syntax.schemas if s.kind is not x.Kind.EVENT)
-    moved = {name for s in movers for name in _changed_by(s)} - {*_FLAGS}
-    if not any(syntax.declarations[name].numeric for name in moved):
+    moving = _moving(syntax)
+    if not any(syntax.declarations[name].numeric for name in moving - {*_FLAGS}):
         return
     problem = domain.problem_syntax
     stated = {function.name for function, _ in problem.values} if problem else set()
     told: set[str] = set()
     for schema in syntax.schemas:
-        read = {name for c in x.conditions_of(schema) for name in _names(c)}
-        frozen = [
-            name
-            for name in sorted(read)
-            if syntax.declarations[name].numeric and name not in changed
-        ]
+        read = _read_by(schema)
+        frozen = [n for n in sorted(read) if syntax.declarations[n].numeric and n not in moving]
         if schema.kind is not x.Kind.EVENT or not read or len(frozen) < len(read):
             continue
         for name in frozen:
@@ -69,6 +63,29 @@ def _frozen(subject: LintSubject) -> Iterator[DomainWarning]:
                     syntax.declarations[name].place,
                     advice="write what changes it, if that is known",
                 )
+
+
+def _moving(syntax: x.DomainSyntax) -> set[str]:
+    """Return what actions and processes change, and events that this can set off."""
+    waiting = [*syntax.schemas]
+    moving: set[str] = set()
+    while True:
+        begun = [
+            schema
+            for schema in waiting
+            if schema.kind is not x.Kind.EVENT
+            or not _read_by(schema)
+            or not moving.isdisjoint(_read_by(schema))
+        ]
+        if not begun:
+            return moving
+        moving.update(name for schema in begun for name in _changed_by(schema))
+        waiting = [schema for schema in waiting if schema not in begun]
+
+
+def _read_by(schema: x.Schema) -> set[str]:
+    """Return what the conditions of a schema read."""
+    return {name for condition in x.conditions_of(schema) for name in _names(condition)}
 
 
 def _changed(syntax: x.DomainSyntax) -> set[str]:

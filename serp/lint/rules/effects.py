@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from serp.lint.rules.exclusion import contradiction
 from serp.lint.subject import LintSubject
+from serp.model import ground as g
 from serp.pddl import syntax as x
 from serp.pddl.edits import Edit, Fix
-from serp.pddl.source import DomainWarning
+from serp.pddl.source import DomainWarning, Place
 
 _OPPOSITE = {x.Change.INCREASE: "decrease", x.Change.DECREASE: "increase"}
 _NEUTRAL = {
@@ -17,6 +19,7 @@ _NEUTRAL = {
 
 
 def _no_change(subject: LintSubject) -> Iterator[DomainWarning]:
+    yield from _already_so(subject)
     for what, effect in _changes(subject):
         if effect.change is x.Change.ASSIGN:
             same = isinstance(effect.value, x.FunctionTerm) and (
@@ -27,6 +30,49 @@ def _no_change(subject: LintSubject) -> Iterator[DomainWarning]:
             same = isinstance(value, x.Number) and value.value == _NEUTRAL[effect.change]
         if same:
             yield DomainWarning(f"`{effect.place.text}` in {what} changes nothing", effect.place)
+
+
+def _already_so(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find effects that make a predicate what it has to be where they happen."""
+    refuted: set[Place] = set()
+    found: dict[Place, str] = {}
+    for name, schemas in subject.instances.items():
+        for schema in schemas:
+            for effect in schema.effects:
+                if not isinstance(effect, g.SetBoolean) or effect.target < 0:
+                    continue
+                holds: g.Test = g.Holds(effect.target, effect.place)
+                otherwise = g.Not(holds, effect.place) if effect.value else holds
+                tests = (*schema.preconditions, effect.condition)
+                others = {e.target for e in schema.effects if e is not effect}
+                if (
+                    effect.target in others
+                    or contradiction(tests, subject.theta)
+                    or not contradiction((*tests, otherwise), subject.theta)
+                ):
+                    refuted.add(effect.place)
+                found.setdefault(effect.place, f"{schema.kind.value} `{name}`")
+    for place, what in found.items():
+        if place not in refuted:
+            text = f"`{place.text}` in {what} changes nothing: it is so wherever this happens"
+            yield DomainWarning(text, place)
+
+
+def _assigned_twice(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find functions that one list of effects sets to two numbers."""
+    for schema in subject.domain.syntax.schemas:
+        for effects in _lists(schema.effects):
+            first: dict[str, x.ChangeFunction] = {}
+            for effect in effects:
+                if not isinstance(effect, x.ChangeFunction) or effect.change is not x.Change.ASSIGN:
+                    continue
+                known = first.setdefault(effect.function.place.text.lower(), effect)
+                if known.value.place.text.lower() != effect.value.place.text.lower():
+                    yield DomainWarning(
+                        f"`{effect.place.text}` in {schema.kind.value} `{schema.name}` sets what "
+                        f"`{known.place.text}` sets, and is carried out only where both are equal",
+                        effect.place,
+                    )
 
 
 def _double_negative(subject: LintSubject) -> Iterator[DomainWarning]:
@@ -82,6 +128,7 @@ def _changes(subject: LintSubject) -> Iterator[tuple[str, x.ChangeFunction]]:
 
 RULES = {
     "no-change": _no_change,
+    "assigned-twice": _assigned_twice,
     "double-negative": _double_negative,
     "set-and-unset": _set_and_unset,
 }
