@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, permutations
 
@@ -14,8 +14,8 @@ from serp.pddl.edits import Edit, Fix
 from serp.pddl.source import DomainWarning, Place
 
 Leaf = g.Compare | g.Holds | g.Not
-Found = dict[Place, tuple[Leaf, ...] | None]
-"""Place of a condition → what is found of it, in one instance; None for nothing."""
+Found = dict[Place, tuple[Leaf, ...]]
+"""Place of a condition → what is found of it, in one instance."""
 _BEYOND = {"<": ">", "<=": ">", ">": "<", ">=": "<"}
 """Comparison → what holds where it does not hold, but for one number."""
 _MOST = 40
@@ -30,22 +30,23 @@ def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
         if not isinstance(test, g.Compare) or _depends_on_problem(test, subject.anywhere):
             return {}
         always = contradiction((g.Not(test, test.place),), subject.theta)
-        return {test.place: (test,) if always else None}
+        return {test.place: (test,)} if always else {}
 
     def together(test: g.Test) -> Found:
         found: Found = {}
         leaves = _leaves(test, subject.anywhere) if isinstance(test, g.AnyOf) else []
         for first, second in combinations(leaves, 2):
-            found.setdefault(second.place, None)
             both = contradiction((_beyond(first), _beyond(second)), subject.theta)
             if both and both[0] != both[1]:
                 found[second.place] = (first, second)
         return found
 
-    for what, tests in _conditions(subject):
-        for place, _ in _in_every_instance(tests, alone):
+    for what, schemas in _named(subject):
+        for place, _ in _in_every_instance(schemas, subject.theta, (g.Compare,), alone):
             yield DomainWarning(f"`{place.text}` in {what} always holds", place)
-        for place, (first, second) in _in_every_instance(tests, together):
+        for place, (first, second) in _in_every_instance(
+            schemas, subject.theta, (g.AnyOf,), together
+        ):
             fix = _with_minus(second.place)
             yield DomainWarning(
                 f"`{first.place.text}` or `{place.text}` always holds in {what}",
@@ -68,17 +69,18 @@ def _needless(subject: LintSubject) -> Iterator[DomainWarning]:
                 stronger, weaker = first, second
             else:
                 stronger, weaker = second, first
-            found.setdefault(second.place, None)
             if contradiction((g.Not(second, second.place),), subject.theta):
                 continue  # it always holds, which is another finding
             if _implies(stronger, weaker, subject) and (
                 m > k or not _implies(weaker, stronger, subject)  # of equal ones, the later
             ):
-                found[second.place] = found[second.place] or (first, second)
+                found.setdefault(second.place, (first, second))
         return found
 
-    for what, tests in _conditions(subject):
-        for place, (other, _) in _in_every_instance(tests, implied):
+    for what, schemas in _named(subject):
+        for place, (other, _) in _in_every_instance(
+            schemas, subject.theta, (g.All, g.AnyOf), implied
+        ):
             why = (
                 "stands there twice"
                 if place.text == other.place.text
@@ -99,37 +101,42 @@ def _beyond(test: Leaf) -> g.Test:
     return g.Not(test, test.place)
 
 
-def _conditions(subject: LintSubject) -> Iterator[tuple[str, list[list[g.Test]]]]:
-    """Yield kind with name of each schema, and the conditions of its instances that can happen."""
+def _named(subject: LintSubject) -> Iterator[tuple[str, Sequence[g.GroundSchema]]]:
+    """Yield kind with name, and the instances of each schema."""
     for name, schemas in subject.instances.items():
-        yield (
-            f"{schemas[0].kind.value} `{name}`",
-            [
-                [
-                    g.All(tuple(schema.preconditions), schema.place),
-                    *dict.fromkeys(effect.condition for effect in schema.effects),
-                ]
-                for schema in schemas
-                if not contradiction(schema.preconditions, subject.theta)
-            ],
-        )
+        yield f"{schemas[0].kind.value} `{name}`", schemas
 
 
 def _in_every_instance(
-    instances: list[list[g.Test]], look: Callable[[g.Test], Found]
+    schemas: Sequence[g.GroundSchema],
+    theta: Sequence[float],
+    kinds: tuple[type, ...],
+    look: Callable[[g.Test], Found],
 ) -> Iterator[tuple[Place, tuple[Leaf, ...]]]:
-    """Yield what is found of a condition in all instances that have it."""
+    """Yield what is found of a condition in all instances that have it and can happen."""
     found: dict[Place, tuple[Leaf, ...]] = {}
     refuted: set[Place] = set()
-    for tests in instances:
-        for test in tests:
-            for part in _parts(test):
-                for place, here in look(part).items():
-                    if here is None:
-                        refuted.add(place)
-                    else:
-                        found.setdefault(place, here)
+    for schema in schemas:
+        tests = [
+            g.All(tuple(schema.preconditions), schema.place),
+            *dict.fromkeys(effect.condition for effect in schema.effects),
+        ]
+        parts = (part for test in tests for part in _parts(test) if isinstance(part, kinds))
+        open_parts = [part for part in parts if not refuted >= _places(part)]
+        if not open_parts or contradiction(schema.preconditions, theta):
+            continue
+        for part in open_parts:
+            here = look(part)
+            refuted |= _places(part) - here.keys()
+            for place, tests_here in here.items():
+                found.setdefault(place, tests_here)
     yield from ((place, here) for place, here in found.items() if place not in refuted)
+
+
+def _places(test: g.Test) -> set[Place]:
+    """Return the places of which something could be found in a condition."""
+    operands = test.operands if isinstance(test, g.All | g.AnyOf) else (test,)
+    return {operand.place for operand in operands if not isinstance(operand, g.Constant)}
 
 
 def _parts(test: g.Test) -> Iterator[g.Test]:

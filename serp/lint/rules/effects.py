@@ -41,6 +41,8 @@ def _already_so(subject: LintSubject) -> Iterator[DomainWarning]:
             for effect in schema.effects:
                 if not isinstance(effect, g.SetBoolean) or effect.target < 0:
                     continue
+                if effect.place in refuted:
+                    continue
                 holds: g.Test = g.Holds(effect.target, effect.place)
                 otherwise = g.Not(holds, effect.place) if effect.value else holds
                 tests = (*schema.preconditions, effect.condition)
