@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from serp.cli.state import MakePlanner
-    from serp.planning.replanner import MonitorReplanner
+    from serp.planning.replanner import MonitorReplanner, Plan
     from serp.play.changes import FluentChange
     from serp.play.game import Game, GameStep
 
@@ -153,7 +153,7 @@ class Player:
                 break
 
     def _planned(self) -> int:
-        plan = self._own_planner().plan(self._game.moment.state)
+        _, plan = self._plan()
         if plan.action is None:
             raise SerpError("the planner has nothing to propose: no action is applicable")
         if plan.indifferent:
@@ -165,19 +165,24 @@ class Player:
     def _ask(self) -> None:
         from serp.cli.decision import account_of_plan, print_plan
 
-        game, planner = self._game, self._own_planner()
-        state = game.moment.state
-        plan = planner.plan(state)
-        account = account_of_plan(planner, state, plan)
+        game, (planner, plan) = self._game, self._plan()
+        account = account_of_plan(planner, game.moment.state, plan)
         origin = f"after {plural(game.moment.steps, 'step')}"
         print_plan(self._console, game.moment.domain.name, origin, planner, account, plan)
 
-    def _own_planner(self) -> MonitorReplanner:
-        """Return the planner of the world as it is; facts that were changed are another world."""
-        world = self._game.moment.world
-        if self._planner is None or self._planner[0] is not world:
-            self._planner = world, self._make_planner(self._game.moment.domain.closed())
-        return self._planner[1]
+    def _plan(self) -> tuple[MonitorReplanner, Plan]:
+        """Plan in the world as it is; facts that were changed are another world.
+
+        The first plan may have to wait for loops to be compiled.
+        """
+        from serp.training.compile_progress import show_compiling
+
+        moment = self._game.moment
+        with show_compiling():
+            if self._planner is None or self._planner[0] is not moment.world:
+                self._planner = moment.world, self._make_planner(moment.domain.closed())
+            planner = self._planner[1]
+            return planner, planner.plan(moment.state)
 
     # Printing ------------------------------------------------------------------------------------
 

@@ -141,6 +141,11 @@ class BoundTask(Closing):
         return next(self.grounding.on_samples(self.observations.space, _SAMPLES), None)
 
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
+        if render_mode is not None and self.task.world is not None:
+            raise TaskError(
+                f"task {self.name}: a world made of a file has no pictures; `serp why` shows "
+                "its steps"
+            )
         if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
             raise TaskError(
                 f"task {self.name}: make_env takes no render_mode, so nothing can be drawn; let it "
