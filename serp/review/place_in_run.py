@@ -29,7 +29,7 @@ def most_telling(recording: Recording) -> FoundStep:
     Raises:
         RunError: There is no step yet.
     """
-    columns = recording.columns("proposed_by", "reason", "unsafe", "action", "flags")
+    columns = recording.columns("proposed_by", "reason", "unsafe")
     learner = columns["proposed_by"] != ACTORS.index(Actor.PLANNER)
     vetoed = learner & (columns["reason"] != REASONS.index(Reason.ACCEPTED))
     for what, steps in (("refused proposal", vetoed), ("unsafe step", columns["unsafe"])):

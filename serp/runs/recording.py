@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,15 @@ class StoredStep:
     unsafe: bool
     terminated: bool
     truncated: bool
+
+
+class _Spread(NamedTuple):
+    """Of every fluent `[F]`: extremes, whether it is whole, and its usual change."""
+
+    low: Vector
+    high: Vector
+    whole: NDArray[np.bool_]
+    change: Vector
 
 
 class Recording:
@@ -127,32 +136,44 @@ class Recording:
             else {}
         )
 
-    @functools.cached_property
-    def states(self) -> NDArray[np.float64]:
-        """The states `[N, F]` before all steps."""
-        return self.columns("state")["state"]
-
     @property
     def ranges(self) -> tuple[Vector, Vector]:
-        """The smallest and the largest value `[F]` of every fluent."""
-        return self.states.min(axis=0), self.states.max(axis=0)
+        """The smallest and the largest value `[F]` of every fluent, before all steps."""
+        return self._spread.low, self._spread.high
 
     @property
     def whole(self) -> list[int]:
         """Positions of the fluents that have whole numbers in all states."""
-        found: list[int] = np.flatnonzero(
-            (self.states == np.rint(self.states)).all(axis=0)
-        ).tolist()
-        return found
+        return np.flatnonzero(self._spread.whole).tolist()
 
-    @functools.cached_property
+    @property
     def usual_change(self) -> Vector:
         """The root mean square `[F]` of what a fluent changes by from one step to the next."""
-        total, count = np.zeros(len(self.layout.fluents)), 0
-        for steps in self.episodes.values():
-            total += np.square(np.diff(self.states[steps], axis=0)).sum(axis=0)
-            count += len(steps) - 1
-        return np.sqrt(total / max(1, count))
+        return self._spread.change
+
+    @functools.cached_property
+    def _spread(self) -> _Spread:
+        """What is known of the states, block by block: all of them may not fit into memory."""
+        width = len(self.layout.fluents)
+        low, high = np.full(width, np.inf), np.full(width, -np.inf)
+        whole, total, count = np.ones(width, dtype=np.bool_), np.zeros(width), 0
+        before: dict[int, Vector] = {}
+        for file in self._files:
+            block = decode(file, self.layout, ["episode", "state", "terminated", "truncated"])
+            states, episodes = block["state"], block["episode"]
+            ended = block["terminated"] | block["truncated"]
+            low, high = np.minimum(low, states.min(axis=0)), np.maximum(high, states.max(axis=0))
+            whole &= (states == np.rint(states)).all(axis=0)
+            for episode in np.unique(episodes).tolist():
+                rows = np.flatnonzero(episodes == episode)
+                own = states[rows]
+                if episode in before:
+                    own = np.vstack([before.pop(episode), own])
+                if not ended[rows[-1]]:
+                    before[episode] = own[-1]
+                total += np.square(np.diff(own, axis=0)).sum(axis=0)
+                count += len(own) - 1
+        return _Spread(low, high, whole, np.sqrt(total / max(1, count)))
 
     def step(self, step: int) -> StoredStep:
         """Return a step by its position.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 from serp._util.number_format import percent
+from serp.errors import Notice
 from serp.runs.recording import open_recording
+from serp.runs.recording_format import EVALUATIONS
 from serp.training.account import account_of
 from serp.training.run import load_run
 from tests.serp.cli.conftest import Run
@@ -46,3 +49,13 @@ def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:
     assert f"{shown['terminated']} of 3 episodes" in text
     assert shown["warning"] in text
     assert "--policy training" not in text  # this run's ρ is 1
+
+
+def test_where_nothing_can_be_recorded_it_is_measured_all_the_same(
+    run: Run, trained: Path, tmp_path: Path
+) -> None:
+    kept = tmp_path / "kept"
+    shutil.copytree(trained, kept, ignore=shutil.ignore_patterns(EVALUATIONS))
+    (kept / EVALUATIONS).write_text("a file")
+    with pytest.warns(Notice, match="the episodes are not recorded"):
+        assert measured(run, str(kept), "--episodes=1")["episodes"] == 1
