@@ -87,22 +87,38 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
     assert message in run("plan-and-learn", *arguments, expect=2).stderr
 
 
-def press_ctrl_c() -> None:
-    signal.raise_signal(signal.SIGINT)
-
-
-def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(run: Run) -> None:
-    """In the 40th and 41st env step; `test_first_use` presses once."""
-    steps, whole = iter(range(1, 1_000)), BoundTask.step
+def signals_in(monkeypatch: pytest.MonkeyPatch, number: int, *steps: int) -> None:
+    """Send a signal to this process in these steps of the environment, counted over all runs."""
+    made, whole = iter(range(1, 1_000)), BoundTask.step
 
     def step(self: BoundTask, action: int) -> Any:
-        if next(steps) in (40, 41):
-            press_ctrl_c()
+        if next(made) in steps:
+            signal.raise_signal(number)
         return whole(self, action)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(BoundTask, "step", step)
-        shown = run(*TRAIN, "--episodes=6", "--out=r", expect=130).stderr
+    monkeypatch.setattr(BoundTask, "step", step)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_run_with_the_episode(
+    number: signal.Signals, run: Run, trained: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C, and what a scheduler sends; `test_first_use` closes the terminal."""
+    signals_in(monkeypatch, number, 20)
+    shown = run(*TRAIN, "--episodes=4", "--out=r", expect=128 + number).stderr
+    assert "everything is saved in r" in shown
+    assert "serp plan-and-learn --resume r\n" in shown
+    done = rows("r", "metrics")
+    assert 1 <= len(done) < 4
+    assert done == rows(trained, "metrics")[: len(done)]
+    assert Path("r/report.md").exists()
+
+
+def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    signals_in(monkeypatch, signal.SIGINT, 40, 41)
+    shown = run(*TRAIN, "--episodes=6", "--out=r", expect=130).stderr
     assert "Stopped at once." in shown
     assert shown.count("serp plan-and-learn --resume r\n") == 1
     assert shown.count("finishing the episode") == 1
@@ -112,6 +128,8 @@ def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(run: Run) 
 
 def test_ctrl_c_before_the_run_leaves_nothing(run: Run) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.tasks.registry.find_task", lambda *_: press_ctrl_c())
+        patch.setattr(
+            "serp.tasks.registry.find_task", lambda *_: signal.raise_signal(signal.SIGINT)
+        )
         assert run(*TRAIN, "--out=r", expect=130).stderr.strip() == "Stopped."
     assert not Path("r").exists()
