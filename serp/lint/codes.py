@@ -78,6 +78,7 @@ _WARNINGS = {
     "task-mismatch": "The task that the file belongs to does not fit it.",
     "unbounded-goal": "Nothing bounds what the metric gains in a step.",
     "unknown-requirement": "A requirement that SErP does not know.",
+    "untyped-parameter": "A parameter without a type, in a file that has types.",
     "unused-extension": "`:math-functions` is listed, and nothing needs it.",
     "unused-name": "A predicate or function that nothing changes or reads.",
     "unused-parameter": "A parameter that nothing reads.",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
-from serp.lint.subject import LintSubject
+from serp.lint.subject import SCHEMAS, LintSubject, values_of
 from serp.model.ground import UNSAFE_TARGET, SetBoolean, writes
 from serp.pddl import syntax as x
+from serp.pddl.declarations import typed_list
+from serp.pddl.sexpr import Group, Node
 from serp.pddl.source import DomainWarning
 
 
@@ -82,7 +84,29 @@ def _type_without_objects(
     return None
 
 
+def _untyped(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find parameters without a type in a file that has types."""
+    if not subject.domain.syntax.parents:
+        return
+    for section in subject.sections(":predicates", ":functions", *SCHEMAS):
+        lists: Iterable[Sequence[Node]] = (
+            [item.items[1:] for item in section.items[1:] if isinstance(item, Group)]
+            if section.head not in SCHEMAS
+            else [node.items for node in (values_of(section).get(":parameters"),)
+                  if isinstance(node, Group)]
+        )  # fmt: skip
+        for nodes in lists:
+            for word, types in typed_list(nodes, "a parameter", variables=True):
+                if not types:
+                    yield DomainWarning(
+                        f"parameter `{word.text}` has no type, so it can be any object",
+                        word.place,
+                        advice=f"write `{word.text} - object` if that is meant",
+                    )
+
+
 RULES = {
+    "untyped-parameter": _untyped,
     "no-action": _no_action,
     "nothing-unsafe": _nothing_unsafe,
     "no-reward": _no_reward,

@@ -29,7 +29,10 @@ def _unused_names(subject: LintSubject) -> Iterator[DomainWarning]:
 
 def _unused_variables(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find parameters of actions, processes, events and quantifiers that nothing there reads."""
+    understood = {schema.name for schema in subject.domain.syntax.schemas}
     for section in subject.sections(*SCHEMAS):
+        if len(section.items) < 2 or section.items[1].place.text.lower() not in understood:
+            continue
         listed, rest = _split_parameters(section)
         what = " ".join(item.text for item in section.items[:2] if isinstance(item, Word))
         yield from _unread(listed, rest, f"`({what}`")

@@ -177,3 +177,12 @@ def test_a_file_that_is_written_is_noticed(tmp_path: Path) -> None:
     next(noticed)
     file.write_text("(define (domain d))")
     next(noticed)
+
+
+def test_every_code_in_the_program_is_documented() -> None:
+    found = {
+        code
+        for path in (PAGE.parents[2] / "serp").rglob("*.py")
+        for code in re.findall(r'\bcode="([a-z-]+)"', path.read_text(encoding="utf-8"))
+    }
+    assert {"wrong-type", "task-mismatch"} < found <= CODES.keys()

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from serp.lint.codes import CODES
 from serp.lint.findings import findings_of
 from serp.model.codegen import generate_code
 from serp.pddl.source import DomainError, Source
@@ -104,11 +105,9 @@ def load_or_refuse(texts: Texts) -> bool:
 def check_findings(texts: Texts) -> None:
     """Check that reading on behind errors finds at least the one at which loading ends."""
     problem = None if texts.problem is None else Source(PROBLEM_FILE, texts.problem)
-    errors = [
-        f.message
-        for f in findings_of(Source(DOMAIN_FILE, texts.domain), problem)
-        if f.severity == "error"
-    ]
+    findings = findings_of(Source(DOMAIN_FILE, texts.domain), problem)
+    assert {finding.code for finding in findings} <= CODES.keys()
+    errors = [finding.message for finding in findings if finding.severity == "error"]
     try:
         load_texts(texts)
     except DomainError as error:
