@@ -9,6 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 from pygments.lexers.lisp import CommonLispLexer
 from pygments.lexers.special import TextLexer
+from pygments.token import Keyword
 from sphinx.highlighting import lexers
 
 from serp import __version__
@@ -28,11 +29,24 @@ extensions = [
     "settings_table",
 ]
 exclude_patterns = ["build"]
-lexers["pddl"] = CommonLispLexer()  # Pygments' own does not know PDDL+
+
+
+class PddlLexer(CommonLispLexer):
+    """Pygments has none for PDDL+, and Lisp has no `#t`."""
+
+    tokens = {  # noqa: RUF012
+        **CommonLispLexer.tokens,
+        "body": [(r"#t\b", Keyword.Constant), *CommonLispLexer.tokens["body"]],
+    }
+
+
+lexers["pddl"] = PddlLexer()
 lexers["csv"] = TextLexer()
 html_theme = "furo"
 html_title = f"SErP {release}"
 html_show_sourcelink = False
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 4

@@ -1,17 +1,16 @@
-"""Draw all shipped tasks as they look after a few steps: docs/images/tasks.png.
+"""Draw each shipped task as it looks after a few steps: docs/images/tasks/NAME.png.
 
-    python docs/drawings/tasks.py docs/images/tasks.png
+    python docs/drawings/tasks.py docs/images/tasks
 
 Needs the extras `watch`, `soccer`, `minigrid` and `box2d`.
 """
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageChops
 
 import serp
 
@@ -19,37 +18,50 @@ TASKS = (
     "cartpole", "swing-up", "hill", "landing", "mountain-car", "acrobot", "lunar-lander", "cliff",
     "frozen-lake", "taxi", "door-key", "four-rooms", "soccer", "corner-kick",
 )  # fmt: skip
-COLUMNS, SIDE, GAP, LABEL = 7, 190, 10, 22
-STEPS = {"lunar-lander": 60}
+SIZE = (420, 300)
+MARGIN = 16  # around what is not background
+STEPS = {"lunar-lander": 60, "frozen-lake": 3}
 """Steps before the picture; 12 for the others."""
+PARTS = {"soccer": (0.1, 0.15, 0.9, 0.75), "corner-kick": (0.2, 0.4, 1.0, 1.0)}
+"""Left, top, right and bottom of what is shown; everything of the others."""
 
 
 def picture(name: str) -> Image.Image:
-    """Return a picture of a task, within SIDE × SIDE pixels."""
+    """Return the picture of a task's environment."""
     with serp.load_task(name).bind(render_mode="rgb_array") as task:
         task.reset(seed=4)
         for step in range(STEPS.get(name, 12)):
             if any(task.step(step % task.actions.size)[2:4]):
                 task.reset(seed=4)
         image = Image.fromarray(task.env.render())  # type: ignore[arg-type]
-    image.thumbnail((SIDE, SIDE))
-    return image
+    left, top, right, bottom = PARTS.get(name, (0, 0, 1, 1))
+    wide, high = image.size
+    return image.crop(
+        (round(left * wide), round(top * high), round(right * wide), round(bottom * high))
+    )
 
 
-def main(path: Path) -> None:
-    """Draw the sheet."""
-    rows = math.ceil(len(TASKS) / COLUMNS)
-    size = COLUMNS * (SIDE + GAP) + GAP, rows * (SIDE + LABEL + GAP) + GAP
-    sheet = Image.new("RGB", size, "white")
-    draw = ImageDraw.Draw(sheet)
-    font = ImageFont.load_default(14)
-    for index, name in enumerate(TASKS):
-        row, column = divmod(index, COLUMNS)
-        x, y = GAP + column * (SIDE + GAP), GAP + row * (SIDE + LABEL + GAP)
-        image = picture(name)
-        sheet.paste(image, (x + (SIDE - image.width) // 2, y + (SIDE - image.height) // 2))
-        draw.text((x + SIDE / 2, y + SIDE + 4), name, fill="black", font=font, anchor="ma")
-    sheet.quantize(128).save(path, optimize=True)
+def framed(image: Image.Image) -> Image.Image:
+    """Return a picture of SIZE: what is not background, as large as it may be, in its middle."""
+    background = image.getpixel((0, 0))
+    plain = Image.new("RGB", image.size, background)
+    left, top, right, bottom = ImageChops.difference(image, plain).getbbox() or (0, 0, *image.size)
+    image = image.crop(
+        (max(left - MARGIN, 0), max(top - MARGIN, 0),
+         min(right + MARGIN, image.width), min(bottom + MARGIN, image.height))
+    )  # fmt: skip
+    scale = min(SIZE[0] / image.width, SIZE[1] / image.height)
+    image = image.resize((round(scale * image.width), round(scale * image.height)), Image.LANCZOS)
+    frame = Image.new("RGB", SIZE, background)
+    frame.paste(image, ((SIZE[0] - image.width) // 2, (SIZE[1] - image.height) // 2))
+    return frame
+
+
+def main(folder: Path) -> None:
+    """Draw all tasks."""
+    folder.mkdir(exist_ok=True)
+    for name in TASKS:
+        framed(picture(name)).quantize(256).save(folder / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":
