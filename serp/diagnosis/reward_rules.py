@@ -139,7 +139,8 @@ class _Rules:
             with contextlib.suppress(StateError):
                 judged = self._model.judge(state, action, next_state)
                 reward, end = judged.reward, float(judged.terminal)
-        return self._applied(self._model.trace_judged(state, action, next_state), reward, end)
+        passed = self._model.judged_passages(state, action, next_state)
+        return self._applied([passage.site for passage in passed], reward, end)
 
     def _applied(self, sites: Iterable[Site], reward: float, end: float) -> dict[str, set[_Line]]:
         """Return the lines among the sites; goal or metric where there are none."""

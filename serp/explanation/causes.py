@@ -15,7 +15,7 @@ import numpy as np
 from serp.model import ground as g
 from serp.model.emit import Passage
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
-from serp.model.transition_model import TransitionModel, Vector
+from serp.model.transition_model import Judgement, TransitionModel, Vector
 from serp.pddl.comments import comment_of
 from serp.pddl.source import Place
 from serp.pddl.syntax import Kind
@@ -103,7 +103,24 @@ def causes_passed(
     out: list[float],
 ) -> list[Cause]:
     """Return what is behind a step that was traced, see `TransitionModel.traced`."""
-    return list(_Tracing(model, state.tolist(), passages).causes(flags, out))
+    return list(_Tracing(model, state.tolist(), passages).causes(flags, out[:-1], out[-1]))
+
+
+def observed_causes(
+    model: TransitionModel, state: Vector, action: int, next_state: Vector
+) -> tuple[list[Cause], Judgement]:
+    """Return what of the file is behind an observed transition, and what it makes of it.
+
+    Arguments and errors are those of `TransitionModel.judge`.
+    """
+    judged = model.judge(state, action, next_state)
+    passages = model.judged_passages(state, action, next_state)
+    flags = APPLICABLE | UNSAFE * judged.unsafe | TERMINAL * judged.terminal
+    if model.ground.metric is not None:  # it is read off the two states as a whole
+        passages = [passage._replace(gained=0.0) for passage in passages]
+    after: list[float] = next_state.tolist()
+    tracing = _Tracing(model, state.tolist(), passages, after)
+    return list(tracing.causes(flags, after, judged.reward)), judged
 
 
 def changes_passed(
@@ -126,15 +143,21 @@ class _Tracing:
     """Reads the passages of one step."""
 
     def __init__(
-        self, model: TransitionModel, state: list[float], passages: Sequence[Passage]
+        self,
+        model: TransitionModel,
+        state: list[float],
+        passages: Sequence[Passage],
+        observed: list[float] | None = None,
     ) -> None:
         self._model = model
         self._passages = passages
         self._state = state
+        self._world = state if observed is None else observed
+        """What processes and events read before anything has changed."""
         self._exact = model.as_written
         """Whether nothing but the sites changes the state: an adapted model does in between."""
 
-    def causes(self, flags: int, out: list[float]) -> Iterator[Cause]:
+    def causes(self, flags: int, after: list[float], reward: float) -> Iterator[Cause]:
         """Yield the causes, given the flags of the step, next state and reward."""
         gained = 0.0
         for k, passage in enumerate(self._passages):
@@ -153,7 +176,7 @@ class _Tracing:
                 elif effect.target == g.TERMINAL_TARGET and flags & TERMINAL:
                     yield self._of_effect("end", None, schema, effect, k)
         if flags & APPLICABLE and self._exact:
-            yield from self._of_problem(out[-1] - gained, flags, out)
+            yield from self._of_problem(reward, gained, flags, after)
 
     def changes(self) -> Iterator[tuple[int, Cause]]:
         """Yield the position of a fluent, and what changed it."""
@@ -195,20 +218,23 @@ class _Tracing:
             location_of(effect.place),
         )
 
-    def _of_problem(self, rest: float, flags: int, out: list[float]) -> Iterator[Cause]:
+    def _of_problem(
+        self, reward: float, gained: float, flags: int, after: list[float]
+    ) -> Iterator[Cause]:
         """Yield what goal and metric add to a step."""
+        rest = reward - gained
         ground = self._model.ground
         goal, metric = ground.goal, ground.metric
-        reached = flags & TERMINAL and goal is not None and self._model.at_goal(np.array(out[:-1]))
+        reached = flags & TERMINAL and goal is not None and self._model.at_goal(np.array(after))
         place = getattr(goal, "place", None)
-        if abs(rest) > _NOISE * max(1.0, abs(out[-1])):
+        if abs(rest) > _NOISE * max(1.0, abs(reward)):
             if reached and ground.goal_rewarded:
-                yield self._of_line("reward", rest, "goal", place, goal, out)
+                yield self._of_line("reward", rest, "goal", place, goal, after)
             else:
                 place_of = None if metric is None else metric.place
-                yield self._of_line("reward", rest, "metric", place_of, None, out)
+                yield self._of_line("reward", rest, "metric", place_of, None, after)
         if reached:
-            yield self._of_line("end", None, "goal", place, goal, out)
+            yield self._of_line("end", None, "goal", place, goal, after)
 
     def _of_line(
         self,
@@ -217,12 +243,12 @@ class _Tracing:
         origin: Origin,
         place: Place | None,
         test: g.Test | None,
-        out: list[float],
+        after: list[float],
     ) -> Cause:
         return Cause(
             what, amount, origin, "",
             "" if place is None else place.text,
-            reads={} if test is None else self._reads([test], out),
+            reads={} if test is None else self._reads([test], after),
             comment=_comment(place, None),
             place=None if place is None else location_of(place),
         )  # fmt: skip
@@ -256,7 +282,7 @@ class _Tracing:
             together = schema.kind is Kind.PROCESS and other.kind is Kind.PROCESS
             if other is not schema and not together:
                 return passage.values
-        return self._state
+        return self._world
 
     def _reads(
         self, nodes: Iterable[g.Test | g.Value], values: Sequence[float]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -25,8 +25,13 @@ def lines_of(alternative: Alternative) -> list[str]:
     What a schema brings in one control period is one line, and so is what it brings in several
     periods in succession.
     """
+    return lines_of_causes((*alternative.causes, *alternative.ahead))
+
+
+def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
+    """Return causes as lines, as `lines_of` does."""
     by_schema: dict[tuple[str, str], dict[int, list[Cause]]] = {}
-    for cause in (*alternative.causes, *alternative.ahead):
+    for cause in causes:
         periods = by_schema.setdefault((cause.origin, cause.name), {})
         periods.setdefault(cause.after, []).append(cause)
     found: list[tuple[int, str]] = []

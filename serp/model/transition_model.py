@@ -279,7 +279,7 @@ class TransitionModel(StateSpace):
         self.check_action(action, -1)
         reward, flags = self._judge(state.tolist(), action, next_state.tolist())
         if not flags & APPLICABLE:
-            site = self.trace_judged(state, action, next_state)[-1]
+            site = self.judged_passages(state, action, next_state)[-1].site
             raise StateError(
                 f"an observed transition cannot be judged: {site.without_result}; "
                 f"observed state: {self.values(next_state)}"
@@ -341,8 +341,8 @@ class TransitionModel(StateSpace):
         )  # fmt: skip
         return out, flags, passages
 
-    def trace_judged(self, state: Vector, action: int, next_state: Vector) -> list[Site]:
-        """Return the sites that the judgement of a transition passes."""
+    def judged_passages(self, state: Vector, action: int, next_state: Vector) -> list[Passage]:
+        """Return what the judgement of a transition passes, as `passages` does of a step."""
         passages: list[Passage] = []
         self._judge(state.tolist(), action, next_state.tolist(), self._program.traced(passages))
-        return [passage.site for passage in passages]
+        return passages

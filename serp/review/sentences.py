@@ -9,7 +9,7 @@ from serp._util.text import plural
 from serp.control.decision import Actor, Reason
 from serp.explanation.flips import Flip
 from serp.explanation.refusals import unsafe_ahead
-from serp.explanation.sentences import told
+from serp.explanation.sentences import lines_of_causes, told
 from serp.review.predictions import PredictedFluent
 from serp.review.step_account import StepAccount
 
@@ -148,8 +148,15 @@ def what_came(step: StepAccount) -> list[str]:
     if step.terminated or step.truncated:
         came += " and the episode ended" + ("" if step.terminated else ", cut off")
     lines.append(came + ".")
-    if step.unsafe:
-        lines.append("By the file, what happened was unsafe.")
+    if step.domain_reward is not None:
+        predicted = (
+            ""
+            if step.predicted_reward is None
+            else (f", and {readable(step.predicted_reward)} was predicted")
+        )
+        end = ":" if step.observed else "."
+        worth = f"By the file what came is worth {readable(step.domain_reward)}{predicted}"
+        lines += [worth + end, *(f"  {line}" for line in lines_of_causes(step.observed))]
     return lines
 
 

@@ -12,13 +12,15 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from serp.control.decision import Actor, Reason
+from serp.explanation.causes import Cause, observed_causes
 from serp.explanation.decision import Explanation, explain
 from serp.explanation.flips import Flips, flips_of
+from serp.model.transition_model import StateError
 from serp.review.agreeing import agreeing_planner, refusal_by
 from serp.review.place_in_run import FoundStep, clock
 from serp.review.predictions import PredictedFluent, predictions_of
 from serp.review.run_model import RunModel
-from serp.runs.recording import Recording
+from serp.runs.recording import Recording, StoredStep
 
 _REFUSAL: Final = ("allowed", "refused")
 _SECONDS: Final = 4.0
@@ -48,8 +50,11 @@ class StepAccount:
         veto_flips: Changes of one fluent with which the proposal would not have been refused.
         predictions: The fluents, the largest error first; empty where the next state is unknown.
         reward: The environment's reward.
-        domain_reward: The reward of the observed step by the file, as recorded in training.
-        unsafe: Whether the observed step was unsafe by the file, as recorded in training.
+        predicted_reward: The predicted reward of the file; None where it predicts none.
+        domain_reward: The reward that the file as written gives for what was observed; None where
+            the next state is unknown, or the file cannot judge it.
+        observed: What of the file is behind that, and behind an unsafe step or an end.
+        unsafe: Whether what was observed is unsafe by the file.
         terminated, truncated: Whether the episode ended with it, and how.
     """
 
@@ -74,7 +79,9 @@ class StepAccount:
     veto_flips: Flips | None
     predictions: tuple[PredictedFluent, ...]
     reward: float
-    domain_reward: float
+    predicted_reward: float | None
+    domain_reward: float | None
+    observed: tuple[Cause, ...]
     unsafe: bool
     terminated: bool
     truncated: bool
@@ -130,6 +137,11 @@ def account_of_step(
     model = run.adapted or run.model  # risks that were learned are traced in it
     if planner is not None:
         model = planner.model
+    account = explain(
+        model, step.state, forecast, decision.action,
+        names=names, ground=ground, paths=paths,
+    )  # fmt: skip
+    observed, domain_reward, unsafe = _judged(run, step, ground[decision.action])
     return StepAccount(
         step=step.step,
         episode=step.episode,
@@ -144,10 +156,7 @@ def account_of_step(
         vetoed=decision.vetoed,
         rho=decision.rho,
         indifferent=decision.indifferent,
-        account=explain(
-            model, step.state, forecast, decision.action,
-            names=names, ground=ground, paths=paths,
-        ),
+        account=account,
         admissible=tuple(decision.admissible.tolist()),
         planned=names[forecast.choice] if forecast.choice >= 0 else "",
         ahead_by="" if planner is None else planner.called,
@@ -155,8 +164,10 @@ def account_of_step(
         veto_flips=veto_flips,
         predictions=tuple(predictions_of(run, recording, step)),
         reward=step.env_reward,
-        domain_reward=step.domain_reward,
-        unsafe=step.unsafe,
+        predicted_reward=account.alternatives[decision.action].reward,
+        domain_reward=domain_reward,
+        observed=tuple(observed),
+        unsafe=unsafe,
         terminated=step.terminated,
         truncated=step.truncated,
     )  # fmt: skip
@@ -165,3 +176,14 @@ def account_of_step(
 def _action_of(run: RunModel) -> Callable[[int], str]:
     names = [action.name for action in run.model.actions]
     return lambda position: names[position] if position >= 0 else "no action"
+
+
+def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
+    """Return causes, reward and flag of what was observed, by the file as written."""
+    if step.next_state is None:
+        return [], None, step.unsafe
+    try:
+        causes, judged = observed_causes(run.model, step.state, ground, step.next_state)
+    except StateError:
+        return [], None, step.unsafe
+    return causes, judged.reward, judged.unsafe

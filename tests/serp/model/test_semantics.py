@@ -302,7 +302,7 @@ def test_an_inapplicable_action_has_no_effects_while_the_world_goes_on(precondit
     assert model.judge(able, 0, near) == (4.0, True, True)
     assert model.judge(unable, 0, near) == (-1.0, False, False)
     assert model.judge(unable, 0, there) == (-11.0, False, True)
-    assert not any(site.what == "effect" for site in model.trace_judged(unable, 0, near))
+    assert not any(p.site.what == "effect" for p in model.judged_passages(unable, 0, near))
 
 
 def test_events_do_not_move_what_was_observed() -> None:

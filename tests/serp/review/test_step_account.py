@@ -44,10 +44,17 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
         amounts = [cause.amount or 0.0 for cause in taken.causes if cause.what == "reward"]
         assert sum(amounts) == pytest.approx(taken.reward or 0.0)
         assert taken.reward is None or taken.reward == float(row["predicted_reward"])
+        recorded = recording.step(number)
+        if made.domain_reward is not None:
+            assert (made.domain_reward, made.unsafe) == (recorded.domain_reward, recorded.unsafe)
+            parts = [cause.amount or 0.0 for cause in made.observed if cause.what == "reward"]
+            assert sum(parts) == pytest.approx(made.domain_reward)
+            assert ("unsafe" in {cause.what for cause in made.observed}) == made.unsafe
         if made.predictions:
             (x,) = made.predictions
             moved = MOVES.get(made.executed) if taken.applicable else None
             assert x.predicted == (None if moved is None else x.before + moved)
+            assert made.domain_reward is not None
             assert x.predicted is None or (x.error == 0.0) == (x.predicted == x.observed)
         lines = " ".join([*who_acted(made), *what_came(made)])
         assert made.executed in lines
