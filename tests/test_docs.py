@@ -8,6 +8,7 @@ Comments in the Markdown tell what a fenced block or a table is:
 `<!-- from: FILE -->`      the block is a part of that file of the repository
 `<!-- run -->`             the `serp` commands of the block succeed
 `<!-- run with: ... -->`   the same, with these options added
+`<!-- as in: PAGE -->`     the `serp` commands of the block are among those that are run on a page
 `<!-- accepted in: X -->`  the first column of the table is valid PDDL there
 `<!-- refused in: X -->`   it is refused, with the message of the second column
 `<!-- one step: X -->`     the table tells what `docs/examples/tea.pddl` does with it in one step
@@ -57,6 +58,7 @@ from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.scenarios.reading import read_scenarios
 from serp.tasks.registry import task_entries
 from serp.training.policies import Policy
+from tests.serp.training.runs import without_pictures
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "docs" / "examples"
@@ -125,23 +127,43 @@ def marks(kind: str) -> list[Any]:
 # Examples
 
 
+def is_run(block: Block) -> bool:
+    return re.match(r"run( with:|$)", block.mark) is not None
+
+
+def commands(*found: Block) -> list[list[str]]:
+    """The words of the `serp` commands of blocks."""
+    lines = [line for block in found for line in block.text.splitlines()]
+    return [shlex.split(line, comments=True) for line in lines if line.startswith("serp ")]
+
+
 def run_commands(block: Block) -> str:
     """Run the `serp` commands of a block as its mark says; returns what they print."""
     added = shlex.split(block.mark.partition("run with:")[2])
-    commands = [line for line in block.text.splitlines() if line.startswith("serp ")]
-    assert commands
+    assert commands(block)
     output = io.StringIO()
-    for line in commands:
+    for words in commands(block):
         with pytest.raises(SystemExit) as end, contextlib.redirect_stdout(output):
-            main(shlex.split(line, comments=True)[1:] + added)
-        assert end.value.code == 0, line
+            main(words[1:] + added)
+        assert end.value.code == 0, words
     return output.getvalue()
+
+
+def pictures(name: str) -> contextlib.AbstractContextManager[None]:
+    """Pictures of runs are drawn for two pages: they take longer than the other trainings here."""
+    drawn = name in ("first-run", "diagnose")
+    return contextlib.nullcontext() if drawn else without_pictures()
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=name_of)
 def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)
+    with pictures(page.stem):
+        run_blocks(page)
+
+
+def run_blocks(page: Path) -> None:
     names: dict[str, Any] = {"__name__": "__main__"}
     printed: str | None = None
     for block in blocks(page):
@@ -149,7 +171,10 @@ def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         if kind == "from":
             assert block.text.strip() in (ROOT / argument).read_text(encoding="utf-8")
             continue
-        if kind == "file":
+        if kind == "as in":
+            there = commands(*filter(is_run, blocks(ROOT / argument)))
+            assert all(words in there for words in commands(block))
+        elif kind == "file":
             Path(argument).write_text(block.text, encoding="utf-8")
         elif block.language == "python":
             output = io.StringIO()
@@ -159,7 +184,7 @@ def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
                 exec(program, names)
             printed = output.getvalue()
             continue
-        elif re.match(r"run( with:|$)", block.mark):
+        elif is_run(block):
             printed = run_commands(block)
             continue
         elif block.language == "text" and printed is not None and block.follows <= 2:
@@ -175,7 +200,8 @@ def test_example_scripts_run(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(script), run_name="__main__")
+    with pictures(script.stem):
+        runpy.run_path(str(script), run_name="__main__")
     printed = capsys.readouterr().out
     shown = re.findall(r"^# prints:\n((?:# .*\n)+)", script.read_text(encoding="utf-8"), re.M)
     assert printed if not shown else printed == re.sub(r"^# ", "", shown[0], flags=re.M)
@@ -210,19 +236,22 @@ def test_the_parts_of_the_hierarchical_task_fit_together() -> None:
             bound.reset(seed=0)
 
 
-def test_an_extension_is_found_by_its_entry_points(tmp_path: Path) -> None:
+def test_an_extension_is_found_by_its_entry_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
     source = shutil.copytree(EXAMPLES / "extension", tmp_path / "source")
     where = ["--no-build-isolation", "--target", str(tmp_path / "site"), str(source)]
     subprocess.run([*pip, *where], check=True, timeout=120)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    monkeypatch.setitem(sys.modules, "my_extension", None)  # so that it is absent in the end
+    del sys.modules["my_extension"]
     names = ["guide.strategy=planner-first", "learner.learning_starts=40", "planner.name=one-step"]
-    done = subprocess.run(
-        [sys.executable, "-m", "serp", "plan-and-learn", "--domain=cartpole", "--env-steps=80",
-         "--out=run", "--quiet", *(f"--set={name}" for name in [*names, "learner.name=table"])],
-        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), *sys.path])},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    words = ["plan-and-learn", "--domain=cartpole", "--env-steps=80", "--out=run", "--quiet"]
+    with pytest.raises(SystemExit) as end, without_pictures():
+        main([*words, *(f"--set={name}" for name in [*names, "learner.name=table"])])
+    assert end.value.code == 0
     with (tmp_path / "run" / "decisions.csv").open(newline="", encoding="utf-8") as file:
         proposed = [row["proposed_by"] for row in csv.DictReader(file)]
     assert set(proposed[:40]) == {"planner"}
