@@ -14,6 +14,8 @@ from serp.pddl.source import Place, Source
 
 _RULE: Final = re.compile(r"^[;\s]*[-=~*_#+]{3,}|[-=~*_#+]{3,}\s*$")
 """Marks of a line that is drawn through a file."""
+_SILENCE: Final = re.compile(r"\bserp:[ \t]*ignore(-file)?(\[[^\]]*\])?")
+"""What is said to `serp check`, not to people."""
 
 
 def comment_of(place: Place) -> str:
@@ -57,4 +59,5 @@ def _above(source: Source, line: int) -> str:
 
 
 def _joined(texts: list[str]) -> str:
-    return " ".join(" ".join(text.lstrip(";").split()) for text in texts).strip()
+    said = (_SILENCE.sub("", text).lstrip(";").split() for text in texts)
+    return " ".join(map(" ".join, said)).strip()
