@@ -524,6 +524,7 @@ NOT_IN_EVERY_RUN = {
     "planner-1.pddl",
     "planner-1-problem.pddl",
     "evaluations/",
+    "report.html",
     "tensorboard/",
     "checkpoint-damaged.safetensors",
 }

@@ -30,7 +30,7 @@ LAYERS = (
     {"training"},
     {"review"},
     {"diagnosis", "comparison", "viz", "export", "scenarios", "play", "scaffold"},
-    {"tuning", "studio"},
+    {"report", "studio", "tuning"},
     {"cli"},
     {"__main__"},
 )

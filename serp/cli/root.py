@@ -22,6 +22,7 @@ COMMANDS = {
     "evaluate": "Measure a trained policy.",
     "compare": "Compare algorithms on one task, under one protocol.",
     "tune": "Search settings by the returns of whole trainings.",
+    "report": "Write what happened in a run as one page for the browser.",
     "diagnose": "Report what is wrong or missing in a run's domain file.",
     "repair": "Write a run's domain file, corrected by what it observed.",
     "watch": "Show a trained policy in a window or as a film.",

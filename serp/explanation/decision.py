@@ -164,7 +164,7 @@ def _alternative(
     causes: tuple[Cause, ...] = ()
     after = None
     if ground >= 0:
-        causes = tuple(_first_causes(model, state, ground, flags, reward))
+        causes = tuple(step_causes(model, state, ground, flags, reward))
         if applicable:
             after = model.values(model.step(state, ground).state)
     return Alternative(
@@ -185,7 +185,7 @@ def _alternative(
     )
 
 
-def _first_causes(
+def step_causes(
     model: TransitionModel, state: Vector, ground: int, flags: int, reward: float | None
 ) -> list[Cause]:
     """Return what is behind one control period: in the file, and what was learned."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from serp._util.number_format import readable
 from serp._util.text import plural
 from serp.control.decision import Actor, Reason
+from serp.explanation.causes import Cause
 from serp.explanation.flips import Flip
 from serp.explanation.refusals import unsafe_ahead
 from serp.explanation.sentences import lines_of_causes, told
@@ -47,45 +49,84 @@ def heading(step: StepAccount) -> str:
 
 def who_acted(step: StepAccount) -> list[str]:
     """Say who acted and why."""
-    who, executed = _WHO[step.proposed_by], step.executed
-    if step.reason is Reason.PLANNER_TURN:
-        return [f"It was the planner's turn: {executed} was executed."]
-    if step.reason is Reason.LITTLE_TRIED:
-        return [f"It was the planner's turn: {executed} was executed, for it was rarely tried."]
-    if step.reason is Reason.ACCEPTED:
-        lead = "" if math.isnan(step.rho) else f" (ρ = {readable(step.rho)})"
-        if step.indifferent:
+    proposals = [each for each in step.account.alternatives if each.name == step.proposed]
+    return who_decided(
+        step.reason,
+        (step.proposed, step.proposed_by),
+        (step.executed, step.executed_by),
+        rho=step.rho,
+        indifferent=step.indifferent,
+        why=why_refused(
+            step.reason, proposals[0].causes, proposals[0].reward, proposals[0].safe_steps
+        )
+        if proposals
+        else "",
+    )
+
+
+def who_decided(
+    reason: Reason,
+    proposed: tuple[str, Actor],
+    executed: tuple[str, Actor],
+    *,
+    rho: float,
+    indifferent: bool,
+    why: str,
+) -> list[str]:
+    """Say who decided and why.
+
+    Args:
+        reason: Why the executed action was executed.
+        proposed: The proposed action, empty for none, and who proposed it.
+        executed: The executed action, and whose it is.
+        rho: ρ; NaN if it need not be told.
+        indifferent: Whether all plans were worth the same to the planner.
+        why: What is behind a refusal, see `why_refused`.
+    """
+    (proposal, proposer), (action, actor) = proposed, executed
+    who = _WHO[proposer]
+    if reason is Reason.PLANNER_TURN:
+        return [f"It was the planner's turn: {action} was executed."]
+    if reason is Reason.LITTLE_TRIED:
+        return [f"It was the planner's turn: {action} was executed, for it was rarely tried."]
+    if reason is Reason.ACCEPTED:
+        lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
+        if indifferent:
             lead = ", for all plans were worth the same to the planner"
-        return [f"{who} chose {executed}{lead}. Nothing refused it."]
-    lines = [f"{who} proposed {step.proposed}."] if step.proposed else []
-    because = _why_refused(step)
-    lines.append(f"{_REFUSED[step.reason]}{because}.")
+        return [f"{who} chose {action}{lead}. Nothing refused it."]
+    lines = [f"{who} proposed {proposal}."] if proposal else []
+    lines.append(f"{_REFUSED[reason]}{why}.")
     whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
     lines.append(
-        f"{executed} was executed instead, {whose.get(step.executed_by, 'as proposed')}."
-        if executed != step.proposed
-        else f"{executed} was executed all the same: nothing better was left."
+        f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
+        if action != proposal
+        else f"{action} was executed all the same: nothing better was left."
     )
     return lines
 
 
-def _why_refused(step: StepAccount) -> str:
-    """Return what of the file is behind a refusal, after a colon."""
-    shown = [each for each in step.account.alternatives if each.name == step.proposed]
-    if not shown:
-        return ""
-    proposal = shown[0]
+def why_refused(
+    reason: Reason, causes: Iterable[Cause], reward: float | None, safe_steps: int | None
+) -> str:
+    """Return what of the file is behind a refusal, to follow the sentence about its reason.
+
+    Args:
+        reason: Why the proposal was refused.
+        causes: What is behind the proposed action, one control period ahead.
+        reward: Its predicted reward; None where it is not applicable.
+        safe_steps: Control periods on its path before the first risk; None where there is none.
+    """
     wanted = ("unsafe", "risk", "failed", "conflict", "undefined")
-    for cause in proposal.causes:
+    for cause in causes:
         if cause.what in wanted:
             text = told(cause).rstrip(".")
             shorter = text
             for known in ("unsafe", "not applicable", "no defined result"):
                 shorter = shorter.removeprefix(known)
             return shorter if shorter != text else f": {text}"
-    if step.reason is Reason.LOW_REWARD:
-        return f": it is {readable(proposal.reward)}"
-    return "" if proposal.safe_steps is None else f": {unsafe_ahead(proposal.safe_steps)}"
+    if reason is Reason.LOW_REWARD:
+        return f": it is {readable(reward)}"
+    return "" if safe_steps is None else f": {unsafe_ahead(safe_steps)}"
 
 
 def what_would_differ(step: StepAccount) -> list[str]:

@@ -37,7 +37,7 @@ _SIGHT: Final = {
 
 def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bool = True) -> str:
     """Return the report of a run as Markdown; `drawn`: with the picture of its learning curve."""
-    sections = [f"# Run: {plain(title(summary))}", _lead(summary)]
+    sections = [f"# Run: {plain(title(summary))}", lead(summary)]
     if drawn:
         sections.append(
             "![Learning curve: return per episode, and who decided](learning-curve.png)"
@@ -111,7 +111,8 @@ def title(summary: Mapping[str, Any]) -> str:
     return ", ".join(f"{what}{summary[key]}" for what, key in known.items() if key in summary)
 
 
-def _lead(summary: Mapping[str, Any]) -> str:
+def lead(summary: Mapping[str, Any]) -> str:
+    """Return what came of a run in a few sentences."""
     if not summary["episodes"]:
         return "No episode has ended yet."
     returns = summary["return"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, NamedTuple, get_args
 
@@ -62,13 +62,7 @@ class EvaluationResult:
     @property
     def interval(self) -> tuple[float, float] | None:
         """Ends of the 95 % confidence interval of the mean (Student's t); None for one episode."""
-        if len(self.returns) < 2:
-            return None
-        from scipy.stats import t  # takes half a second to import
-
-        error = float(np.std(self.returns, ddof=1)) / math.sqrt(len(self.returns))
-        reach = float(t.ppf((1.0 + CONFIDENCE) / 2.0, len(self.returns) - 1)) * error
-        return self.mean - reach, self.mean + reach
+        return interval_of(self.returns)
 
     @property
     def warning(self) -> str | None:
@@ -99,6 +93,17 @@ class EvaluationResult:
             "min": float(returns.min()),
             "max": float(returns.max()),
         }
+
+
+def interval_of(returns: Sequence[float]) -> tuple[float, float] | None:
+    """Return the ends of the 95 % confidence interval of a mean (Student's t); None for one."""
+    if len(returns) < 2:
+        return None
+    from scipy.stats import t  # takes half a second to import
+
+    mean, error = float(np.mean(returns)), float(np.std(returns, ddof=1)) / math.sqrt(len(returns))
+    reach = float(t.ppf((1.0 + CONFIDENCE) / 2.0, len(returns) - 1)) * error
+    return mean - reach, mean + reach
 
 
 class Episode(NamedTuple):

@@ -36,7 +36,9 @@ def served(file: str, folder: Path) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def chromium(address: str, **options: Any) -> Iterator[tuple[Any, list[str]]]:
+def chromium(
+    address: str, ready: str = ".serp-graph svg", **options: Any
+) -> Iterator[tuple[Any, list[str]]]:
     """Open an address; yield the page, and the requests to anywhere else, as they come."""
     from playwright.sync_api import sync_playwright
 
@@ -53,6 +55,6 @@ def chromium(address: str, **options: Any) -> Iterator[tuple[Any, list[str]]]:
         page.set_default_timeout(10_000)
         page.on("request", note)
         page.goto(address)
-        page.wait_for_selector(".serp-graph svg")
+        page.wait_for_selector(ready)
         yield page, elsewhere
         browser.close()

@@ -1,0 +1,292 @@
+"""The page: the template, style and scripts of `page/`, filled with what a run recorded."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any, Final
+
+import numpy as np
+
+from serp._util.extras import needs_extra
+from serp._util.figures import PALETTE
+from serp._util.number_format import percent, readable
+from serp._util.terminal import visible
+from serp._util.text import plural
+from serp.pddl.source import Source
+from serp.report import step_data
+from serp.report.causes import CauseTable
+from serp.report.curves import curve_arrays
+from serp.report.model_errors import ModelErrors, error_table
+from serp.report.packing import packed
+from serp.report.recorded_steps import RecordedEpisode, RecordedSteps
+from serp.report.refusals import prevented, veto_table
+from serp.report.scene import DrawnScenes
+from serp.review.run_model import RunModel
+from serp.runs.recording import Recording
+from serp.runs.recording_format import ACTORS, RECORDING
+from serp.runs.report import lead, title
+from serp.runs.summary import WINDOW, summarize
+from serp.training.run import Run
+
+with needs_extra("report", "a report of a run"):
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+_SCRIPTS: Final = ("data", "charts", "scene", "tables", "strip", "replay", "main")
+_PREVENTED: Final = {"reward": "a loss", "unsafe": "unsafe", "risk": "a risk"}
+_HTML: Final = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a page shows.
+
+    Attributes:
+        read: The run's files, and its model.
+        run: The run.
+        recording: The recording of its training, or of an evaluation.
+        recorded: All episodes of the recording.
+        steps: The steps in the page.
+        errors: How well the file predicted them.
+        causes: What of the file is behind their alternatives.
+        scenes: The pictures of their episodes.
+        baseline: The return of the planner alone; None if it is not known.
+    """
+
+    read: RunModel
+    run: Run
+    recording: Recording
+    recorded: list[RecordedEpisode]
+    steps: RecordedSteps
+    errors: ModelErrors
+    causes: CauseTable
+    scenes: DrawnScenes
+    baseline: dict[str, Any] | None
+
+    @property
+    def evaluation(self) -> str:
+        """Name of the evaluation whose steps are shown; empty for the training."""
+        name = self.recording.folder.name
+        return "" if name == RECORDING else visible(name)
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """The run's own copies of the files."""
+        return tuple(self.read.domain.sources)
+
+    @property
+    def actions(self) -> list[str]:
+        """Names of the actions."""
+        return [visible(name) for name in self.recording.layout.actions]
+
+
+def page(content: Content) -> str:
+    """Return the page, one HTML document without references to other files."""
+    summary = summarize(content.run.metrics, content.run.config)
+    meta, arrays = _data(content)
+    environment = Environment(
+        loader=PackageLoader("serp.report", "page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    style = _palette() + _text("style.css")
+    script = "".join(_text(f"{name}.js") for name in _SCRIPTS)
+    sheets = content.scenes.sheets.sheets() if content.scenes.frames else []
+    return environment.get_template("page.html.j2").render(
+        title=visible(title(summary)),
+        lead=visible(lead(summary)),
+        style=Markup(style),
+        script=Markup(script),
+        policy={"style": _digest(style), "script": _digest(script)},
+        meta=Markup(_json(meta)),
+        arrays=Markup(arrays),
+        sheets=Markup("\n".join(sheets)),
+        figures=_figures(content, summary),
+        curve={"window": WINDOW} if summary["episodes"] else None,
+        baseline=content.baseline,
+        evaluation=content.evaluation,
+        vetoes=veto_table(content.recording, content.actions),
+        prevented=_prevented(content),
+        errors=error_table(content.errors, content.read.model, content.actions,
+                           content.steps),
+        steps=len(content.steps),
+        steps_note=_steps_note(content),
+        files=[_file(number, source) for number, source in enumerate(content.sources)],
+        **_choices(content),
+        origin=_origin(content),
+    )  # fmt: skip
+
+
+def _palette() -> str:
+    """Return the colours of all pictures as variables of the style sheet."""
+    colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
+    return f":root {{ {colors}}}\n"
+
+
+def _data(content: Content) -> tuple[dict[str, Any], str]:
+    """Return the data of the page: JSON values, and packed arrays."""
+    steps, scenes, layout = content.steps, content.scenes, content.recording.layout
+    metrics, model = content.run.metrics, content.read.model
+    grids = {"grids": scenes.sheets.grids()} if scenes.frames else {}
+    arrays, order = packed(
+        {
+            **curve_arrays(metrics),
+            **step_data.step_arrays(steps, content.errors, scenes.drawn(steps)),
+            **step_data.cause_arrays(content.causes),
+            **step_data.told_of(steps, content.actions),
+            **grids,
+        }
+    )
+    meta = {
+        "layout": order,
+        "steps": len(steps),
+        "dt": layout.control_period,
+        "envSteps": int(metrics["env_steps"].max(initial=1)),
+        "actors": [str(actor) for actor in ACTORS],
+        "actions": content.actions,
+        "fluents": [
+            {"name": visible(fluent.name), "numeric": fluent.numeric, "unit": float(unit)}
+            for fluent, unit in zip(model.fluents, content.errors.units, strict=True)
+        ],
+        "largeError": content.errors.limit,
+        "noAction": "not in the file",
+        "baseline": content.baseline,
+        "episodes": step_data.episode_data(steps, scenes),
+        "causes": step_data.cause_data(content.causes, content.sources),
+        "scene": scenes.sheets.info() if scenes.frames else None,
+        "sceneNote": visible(scenes.note) or "There is no picture of this step.",
+        "start": _start(steps),
+    }
+    return meta, arrays
+
+
+def _start(steps: RecordedSteps) -> int:
+    """Return the step that is shown first: the last veto, else the last episode's first one."""
+    vetoes = np.flatnonzero(steps.vetoed)
+    return int(vetoes[-1]) if len(vetoes) else steps.rows[-1].start if len(steps) else 0
+
+
+def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the headline figures, of which the same are in `summary.json`."""
+    returns, shares = summary["return"], summary["shares"]
+    last = returns["last_20"] if returns["last_20"] is not None else returns["mean"]
+    compared = "" if content.baseline is None else (
+        f"the planner alone: {readable(content.baseline['mean'])}"
+    )  # fmt: skip
+    steps, unsafe = summary["env_steps"], summary["unsafe_executed"]
+    acted = [f"{name} {percent(share)}" for name, share in shares.items() if share]
+    learner = (shares["learner"] or 0.0) + (shares["exploration"] or 0.0)
+    off = content.errors.mean
+    return [
+        {
+            "what": f"Return, last {WINDOW} episodes"
+            if returns["last_20"] is not None else "Mean return",
+            "value": readable(last),
+            "more": compared,
+        },
+        {"what": "Decisions", "value": f"{steps:,}",
+         "more": f"in {plural(summary['episodes'], 'episode')}"},
+        {"what": "By the learner", "value": percent(learner) if steps else "–",
+         "more": ", ".join(acted)},
+        {"what": "Proposals refused", "value": f"{summary['vetoes']:,}",
+         "more": f"in {percent(summary['vetoes'] / steps)} of the steps" if steps else ""},
+        {"what": "Unsafe actions executed", "value": f"{unsafe:,}",
+         "more": f"{plural(summary['no_safe_action'], 'step')} without a safe action",
+         "bad": unsafe > 0},
+        {"what": "The file is off by", "value": "–" if off is None else readable(round(off, 2)),
+         "more": "× the usual change of a fluent, one step ahead"},
+    ]  # fmt: skip
+
+
+def _prevented(content: Content) -> list[dict[str, Any]]:
+    cards = prevented(content.steps, content.causes, content.actions)
+    known = step_data.cause_data(content.causes, content.sources)
+    for card in cards:
+        about = known[card["cause"]] if card["cause"] >= 0 else None
+        card["says"] = f"vetoes of {card['what']}"
+        card |= {"line": "", "place": "", "comment": "", "text": ""}
+        if about is not None:
+            by = "" if about["by"] == f"action {card['what']}" else f" by {about['by']}"
+            card["what"] += f": {_PREVENTED.get(about['what'], about['label'])}{by}"
+            card |= {name: about[name] for name in ("line", "place", "comment", "text")}
+    return cards
+
+
+def _steps_note(content: Content) -> str:
+    steps, all_steps = len(content.steps), len(content.recording)
+    episodes = plural(len(content.steps.episodes), "episode")
+    said = f"{plural(steps, 'recorded step')} of {episodes}."
+    if steps < all_steps:
+        said = (
+            f"{steps:,} of {plural(all_steps, 'recorded step')}, {episodes} of "
+            f"{len(content.recorded):,}: the last, the best and the worst one, those without a "
+            "safe action and those with vetoes first. --steps shows more."
+        )
+    drawn = len(content.scenes.frames)
+    if drawn:
+        said += f" The scene is drawn for {plural(drawn, 'episode')}."
+    return f"{said} ? shows the keys."
+
+
+def _choices(content: Content) -> dict[str, Any]:
+    """Return the filters and the episodes to choose from."""
+    steps = content.steps
+    large = content.errors.largest >= content.errors.limit
+    kinds = [
+        ("vetoes", step_data.VETOED, "back-vetoed", steps.vetoed),
+        ("no safe action", step_data.NO_SAFE, "back-unsafe", steps.no_safe),
+        ("unsafe executed", step_data.UNSAFE, "back-unsafe", steps["unsafe"]),
+        ("large errors", step_data.LARGE_ERROR, "back-error", large),
+        ("drawn", step_data.DRAWN, "back-drawn", content.scenes.drawn(steps)),
+    ]
+    by = np.bincount(steps["executed_by"], minlength=len(ACTORS))
+    return {
+        "kinds": [
+            {"label": label, "bit": bit, "swatch": swatch, "count": f"{int(of.sum()):,}"}
+            for label, bit, swatch, of in kinds
+            if of.any()
+        ],
+        "actors": [str(actor) for actor in ACTORS],
+        "acting": [
+            {"number": number, "name": str(ACTORS[number]), "count": f"{count:,}"}
+            for number, count in enumerate(by.tolist())
+            if count
+        ],
+        "last_episode": max((each.number for each in steps.episodes), default=1),
+    }
+
+
+def _file(number: int, source: Source) -> dict[str, Any]:
+    """Return a file as lines, code and comment apart."""
+    lines = []
+    for line in range(1, len(source.line_starts) + 1):
+        code, mark, comment = source.line_text(line).partition(";")
+        lines.append({"id": f"f{number}-{line}", "code": visible(code),
+                      "comment": visible(mark + comment)})  # fmt: skip
+    return {"name": visible(source.name.rpartition("/")[2]), "lines": lines}
+
+
+def _origin(content: Content) -> str:
+    metadata = content.read.folder.metadata
+    version = metadata["versions"].get("serp")
+    return visible(f"{content.run.path.name}, begun {metadata['created']}, serp {version}.")
+
+
+def _json(value: Any) -> str:
+    """Return JSON that can stand in a script element."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False).translate(_HTML)
+
+
+def _text(name: str) -> str:
+    return (files("serp.report") / "page" / name).read_text(encoding="utf-8")
+
+
+def _digest(text: str) -> str:
+    digest = hashlib.sha256(text.encode()).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"

@@ -1,0 +1,107 @@
+// The learning curve, and who acted: drawn as SVG in the width that there is.
+
+const MARGIN = { left: 52, right: 26, top: 10, bottom: 34 };
+
+/** Round numbers between two values, about `count` of them. */
+function ticks(low, high, count) {
+  const rough = (high - low) / count || 1;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((k) => k * power).find((k) => k >= rough);
+  const found = [];
+  for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) found.push(k * step);
+  return found;
+}
+
+/** Axes in a new SVG. `x` and `y` map values to places. */
+function axes(box, height, [xLow, xHigh], [yLow, yHigh], xLabel, yLabel, asShare = false) {
+  const width = Math.max(280, box.clientWidth);
+  const svg = element("svg:svg", { width, height, role: "img", "aria-label": box.dataset.label });
+  const right = width - MARGIN.right, bottom = height - MARGIN.bottom;
+  const x = (v) => MARGIN.left + (v - xLow) / (xHigh - xLow || 1) * (right - MARGIN.left);
+  const y = (v) => bottom - (v - yLow) / (yHigh - yLow || 1) * (bottom - MARGIN.top);
+  const add = (tag, attributes, text) => svg.appendChild(element(`svg:${tag}`, attributes, text));
+  for (const v of asShare ? [0, 0.5, 1] : ticks(yLow, yHigh, 5)) {
+    add("line", { class: "grid", x1: MARGIN.left, x2: right, y1: y(v), y2: y(v) });
+    add("text", { class: "tick", x: MARGIN.left - 8, y: y(v) + 4, "text-anchor": "end" },
+      asShare ? `${100 * v} %` : readable(v));
+  }
+  for (const v of ticks(xLow, xHigh, Math.min(8, width / 90))) {
+    const thousands = v >= 10000 ? `${readable(v / 1000)}k` : readable(v);
+    add("text", { class: "tick", x: x(v), y: bottom + 16, "text-anchor": "middle" }, thousands);
+  }
+  add("text", { class: "tick", x: right, y: height - 3, "text-anchor": "end" }, xLabel);
+  add("title", {}, yLabel);
+  const clip = add("clipPath", { id: `${box.id}-clip` });
+  clip.appendChild(element("svg:rect", {
+    x: MARGIN.left, y: MARGIN.top, width: right - MARGIN.left, height: bottom - MARGIN.top }));
+  const plot = add("g", { "clip-path": `url(#${box.id}-clip)` });
+  box.replaceChildren(svg);
+  return { svg, plot, x, y, left: MARGIN.left, right };
+}
+
+const line = (xs, ys, x, y) =>
+  Array.from(xs, (v, k) => `${k ? "L" : "M"}${x(v).toFixed(1)} ${y(ys[k]).toFixed(1)}`).join("");
+
+function area(xs, low, high, x, y) {
+  const back = Array.from(xs).reverse(), under = Array.from(low).reverse();
+  return `${line(xs, high, x, y)}${line(back, under, x, y).replace("M", "L")}Z`;
+}
+
+function drawCurve(box) {
+  const c = curves, planner = meta.baseline;
+  const seen = Array.from(c.curveReturns).sort((a, b) => a - b);
+  const bounds = [seen[Math.floor(0.01 * seen.length)], seen[Math.floor(0.99 * (seen.length - 1))],
+    ...c.mean];
+  if (planner) bounds.push(planner.low, planner.high);
+  let low = Math.min(...bounds), high = Math.max(...bounds);
+  const room = 0.06 * (high - low || 1);
+  [low, high] = [low - room, high + room];
+  const { svg, plot, x, y, left, right } = axes(
+    box, 300, [0, meta.envSteps], [low, high], "environment steps", "return of each episode");
+  const add = (tag, attributes) => plot.appendChild(element(`svg:${tag}`, attributes));
+  const dots = Array.from(c.curveAt, (v, k) => `M${x(v).toFixed(1)} ${y(c.curveReturns[k]).toFixed(1)}h0`);
+  add("path", { class: "dots", d: dots.join("") });
+  if (planner) {
+    add("rect", { class: "baseline-band", x: left, width: right - left, y: y(planner.high),
+      height: Math.max(1, y(planner.low) - y(planner.high)) });
+    add("line", { class: "baseline", x1: left, x2: right, y1: y(planner.mean), y2: y(planner.mean) });
+  }
+  add("path", { class: "mean-band", d: area(c.meanAt, c.meanLow, c.meanHigh, x, y) });
+  add("path", { class: "mean-line", d: line(c.meanAt, c.mean, x, y) });
+  const mark = add("line", { class: "chosen", y1: MARGIN.top, y2: 300 - MARGIN.bottom, x1: -9, x2: -9 });
+  svg.addEventListener("pointermove", (event) => {
+    const k = nearest(event);
+    say(byId("curve-says"), `Episode ${readable(c.curveEpisodes[k])}: return ${readable(c.curveReturns[k])}, `
+      + `mean ${readable(c.mean[nearestOf(c.meanAt, c.curveAt[k])])}`);
+    mark.setAttribute("x1", x(c.curveAt[k]));
+    mark.setAttribute("x2", x(c.curveAt[k]));
+  });
+  svg.addEventListener("click", (event) => total() && jump(numbered(c.curveEpisodes[nearest(event)]).first));
+  const nearest = (event) => {
+    const at = event.clientX - svg.getBoundingClientRect().left;
+    return nearestOf(c.curveAt, (at - left) / (right - left) * meta.envSteps);
+  };
+}
+
+function nearestOf(sorted, value) {
+  let low = 0, high = sorted.length - 1;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (sorted[middle] < value) low = middle + 1; else high = middle;
+  }
+  return low > 0 && value - sorted[low - 1] < sorted[low] - value ? low - 1 : low;
+}
+
+function drawShares(box) {
+  const c = curves, count = c.shareAt.length;
+  const { plot, x, y } = axes(
+    box, 170, [0, meta.envSteps], [0, 1], "environment steps", "share of the decisions", true);
+  let under = new Float32Array(count);
+  meta.actors.forEach((actor, a) => {
+    const over = under.map((v, k) => v + c.shares[a * count + k]);
+    plot.appendChild(element("svg:path", {
+      class: `fill-${actor}`, d: area(c.shareAt, under, over, x, y) }));
+    under = over;
+  });
+  plot.appendChild(element("svg:path", { class: "rho", d: line(c.meanAt, c.rho, x, y) }));
+}

@@ -1,0 +1,65 @@
+// The data of the report: JSON, and arrays that are packed as gzip in base64.
+"use strict";
+
+const meta = JSON.parse(document.getElementById("meta").textContent);
+const byId = (id) => document.getElementById(id);
+
+function decoded(base64) {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
+  return bytes;
+}
+
+async function unpacked(base64) {
+  const stream = new Blob([decoded(base64)]).stream();
+  return new Uint8Array(
+    await new Response(stream.pipeThrough(new DecompressionStream("gzip"))).arrayBuffer());
+}
+
+const KINDS = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array, f4: Float32Array };
+
+/** Return name → typed array. Of each array the first bytes of all numbers come first, then the
+ *  second bytes, and so on, which packs better; little-endian. */
+function arraysOf(bytes, layout) {
+  const arrays = {};
+  let at = 0;
+  for (const [name, kind, count] of layout) {
+    const size = KINDS[kind].BYTES_PER_ELEMENT;
+    const whole = new Uint8Array(count * size);
+    for (let b = 0; b < size; b++) {
+      for (let k = 0, to = b; k < count; k++, to += size) whole[to] = bytes[at++];
+    }
+    arrays[name] = new KINDS[kind](whole.buffer);
+  }
+  return arrays;
+}
+
+/** A number with four significant digits, as everywhere in serp. */
+function readable(value) {
+  if (Number.isNaN(value)) return "–";
+  if (!Number.isFinite(value)) return value < 0 ? "−∞" : "∞";
+  const size = Math.abs(value);
+  const text = Number.isInteger(value) || (size >= 1e3 && size < 1e9)
+    ? Math.round(value).toLocaleString("en-US") : String(Number(value.toPrecision(4)));
+  return text.replace("-", "−");
+}
+
+function percent(share) {
+  if (share > 0 && share < 1e-4) return "< 0.01 %";
+  return `${readable(Number((100 * share).toPrecision(share < 0.1 ? 2 : 3)))} %`;
+}
+
+function element(tag, attributes = {}, text = null) {
+  const made = tag.startsWith("svg:")
+    ? document.createElementNS("http://www.w3.org/2000/svg", tag.slice(4))
+    : document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  if (text !== null) made.textContent = text;
+  return made;
+}
+
+/** Change a text only where it differs: the document is laid out again for nothing else. */
+function say(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}

@@ -1,0 +1,74 @@
+// The beginning: unpack the data, draw, and connect what can be clicked.
+
+function connect() {
+  const on = (id, what, call) => byId(id).addEventListener(what, call);
+  document.addEventListener("keydown", onKey);
+  on("play", "click", () => play());
+  on("back", "click", () => move(-1));
+  on("forward", "click", () => move(1));
+  on("next-hit", "click", () => toHit(1));
+  on("previous-hit", "click", () => toHit(-1));
+  on("episode", "change", (event) => { play(false); show(numbered(event.target.valueAsNumber || 1).first); });
+  on("episode-back", "click", () => nextEpisode(-1));
+  on("episode-on", "click", () => nextEpisode(1));
+  on("after", "change", (event) => { after = event.target.checked; show(now); });
+  on("filters", "change", refilter);
+  on("extra", "click", () => { extra = null; refilter(); });
+  on("ask", "click", () => byId("help").showModal());
+  on("theme", "click", () => {
+    const dark = getComputedStyle(document.documentElement).colorScheme === "dark"
+      || (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
+    document.documentElement.dataset.theme = dark ? "light" : "dark";
+    if (total()) redraw();
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => total() && redraw());
+  alternatives.body.addEventListener("click", (event) => {
+    const row = event.target.closest("tr");
+    chosen = alternatives.first + alternatives.rows.indexOf(row);
+    show(now);
+  });
+  for (const button of document.querySelectorAll("button[data-step]")) {
+    button.addEventListener("click", () => jump(Number(button.dataset.step)));
+  }
+  for (const button of document.querySelectorAll("button[data-test]")) {
+    button.addEventListener("click", () => filterBy(button));
+  }
+  for (const button of document.querySelectorAll("button[data-line]")) {
+    button.addEventListener("click", () => { jump(now); toLine(button.dataset.line); });
+  }
+}
+
+function fit() {
+  for (const [id, draw] of [["curve", drawCurve], ["shares", drawShares]]) {
+    if (byId(id)) draw(byId(id));
+  }
+  if (total()) redraw();
+}
+
+meta.episodes.forEach((episode, index) => { episode.index = index; });
+const packed = await unpacked(byId("arrays").textContent);
+const arrays = arraysOf(packed, meta.layout);
+[curves, steps] = [arrays, arrays];
+sentences = new TextDecoder().decode(arrays.sentences).split("\n");
+if (total()) {
+  const pick = (step) => { play(false); show(step); };
+  [run, inEpisode] = [new Strip(byId("run-strip"), pick), new Strip(byId("episode-strip"), pick)];
+  fluents = new RowTable(byId("fluents"), ["name", "n", "n", "n", "n error"], 27,
+    meta.fluents.length, fillFluent);
+  alternatives = new RowTable(byId("alternatives"), ["name", "n", "n", "n", "n", "remark"], 27,
+    meta.actions.length, fillAlternative);
+  if (meta.scene) {
+    scene = new Scene(byId("scene"), meta.scene, arrays.grids,
+      byId("sheets").textContent.trim().split("\n"));
+  }
+  now = Math.min(meta.start, total() - 1);
+  connect();
+}
+fit();
+let width = innerWidth;
+addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; fit(); } });
+requestAnimationFrame(() => { // after the first step was written
+  const mentioned = document.querySelector(".file .used");
+  if (mentioned) toLine(mentioned.id, false);
+  document.documentElement.dataset.ready = "true";
+});

@@ -1,0 +1,309 @@
+// The recorded steps: one of them is shown, with the scene, the state, the decision and the file.
+
+const [VETOED, UNSAFE, NO_SAFE, INDIFFERENT, LARGE_ERROR] = [1, 2, 4, 8, 16];
+const [APPLICABLE, IS_UNSAFE, TERMINAL, UNDEFINED, RISKY] = [1, 2, 4, 8, 16];
+const NONE = 0xffff, SAFE = 0xfffe;
+
+let curves, steps, sentences, scene = null, fluents, alternatives, run, inEpisode;
+let now = -1, chosen = -1, shownEpisode = null, queued = false, playing = null;
+let hits = null, hitList = null, extra = null, after = false, colors = null;
+
+const total = () => meta.steps;
+
+function episodeAt(step) {
+  let low = 0, high = meta.episodes.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (meta.episodes[middle].first <= step) low = middle; else high = middle - 1;
+  }
+  return meta.episodes[low];
+}
+
+/** Go to a step; what it shows is written once a frame, however many come. */
+function show(step) {
+  step = Math.max(0, Math.min(total() - 1, step));
+  if (step !== now) chosen = -1;
+  now = step;
+  if (!queued) {
+    queued = true;
+    requestAnimationFrame(paint);
+  }
+}
+
+function paint() {
+  queued = false;
+  const episode = episodeAt(now), k = now - episode.first;
+  if (episode !== shownEpisode) enter(episode);
+  if (chosen < 0) {
+    const refused = steps.bits[now] & VETOED && steps.proposed[now] !== NONE;
+    chosen = refused ? steps.proposed[now] : steps.executed[now];
+  }
+  const time = (k * meta.dt).toFixed(meta.dt < 0.1 ? 2 : 1);
+  say(byId("where"), `Step ${k + 1} of ${episode.steps} · ${time} s · step ${readable(
+    steps.position[now])} of the run`);
+  run.place(now, `episode ${episode.number}, step ${k + 1}`);
+  inEpisode.place(now, `step ${k + 1} of ${episode.steps}`);
+  paintScene(episode, k);
+  fluents.paint();
+  alternatives.paint();
+  say(byId("told"), sentences[steps.told[now]]);
+  const actor = meta.actors[steps.executedBy[now]];
+  byId("actor").className = `actor back-${actor}`;
+  say(byId("actor"), actor);
+  say(byId("executed"), meta.actions[steps.executed[now]]);
+  paintCauses();
+  const at = hitList && nearestOf(hitList, now);
+  say(byId("hit-count"), hitList === null ? "" : hits[now]
+    ? `${readable(at + 1)} of ${readable(hitList.length)}` : `${readable(hitList.length)} steps`);
+}
+
+function paintScene(episode, k) {
+  const drawn = scene && k + (after ? 1 : 0) < episode.frames;
+  byId("scene").hidden = !drawn;
+  byId("no-scene").hidden = Boolean(drawn);
+  if (drawn) scene.show(episode.frame + k + (after ? 1 : 0));
+  else say(byId("no-scene"), episode.note || meta.sceneNote);
+}
+
+function enter(episode) {
+  shownEpisode = episode;
+  byId("episode").value = episode.number;
+  inEpisode.draw(episode.first, episode.steps, hits, colors);
+  say(byId("outcome"), `return ${readable(episode.return)}, ${episode.end}, ${episode.vetoes
+    ? `${episode.vetoes} vetoed` : "no veto"}`);
+}
+
+const lastOf = (episode) => episode.first + episode.steps - 1;
+
+/** The value of a fluent that was observed after a step. */
+function observed(f, step, episode) {
+  if (step < lastOf(episode)) return steps.state[f * total() + step + 1];
+  return steps.last[f * meta.episodes.length + episode.index];
+}
+
+const errorOf = (f, step, episode) =>
+  Math.abs(observed(f, step, episode) - steps.predicted[f * total() + step]) / meta.fluents[f].unit;
+
+const valueOf = (f, v) => meta.fluents[f].numeric || Number.isNaN(v) ? readable(v)
+  : v > 0.5 ? "true" : "false";
+
+function fillFluent(cells, row, f) {
+  const before = steps.state[f * total() + now], predicted = steps.predicted[f * total() + now];
+  const next = observed(f, now, shownEpisode), error = errorOf(f, now, shownEpisode);
+  say(cells[0], meta.fluents[f].name);
+  say(cells[1], valueOf(f, before));
+  say(cells[2], valueOf(f, predicted));
+  say(cells[3], valueOf(f, next));
+  say(cells[4], Number.isNaN(error) ? "–" : error < 0.05 ? "" : error.toFixed(error < 10 ? 1 : 0));
+  const state = `${Math.abs(next - before) > 1e-9 ? "changed " : ""}${
+    error >= meta.largeError ? "wrong" : ""}`;
+  if (row.className !== state) row.className = state;
+}
+
+function fillAlternative(cells, row, a) {
+  const at = a * total() + now, flags = steps.flags[at], safe = steps.safe[at];
+  const remarks = [];
+  if (flags & IS_UNSAFE) remarks.push("unsafe");
+  if (flags & RISKY) remarks.push("too risky");
+  if (flags & UNDEFINED) remarks.push("no defined result");
+  else if (!(flags & APPLICABLE)) remarks.push(flags ? "not applicable" : meta.noAction);
+  if (flags & TERMINAL) remarks.push("ends it");
+  const applicable = flags & APPLICABLE;
+  say(cells[0], meta.actions[a]);
+  say(cells[1], applicable ? readable(steps.value[at]) : "–");
+  say(cells[2], applicable ? readable(steps.reward[at]) : "–");
+  say(cells[3], applicable ? percent(steps.risk[at]) : "–");
+  say(cells[4], safe === SAFE ? "all" : safe === NONE ? "–" : readable(safe));
+  say(cells[5], remarks.join(", "));
+  const executed = a === steps.executed[now], proposed = a === steps.proposed[now];
+  const refused = proposed && steps.bits[now] & VETOED && !executed;
+  const state = `${executed ? "taken " : ""}${refused ? "refused " : ""}${
+    a === chosen ? "chosen" : ""}`;
+  if (row.className !== state) row.className = state;
+  const selected = String(a === chosen);
+  if (row.getAttribute("aria-selected") !== selected) row.setAttribute("aria-selected", selected);
+}
+
+function paintCauses() {
+  const list = byId("causes"), found = [];
+  for (let k = steps.causeAt[now]; k < steps.causeAt[now + 1]; k++) {
+    if (steps.causeAction[k] === chosen) found.push(k);
+  }
+  const key = found.map((k) => `${steps.cause[k]}:${steps.amount[k]}`).join() + `@${chosen}`;
+  if (list.dataset.key === key) return;
+  list.dataset.key = key;
+  say(byId("causes-of"), `What the file says of ${meta.actions[chosen]}, one step ahead`);
+  list.replaceChildren(...found.map((k) => causeItem(meta.causes[steps.cause[k]], steps.amount[k])));
+  if (!found.length) list.append(element("li", { class: "quiet" }, "Nothing but the changes of the state."));
+  const lines = new Set(found.map((k) => meta.causes[steps.cause[k]].line));
+  for (const old of document.querySelectorAll(".file li.used")) old.classList.remove("used");
+  for (const id of lines) if (id) byId(id).classList.add("used");
+}
+
+function causeItem(cause, amount) {
+  const item = element("li", { class: `cause ${cause.what}` });
+  const what = cause.what === "reward" ? `${amount > 0 ? "+" : ""}${readable(amount)}`
+    : cause.what === "risk" ? `${percent(amount)} risk` : cause.label;
+  item.append(element("b", {}, what), ` ${cause.by}`);
+  if (cause.line) {
+    const go = element("button", { class: "line", type: "button" }, cause.place);
+    go.addEventListener("click", () => toLine(cause.line));
+    item.append(" ", go);
+  }
+  if (cause.comment) item.append(element("q", {}, cause.comment));
+  if (cause.text) item.append(element("code", {}, cause.text));
+  if (cause.condition) item.append(element("small", {}, " when "), element("code", {}, cause.condition));
+  return item;
+}
+
+/** Show a line of a file in its box, and on a narrow page the box. */
+function toLine(id, scroll = true) {
+  const row = byId(id), box = byId("files");
+  for (const old of box.querySelectorAll(".here")) old.classList.remove("here");
+  row.classList.add("here");
+  const down = row.getBoundingClientRect().top - box.getBoundingClientRect().top;
+  box.scrollTop += down - box.clientHeight / 3;
+  if (scroll && box.getBoundingClientRect().top > innerHeight - 80) box.scrollIntoView({ block: "nearest" });
+}
+
+/** The recorded episode of that number, else the next one. */
+const numbered = (number) =>
+  meta.episodes.find((each) => each.number >= number) || meta.episodes.at(-1);
+
+/** Go to a step from elsewhere on the page. */
+function jump(step) {
+  show(step);
+  byId("steps").scrollIntoView({ behavior: calm() ? "auto" : "smooth" });
+}
+
+const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
+
+// Filters ------------------------------------------------------------------------------------
+
+/** Steps that are hits: of any of the kinds that are on, by any of the actors that are on. */
+function refilter() {
+  let kinds = 0, actors = 0;
+  for (const box of document.querySelectorAll("#filters input:checked")) {
+    if (box.name === "kind") kinds |= Number(box.value); else actors |= 1 << Number(box.value);
+  }
+  byId("extra").hidden = extra === null;
+  if (extra) say(byId("extra-says"), extra.says);
+  if (!kinds && !actors && !extra) [hits, hitList] = [null, null];
+  else {
+    hits = new Uint8Array(total());
+    for (let i = 0; i < total(); i++) {
+      hits[i] = (!kinds || steps.bits[i] & kinds) && (!actors || actors >> steps.executedBy[i] & 1)
+        && (!extra || extra.test(i)) ? 1 : 0;
+    }
+    hitList = Uint32Array.from(hits.keys()).filter((i) => hits[i]);
+  }
+  for (const id of ["next-hit", "previous-hit"]) byId(id).disabled = !hitList || !hitList.length;
+  redraw();
+}
+
+function redraw() {
+  colors = currentColors();
+  for (const strip of [run, inEpisode]) strip.measure();
+  run.draw(0, total(), hits, colors);
+  shownEpisode = null;
+  show(now);
+}
+
+/** The colours of the style sheet, which canvases have to be told. */
+function currentColors() {
+  const probe = document.body.appendChild(element("span"));
+  const of = (name) => {
+    probe.className = `back-${name}`;
+    return getComputedStyle(probe).backgroundColor;
+  };
+  const found = Object.assign(meta.actors.map(of),
+    { vetoed: of("vetoed"), unsafe: of("unsafe"), error: of("error") });
+  probe.remove();
+  return found;
+}
+
+function toHit(direction) {
+  if (!hitList || !hitList.length) return;
+  const beyond = direction > 0 ? hitList.find((i) => i > now) : hitList.findLast((i) => i < now);
+  if (beyond !== undefined) show(beyond);
+}
+
+/** Filters that the tables above set: `data-test` holds what a step must have. */
+function filterBy(button) {
+  const wanted = JSON.parse(button.dataset.test);
+  extra = {
+    says: button.dataset.says,
+    test: (i) => (!wanted.vetoed || steps.bits[i] & VETOED)
+      && (wanted.proposed === undefined || steps.proposed[i] === wanted.proposed)
+      && (wanted.reason === undefined || steps.reason[i] === wanted.reason)
+      && (wanted.executed === undefined || wanted.executed.includes(steps.executed[i]))
+      && (wanted.fluents === undefined
+        || wanted.fluents.some((f) => errorOf(f, i, episodeAt(i)) >= meta.largeError))
+      && (wanted.cause === undefined || hasCause(i, wanted.cause)),
+  };
+  refilter();
+  if (hitList.length) jump(hitList[0]);
+}
+
+function hasCause(i, cause) {
+  for (let k = steps.causeAt[i]; k < steps.causeAt[i + 1]; k++) {
+    if (steps.cause[k] === cause && steps.causeAction[k] === steps.proposed[i]) return true;
+  }
+  return false;
+}
+
+// Playing ------------------------------------------------------------------------------------
+
+function play(on = playing === null) {
+  if (playing !== null) cancelAnimationFrame(playing.frame);
+  playing = null;
+  if (on) {
+    const end = now >= lastOf(episodeAt(now)) ? Math.min(now + 1, total() - 1) : now;
+    playing = { from: end, since: performance.now(), frame: 0 };
+    const tick = (time) => {
+      const rate = Number(byId("speed").value) / meta.dt;
+      const step = playing.from + Math.floor((time - playing.since) / 1000 * rate);
+      const last = lastOf(episodeAt(playing.from));
+      show(Math.min(Math.max(step, playing.from), last));
+      if (step >= last) play(false);
+      else playing.frame = requestAnimationFrame(tick);
+    };
+    playing.frame = requestAnimationFrame(tick);
+  }
+  byId("play").setAttribute("aria-pressed", String(playing !== null));
+  say(byId("play"), playing === null ? "▶ Play" : "❚❚ Pause");
+}
+
+const move = (by) => { play(false); show(now + by); };
+
+function nextEpisode(by) {
+  play(false);
+  const at = episodeAt(now).index + by;
+  if (at >= 0 && at < meta.episodes.length) show(meta.episodes[at].first);
+}
+
+const KEYS = {
+  "ArrowRight": () => move(1),
+  "ArrowLeft": () => move(-1),
+  "Shift+ArrowRight": () => nextEpisode(1),
+  "Shift+ArrowLeft": () => nextEpisode(-1),
+  "Home": () => move(episodeAt(now).first - now),
+  "End": () => move(lastOf(episodeAt(now)) - now),
+  " ": () => play(),
+  "n": () => toHit(1),
+  "p": () => toHit(-1),
+  "a": () => byId("after").click(),
+  "?": () => byId("help").showModal(),
+};
+
+function onKey(event) {
+  const target = event.target, name = (event.shiftKey && event.key.length > 1 ? "Shift+" : "") + event.key;
+  if (event.ctrlKey || event.metaKey || event.altKey || byId("help").open) return;
+  if (target.matches("select, input[type=number]")) return;
+  if (event.key === " " && target.matches("button, input, a")) return;
+  const { top, bottom } = byId("steps").getBoundingClientRect();
+  const seen = top < 0.7 * innerHeight && bottom > 0.2 * innerHeight;
+  if (!KEYS[name] || (!seen && name !== "?")) return;
+  event.preventDefault();
+  KEYS[name]();
+}

@@ -1,0 +1,165 @@
+"""The recorded steps as the page has them: arrays `[…, N]`, and texts that are there once."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.terminal import visible
+from serp.control.decision import Reason
+from serp.explanation.causes import Location
+from serp.explanation.refusals import schema_of
+from serp.pddl.source import Source
+from serp.planning.forecast import SAFE
+from serp.report.causes import CauseTable
+from serp.report.model_errors import ModelErrors
+from serp.report.recorded_steps import RecordedSteps
+from serp.report.scene import DrawnScenes
+from serp.review.sentences import who_decided, why_refused
+from serp.runs.recording_format import ACTORS, REASONS
+
+VETOED, UNSAFE, NO_SAFE, INDIFFERENT, LARGE_ERROR, DRAWN = (1 << k for k in range(6))
+"""Bits of a step; `page/replay.js` has the same."""
+_NONE, _ALL_SAFE = 0xFFFF, 0xFFFE
+_LABELS: Final = {
+    "reward": "reward",
+    "unsafe": "unsafe",
+    "risk": "risk",
+    "end": "ends the task",
+    "failed": "not applicable",
+    "conflict": "contradicts another effect",
+    "undefined": "has no value",
+}
+Arrays = dict[str, NDArray[Any]]
+
+
+def step_arrays(steps: RecordedSteps, errors: ModelErrors, drawn: NDArray[np.bool_]) -> Arrays:
+    """Return what is shown of steps, fluents `[F, N]` and alternatives `[A, N]`.
+
+    `drawn` `[N]` tells which steps have a picture.
+    """
+    bits = (
+        VETOED * steps.vetoed
+        + UNSAFE * steps["unsafe"]
+        + NO_SAFE * steps.no_safe
+        + INDIFFERENT * steps["indifferent"]
+        + LARGE_ERROR * (errors.largest >= errors.limit)
+        + DRAWN * drawn
+    )
+    ends = [rows.stop - 1 for rows in steps.rows]
+    positions = np.concatenate([np.zeros(0, int), *(each.positions for each in steps.episodes)])
+    safe = steps["safe_steps"]
+    safe = np.where(safe == SAFE, _ALL_SAFE, np.where(safe < 0, _NONE, np.minimum(safe, 60_000)))
+    return {
+        "position": positions.astype(np.uint32),
+        "bits": bits.astype(np.uint8),
+        "executed": steps["action"].astype(np.uint16),
+        "proposed": np.where(steps["proposed"] < 0, _NONE, steps["proposed"]).astype(np.uint16),
+        "executedBy": steps["executed_by"],
+        "reason": steps["reason"],
+        "error": errors.largest,
+        "state": steps["state"].T,
+        "last": steps.next_states[ends].T,
+        "predicted": errors.predicted.T,
+        "value": steps["value"].T,
+        "reward": steps["reward"].T,
+        "risk": steps["path_risk"].T,
+        "safe": safe.T.astype(np.uint16),
+        "flags": (steps["flags"].T & 0xFF).astype(np.uint8),
+    }
+
+
+def cause_arrays(causes: CauseTable) -> Arrays:
+    """Return the entries of all causes."""
+    return {
+        "causeAt": causes.at,
+        "causeAction": causes.action,
+        "cause": causes.cause,
+        "amount": causes.amount,
+    }
+
+
+def cause_data(causes: CauseTable, sources: tuple[Source, ...]) -> list[dict[str, Any]]:
+    """Return every distinct cause as JSON values."""
+    return [
+        {
+            "what": cause.what,
+            "label": _LABELS[cause.what],
+            "by": "what the run has learned"
+            if cause.origin == "learned"
+            else visible(schema_of(cause)),
+            "text": visible(cause.text),
+            "condition": visible(cause.condition),
+            "comment": visible(cause.comment),
+            "place": place_text(cause.place),
+            "line": line_id(cause.place, sources),
+        }
+        for cause in causes.causes
+    ]
+
+
+def place_text(place: Location | None) -> str:
+    """Return file and line of a place, for people."""
+    return "" if place is None else visible(f"{Path(place.file).name}:{place.line}")
+
+
+def line_id(place: Location | None, sources: tuple[Source, ...]) -> str:
+    """Return the id of a line in the page; empty where it is not there."""
+    for number, source in enumerate(sources):
+        if place is not None and place.file == source.name:
+            return f"f{number}-{place.line}"
+    return ""
+
+
+def told_of(steps: RecordedSteps, actions: list[str]) -> Arrays:
+    """Return the distinct sentences about decisions, a line each, and `told`: that of each step.
+
+    What of the file is behind a refusal stands beside them, with its place.
+    """
+    numbers: dict[str, int] = {}
+    found = []
+    for step, vetoed in enumerate(steps.vetoed.tolist()):
+        reason = Reason(REASONS[steps["reason"][step]])
+        proposed, executed = int(steps["proposed"][step]), int(steps["action"][step])
+        why = ""
+        if vetoed and proposed >= 0:
+            safe = int(steps["safe_steps"][step, proposed])
+            reward = float(steps["reward"][step, proposed])
+            known = reason is Reason.UNSAFE_AHEAD and 0 <= safe < SAFE
+            why = why_refused(reason, (), reward, safe if known else None)
+        sentences = who_decided(
+            reason,
+            (actions[proposed] if proposed >= 0 else "", ACTORS[steps["proposed_by"][step]]),
+            (actions[executed], ACTORS[steps["executed_by"][step]]),
+            rho=math.nan,
+            indifferent=bool(steps["indifferent"][step]),
+            why=why,
+        )
+        found.append(numbers.setdefault(" ".join(sentences), len(numbers)))
+    text = "\n".join(numbers).encode()
+    return {"told": np.array(found, np.uint32), "sentences": np.frombuffer(text, np.uint8)}
+
+
+def episode_data(steps: RecordedSteps, scenes: DrawnScenes) -> list[dict[str, Any]]:
+    """Return the episodes as JSON values."""
+    found = []
+    for episode, rows in zip(steps.episodes, steps.rows, strict=True):
+        frame, frames = scenes.frames.get(episode.number, (0, 0))
+        found.append(
+            {
+                "number": episode.number,
+                "first": rows.start,
+                "steps": len(episode),
+                "return": episode.return_,
+                "end": episode.end + (f", {episode.cut:,} steps left out" if episode.cut else ""),
+                "vetoes": episode.vetoes,
+                "frame": frame,
+                "frames": frames,
+                "note": scenes.notes.get(episode.number, ""),
+            }
+        )
+    return found
