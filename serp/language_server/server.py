@@ -66,10 +66,10 @@ class PddlServer(LanguageServer):
         """Publish the findings of a file, unless it changes during the pause."""
         self._asked[uri] = asked = self._asked.get(uri, 0) + 1
         await asyncio.sleep(pause)
-        if self._asked[uri] != asked:
+        if self._asked[uri] != asked or uri not in self.workspace.text_documents:
             return
         found = await asyncio.to_thread(findings_in, self.pair(uri))
-        if self._asked[uri] != asked:
+        if self._asked[uri] != asked or uri not in self.workspace.text_documents:
             return
         for name, findings in found.items():
             self.text_document_publish_diagnostics(
@@ -118,7 +118,7 @@ def _add_checks(pddl: PddlServer) -> None:
 def _add_reading(pddl: PddlServer) -> None:
     @pddl.feature(
         types.TEXT_DOCUMENT_COMPLETION,
-        types.CompletionOptions(trigger_characters=["(", "?", ":", "-", " "]),
+        types.CompletionOptions(trigger_characters=["(", "?", ":"]),
     )
     def complete(ls: PddlServer, params: types.CompletionParams) -> list[types.CompletionItem]:
         index, source, position = ls.found(params.text_document.uri, params.position)
