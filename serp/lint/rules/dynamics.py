@@ -67,20 +67,18 @@ def _frozen(subject: LintSubject) -> Iterator[DomainWarning]:
 
 def _moving(syntax: x.DomainSyntax) -> set[str]:
     """Return what actions and processes change, and events that this can set off."""
-    waiting = [*syntax.schemas]
+    waiting = [(schema, _read_by(schema)) for schema in syntax.schemas]
     moving: set[str] = set()
     while True:
-        begun = [
-            schema
-            for schema in waiting
-            if schema.kind is not x.Kind.EVENT
-            or not _read_by(schema)
-            or not moving.isdisjoint(_read_by(schema))
-        ]
-        if not begun:
+        still: list[tuple[x.Schema, set[str]]] = []
+        for schema, read in waiting:
+            if schema.kind is x.Kind.EVENT and read and moving.isdisjoint(read):
+                still.append((schema, read))
+            else:
+                moving.update(_changed_by(schema))
+        if len(still) == len(waiting):
             return moving
-        moving.update(name for schema in begun for name in _changed_by(schema))
-        waiting = [schema for schema in waiting if schema not in begun]
+        waiting = still
 
 
 def _read_by(schema: x.Schema) -> set[str]:
