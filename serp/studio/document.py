@@ -26,6 +26,7 @@ class Document:
         path: The file; it need not exist.
         folder: Files are written in this folder alone. A document from elsewhere is saved in it
             under the same name.
+        name: Name in `folder` under which it is saved, where the file itself must stay as it is.
 
     Raises:
         DomainError: The file exists and cannot be read.
@@ -36,10 +37,11 @@ class Document:
         target: Where it is saved.
     """
 
-    def __init__(self, path: Path, folder: Path) -> None:
+    def __init__(self, path: Path, folder: Path, name: str | None = None) -> None:
         self.path = path
         self._folder = folder.resolve()
-        self.target = path if self._inside(path) else self._folder / path.name
+        inside = name is None and self._inside(path)
+        self.target = path if inside else self._folder / (name or path.name)
         self._newline, self._mark = "\n", ""
         self._digest: bytes | None = None
         self.text = self.saved = ""
@@ -79,14 +81,24 @@ class Document:
             ChangedOnDisk: The file there is not the one that was read or last written.
             RunError: It cannot be written.
         """
-        if not self._inside(self.target):  # a link may have been put there
-            raise SerpError(f"{self.target} leads out of the working folder {self._folder}")
         if not anyway and self._on_disk() != self._digest:
             raise ChangedOnDisk(f"{self.target} was changed by another program since it was read")
-        content = (self._mark + self.text.replace("\n", self._newline)).encode()
-        write_durably(self.target, content)
+        content = self._write(self.target)
         self._digest, self.saved, self.path = _digest(content), self.text, self.target
         return self.target
+
+    def save_aside(self) -> Path:
+        """Write the text to a file beside `target`, and return that."""
+        aside = self.target.with_name(self.target.name + ".unsaved")
+        self._write(aside)
+        return aside
+
+    def _write(self, path: Path) -> bytes:
+        if not self._inside(path):  # a link may have been put there
+            raise SerpError(f"{path} leads out of the working folder {self._folder}")
+        content = (self._mark + self.text.replace("\n", self._newline)).encode()
+        write_durably(path, content)
+        return content
 
     def reload(self) -> None:
         """Take the text that is on the disk.

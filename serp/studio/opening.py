@@ -1,4 +1,4 @@
-"""What `serp studio` is asked to open: a domain file, or the name of an installed task."""
+"""What `serp studio` is asked to open: a domain file, an installed task by name, or a run."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from pathlib import Path
 from serp.errors import SerpError
 from serp.model.loading import Domain, problem_beside
 from serp.pddl.source import Source
+from serp.runs.config import CONFIG
+from serp.runs.folder import RunFolder
 from serp.settings import Settings, resolve
 from serp.studio.document import Document
-from serp.studio.reading import Surroundings
+from serp.studio.reading import Surroundings, Version
+from serp.studio.recorded import RecordedRun
 from serp.studio.session import Session
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
+from serp.training.run_metadata import read_run_metadata
 
 
 def open_session(
@@ -21,14 +25,16 @@ def open_session(
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
     Args:
-        name: A domain file, or the name of an installed task.
+        name: A domain file, the name of an installed task, or the folder of a run.
         folder: The working folder.
         own: The task of `--task`.
         own_name: What `--task` says.
 
     Raises:
-        SerpError: There is no such file or task.
+        SerpError: There is no such file, task or run.
     """
+    if (Path(name) / CONFIG).is_file():
+        return _open_run(Path(name), folder, own, own_name)
     file = find_domain_file(name)
     task = own
     if file is None:
@@ -45,6 +51,43 @@ def open_session(
     documents = Document(file, folder), Document(problem, folder) if problem.is_file() else None
     task = task or _task_of(file)
     return Session(folder, *documents, _surroundings(task), task, own_name)
+
+
+def _open_run(path: Path, folder: Path, own: Task | None, own_name: str | None) -> Session:
+    """Open the steps of a run, and the file of its name in the working folder.
+
+    Where there is none, the run's copies are opened, and saved elsewhere: they stay as they are.
+    """
+    run = RunFolder.open(path)
+    made = read_run_metadata(run)
+    domain, problem = run.copies()
+    copy = Version(
+        str(domain), _text(domain), str(problem or domain), _text(problem) if problem else None
+    )
+    name = Domain.parse(copy.sources()[0]).name
+    file = find_domain_file(name)
+    if file is not None and file.is_file() and Domain.parse(Source.read(file)).name == name:
+        beside = problem_beside(file)
+        documents = Document(file, folder), Document(beside, folder) if beside.is_file() else None
+    else:
+        documents = (
+            Document(domain, folder, f"{name}.pddl"),
+            None if problem is None else Document(problem, folder, f"{name}-problem.pddl"),
+        )
+    surroundings = Surroundings(
+        dt=made.control_period,
+        planner=made.settings.planner,
+        observed=made.observed is not None,
+        supplied=frozenset(made.observed or ()),
+    )
+    task = None
+    if made.world is None:
+        task = own or load_task(made.task)
+    return Session(folder, *documents, surroundings, task, own_name, RecordedRun(path, copy))
+
+
+def _text(file: Path) -> str:
+    return Source.read(file).text.replace("\r\n", "\n")
 
 
 def _task_of(file: Path) -> Task | None:

@@ -33,7 +33,7 @@ class PlayedStep:
 
     Attributes:
         values: Fluent → value.
-        action: What the planner does there; empty where it has no action, or at the end.
+        action: Who does what there; empty where nobody has an action, or at the end.
         indifferent: Whether all actions promise the same there.
         picture: The environment's picture as a data URL of a PNG; empty where there is none.
     """
@@ -50,14 +50,14 @@ class PlayedEpisode:
 
     Attributes:
         steps: Its moments, from the reset on.
-        seed: Seed of the reset.
+        name: What it is, for people.
         supplied: Facts of `:init` that the grounding observes.
         note: Why there are no pictures; empty where there are.
     """
 
     steps: tuple[PlayedStep, ...]
-    seed: int
-    supplied: frozenset[str]
+    name: str
+    supplied: frozenset[str] = frozenset()
     note: str = ""
 
     @property
@@ -105,7 +105,7 @@ def play(
         model = TransitionModel(bound.model.ground, dt=bound.model.dt, own_code=False)
         planner = planner_of(model, surroundings.planner)
         steps = tuple(_steps(bound, planner, seed, pictures=not note))
-    return PlayedEpisode(steps, seed, supplied, note)
+    return PlayedEpisode(steps, f"an episode of the planner, seed {seed}", supplied, note)
 
 
 def _bound(task: Task) -> tuple[BoundTask, str]:
@@ -131,7 +131,7 @@ def _steps(
         plan = planner.plan(state)
         over = over or plan.action is None or number == MOST_STEPS
         picture = _picture(bound.env) if pictures else ""
-        action = "" if over or plan.name is None else plan.name
+        action = "" if over or plan.name is None else f"planner: {plan.name}"
         yield PlayedStep(bound.model.values(state), action, plan.indifferent, picture)
         if over or plan.action is None:
             return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import signal
 import socket
 import webbrowser
 from collections.abc import Callable
@@ -18,7 +20,14 @@ from serp.studio.session import Session
 _LOOPBACK = "127.0.0.1"
 
 
-def serve(session: Session, port: int, *, browser: bool, said: Callable[[str], None]) -> None:
+def serve(
+    session: Session,
+    port: int,
+    *,
+    browser: bool,
+    said: Callable[[str], None],
+    warned: Callable[[str], None],
+) -> None:
     """Serve the studio until the process is interrupted.
 
     Args:
@@ -26,6 +35,7 @@ def serve(session: Session, port: int, *, browser: bool, said: Callable[[str], N
         port: Port; 0 for any that is free.
         browser: Whether to open a browser.
         said: Called with the address as soon as it can be called.
+        warned: Called at the end with what was not saved.
 
     Raises:
         SerpError: The port is taken.
@@ -52,10 +62,22 @@ def serve(session: Session, port: int, *, browser: bool, said: Callable[[str], N
         said(guard.address)
         if browser:
             webbrowser.open(guard.address)
+        gc.collect()
+        gc.freeze()  # what was imported: passing over it took longer than a whole view
+        server = uvicorn.Server(config)
+        _end_at_signals(server)
         try:
-            uvicorn.Server(config).run(sockets=[listening])
+            server.run(sockets=[listening])
         finally:
-            session.close()
+            for path in session.close():
+                warned(f"What was not saved is in {path}")
+
+
+def _end_at_signals(server: uvicorn.Server) -> None:
+    """Let a closed terminal and SIGTERM end the server, so that what was not saved is kept."""
+    for name in ("SIGHUP", "SIGTERM"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), lambda *_: setattr(server, "should_exit", True))
 
 
 def _listening(port: int) -> socket.socket:

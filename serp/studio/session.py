@@ -18,11 +18,13 @@ from serp.studio.document import Document
 from serp.studio.expectations import Expectations
 from serp.studio.played import PlayedEpisode, play
 from serp.studio.reading import Surroundings, Version, read
+from serp.studio.recorded import RecordedRun
 from serp.studio.shown_state import ShownState
 from serp.studio.training import BackgroundTraining, run_folder
 from serp.studio.view import View, look
 from serp.tasks.task import Draw, Task
 
+_INITIAL: Final = "the initial state of the problem"
 _PATIENCE: Final = 20.0
 """Seconds that a training has to save when the studio ends."""
 DOMAIN, PROBLEM, SCENARIOS = "domain", "problem", "scenarios"
@@ -53,14 +55,17 @@ class Session:
         surroundings: Control period and planner.
         task: The task that the file belongs to; None for a file alone.
         task_name: What `--task` says, for commands; None where it is not given.
+        recorded: The run whose steps can be looked at; None for none.
 
     Attributes:
         documents: `domain`, `problem` where there is one, and `scenarios`, which need not exist.
         shown: The state that decisions are shown for.
         played: The episode that was played last, if any.
         step: The step of it that is shown, from 0; None for none.
+        run_step: The step of the run with a veto that was shown last; None for none.
         training: The training that was begun last, if any.
         revision: A number that changes with every change of a text or of the state.
+        let_go: Called when another page takes over.
     """
 
     def __init__(
@@ -71,18 +76,24 @@ class Session:
         surroundings: Surroundings,
         task: Task | None = None,
         task_name: str | None = None,
+        recorded: RecordedRun | None = None,
     ) -> None:
         self.folder = folder
         self.documents = {DOMAIN: domain} | ({} if problem is None else {PROBLEM: problem})
-        self.documents[SCENARIOS] = Document(domain.path.with_suffix(SUFFIX), folder)
+        beside = [path.with_suffix(SUFFIX) for path in (domain.target, domain.path)]
+        scenarios = next((path for path in beside if path.exists()), beside[0])
+        self.documents[SCENARIOS] = Document(scenarios, folder)
         self.task_name = task_name
         self.surroundings = surroundings
         self.task = task
-        self.shown = ShownState()
+        self.shown = ShownState({}, "all fluents 0 or false" if problem is None else _INITIAL)
+        self.recorded = recorded
         self.played: PlayedEpisode | None = None
         self.step: int | None = None
+        self.run_step: int | None = None
         self.training: BackgroundTraining | None = None
         self.revision = 0
+        self.let_go: Callable[[], None] = lambda: None
 
     # Editing -----------------------------------------------------------------------------------
 
@@ -162,6 +173,8 @@ class Session:
     def request(self) -> Request:
         """Return what the view of this moment is asked of."""
         seen = {} if self.played is None else self.played.ranges()
+        if self.recorded is not None:
+            seen = self.recorded.ranges
         draw = None if self.task is None else self.task.draw
         return Request(self.version, self.surroundings, self.shown, seen, draw)
 
@@ -188,15 +201,37 @@ class Session:
             self.surroundings = replace(self.surroundings, supplied=played.supplied)
         self.show_step(played.telling)
 
+    def show_episode(self, number: int) -> None:
+        """Show an episode of the run, from 1.
+
+        Raises:
+            RunError: There is none of that number.
+        """
+        assert self.recorded is not None
+        self.take(self.recorded.episode(number))
+        self.run_step = None
+
+    def show_next_veto(self) -> bool:
+        """Show the next step of the run in which a proposal was refused; return whether one is."""
+        assert self.recorded is not None
+        found = self.recorded.next_veto(-1 if self.run_step is None else self.run_step)
+        if found is None:
+            return False
+        episode, number = self.recorded.place_of(found)
+        self.played = self.recorded.episode(episode)
+        self.show_step(number)
+        self.run_step = found
+        return True
+
     def show_initial(self) -> None:
         """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
-        self.show(ShownState({}, "the initial state of the problem"))
+        self.show(ShownState({}, _INITIAL))
 
     def show_step(self, number: int) -> None:
         """Show the decision in a step of the episode, from 0."""
         assert self.played is not None
         step = self.played.steps[number]
-        origin = f"step {number} of an episode of the planner, seed {self.played.seed}"
+        origin = f"step {number} of {self.played.name}"
         self.show(ShownState(step.values, origin))
         self.step = number
 
@@ -217,7 +252,9 @@ class Session:
         return Expectations(source, self.version, self.surroundings, self.task)
 
     def states(self) -> list[ShownState]:
-        """Return the state that is shown, and those of the episode's steps."""
+        """Return the state that is shown, and those of the episode, or from all over the run."""
+        if self.recorded is not None:
+            return [self.shown, *self.recorded.sample()]
         steps = () if self.played is None else self.played.steps
         return [self.shown, *(ShownState(each.values, f"step {k}") for k, each in enumerate(steps))]
 
@@ -251,10 +288,12 @@ class Session:
         model = None if planner is None else planner.model
         self.training = BackgroundTraining(command, run, model)
 
-    def close(self) -> None:
-        """Stop what runs in the background."""
+    def close(self) -> list[Path]:
+        """Stop what runs in the background; return copies of what was changed and not saved."""
         if self.training is not None:
             self.training.stop(wait=_PATIENCE)
+        changed = [document for document in self.documents.values() if document.changed]
+        return [document.save_aside() for document in changed]
 
     def set_planner(self, **changes: int | float) -> None:
         """Change settings of the planner, such as `depth`.

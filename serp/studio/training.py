@@ -17,12 +17,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.control.decision import Actor, Reason
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel
 from serp.runs.folder import METRICS
 from serp.runs.reading import read_metrics
 from serp.runs.recording import Recording, open_recording
+from serp.studio.recorded import vetoed
 
 _WINDOWS: Final = 40
 _MOST_FLUENTS: Final = 6
@@ -121,10 +121,8 @@ class BackgroundTraining:
 
 def vetoes_by_reason(recording: Recording) -> dict[str, int]:
     """Return reason → number of proposals that were refused for it, the most frequent first."""
-    columns, layout = recording.columns("reason", "proposed_by"), recording.layout
-    refused = columns["proposed_by"] != layout.actors.index(Actor.PLANNER)
-    refused &= columns["reason"] != layout.reasons.index(Reason.ACCEPTED)
-    names, counts = np.unique(columns["reason"][refused], return_counts=True)
+    layout, reasons = recording.layout, recording.columns("reason")["reason"]
+    names, counts = np.unique(reasons[vetoed(recording)], return_counts=True)
     found = {layout.reasons[k]: int(n) for k, n in zip(names, counts, strict=True)}
     return dict(sorted(found.items(), key=lambda each: -each[1]))
 

@@ -27,8 +27,8 @@ class DecisionView:
 
     Attributes:
         account: The account of it.
-        order: Positions of the actions that are shown: as in the file, or the best first where
-            there are too many.
+        order: Positions of the actions that are shown: as in the file, those that are not
+            applicable last; or the best first where there are too many.
         verdict: Sentences that sum it up.
         graph: The planning graph as SVG.
         controls: How the fluents of the state can be set.
@@ -102,7 +102,8 @@ def decide(
     """Return what is shown of the planner's decision in a state `[F]`."""
     plan = planner.plan(state)
     account = explain(planner.model, state, plan.forecast, plan.action, paths=plan.paths)
-    order = list(range(len(account.alternatives)))
+    there = plan.forecast.applicable
+    order = sorted(range(len(there)), key=lambda k: not there[k])
     if len(order) > _MOST_ACTIONS:
         order.sort(key=lambda k: (k != plan.action, -plan.forecast.value[k]))
     return DecisionView(

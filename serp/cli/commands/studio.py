@@ -17,10 +17,11 @@ from serp.cli.output import examples, print_result
     epilog=examples(
         "serp studio soccer",
         "serp studio domains/cartpole.pddl",
+        "serp studio runs/seven",
         "serp studio my/world.pddl --port 8400 --no-browser",
     ),
 )
-@click.argument("name", metavar="FILE|NAME")
+@click.argument("name", metavar="FILE|NAME|RUN")
 @own_task_option
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
               help="Port on this machine.  [default: any that is free]")  # fmt: skip
@@ -29,8 +30,9 @@ def command(name: str, port: int, no_browser: bool) -> None:
     """Edit a domain file in the browser and see at every keystroke what it means.
 
     Beside the text stand what is wrong in it, the planner's decision in a state of your choice, and
-    its planning graph. The page is served on this machine alone, at an address with a token; it
-    loads nothing from the network. Files are saved in the working folder alone.
+    its planning graph. With RUN, the folder of a training, the states are those that it went
+    through. The page is served on this machine alone, at an address with a token; it loads nothing
+    from the network. Files are saved in the working folder alone.
 
     Ctrl-C ends it.
     """
@@ -42,4 +44,4 @@ def command(name: str, port: int, no_browser: bool) -> None:
 
     session = open_session(name, Path.cwd(), asked_own_task(), own_task_name())
     say("serp studio runs at this address; Ctrl-C ends it.")
-    serve(session, port, browser=not no_browser, said=print_result)
+    serve(session, port, browser=not no_browser, said=print_result, warned=say)

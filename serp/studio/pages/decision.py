@@ -13,10 +13,11 @@ from serp.explanation.causes import Cause
 from serp.explanation.decision import Alternative
 from serp.explanation.sentences import told
 from serp.studio.pages.live import Live
-from serp.studio.session import Request
+from serp.studio.session import Request, Session
 from serp.studio.view import View
 
-_MOST_CAUSES = 6
+_MOST_CAUSES = 3
+_DEEPEST = 30
 _PLACE = "(e) => { const b = e.target.closest('[data-place]'); if (b) emit(b.dataset.place) }"
 _HEAD = (
     "<thead><tr><th></th><th>action</th><th>reward</th><th>best return</th><th>risk</th>"
@@ -28,11 +29,14 @@ class DecisionPane:
     """Shows decisions; where an error leaves none, the last one stays, faint.
 
     Args:
+        session: What is open.
         live: Follows the session.
         jump: Shows a line and column of a file.
     """
 
-    def __init__(self, live: Live, jump: Callable[[str, int, int], None]) -> None:
+    def __init__(self, session: Session, live: Live, jump: Callable[[str, int, int], None]) -> None:
+        self._session = session
+        self._live = live
         self._jump = jump
         with (
             ui.element("section")
@@ -41,9 +45,18 @@ class DecisionPane:
         ):
             self._table = ui.html()
             self._table.on("click", self._clicked, js_handler=_PLACE)
-            self._verdict = ui.label().classes("serp-verdict").props('role="status"')
+            with ui.element("div").classes("serp-row"):
+                depth = session.surroundings.planner.depth
+                ui.number("actions ahead", value=depth, min=1, max=_DEEPEST, precision=0,
+                          on_change=self._deeper).props("dense").classes("serp-seed")  # fmt: skip
+                self._verdict = ui.label().classes("serp-faint").props('role="status"')
             self._graph = ui.html().classes("serp-graph").props('tabindex="0"')
         live.shows(self.show)
+
+    def _deeper(self, event: Any) -> None:
+        if event.value is not None:
+            self._session.set_planner(depth=min(_DEEPEST, max(1, int(event.value))))
+            self._live.changed()
 
     def _clicked(self, event: Any) -> None:
         line, column, file = (*str(event.args).split(":", 2), "", "")[:3]
@@ -87,11 +100,11 @@ def _row(action: Alternative, chosen: int | None) -> str:
     mark = '<span aria-label="chosen">➜</span>' if taken else ""
     return (
         f'<tr class="{" ".join(kinds)}"><td>{mark}</td><td>{escape(action.name)}</td>{numbers}'
-        f"<td>{_why(action)}</td></tr>"
+        f"<td>{_why(action, 2 * _MOST_CAUSES if taken else _MOST_CAUSES)}</td></tr>"
     )
 
 
-def _why(action: Alternative) -> str:
+def _why(action: Alternative, most: int) -> str:
     """Return what of the file is behind an action, shortly, each with a way there.
 
     What a schema brings in one control period is one line; its tooltip has the whole sentences.
@@ -99,20 +112,21 @@ def _why(action: Alternative) -> str:
     by_schema: dict[tuple[int, str, str], list[Cause]] = {}
     for cause in (*action.causes, *action.ahead):
         by_schema.setdefault((cause.after, cause.origin, cause.name), []).append(cause)
-    items = "".join(map(_item, [*by_schema.values()][:_MOST_CAUSES]))
-    if left := len(by_schema) - _MOST_CAUSES:
+    items = "".join(_item(causes, action.name) for causes in [*by_schema.values()][:most])
+    if left := len(by_schema) - most:
         items += f"<li>… and {left} more</li>" if left > 0 else ""
     remark = escape(action.remark) if not action.causes else ""
     return f'{remark}<ul class="serp-causes">{items}</ul>' if items else remark
 
 
-def _item(causes: list[Cause]) -> str:
+def _item(causes: list[Cause], action: str) -> str:
+    causes = sorted(causes, key=lambda cause: cause.what != "reward")
     first = causes[0]
     when = f"step {first.after + 1}: " if first.after else ""
-    name = "learned" if first.origin == "learned" else first.name or first.origin
+    name = "" if first.name == action else f" · {first.name or first.origin}"
     place = first.place
     where = "" if place is None else f" · line {place.line}"
-    text = f"{when}{', '.join(map(_brought, causes))} · {name}{where}"
+    text = f"{when}{', '.join(map(_brought, causes))}{name}{where}"
     if place is None:
         return f"<li>{escape(text)}</li>"
     at = f"{place.line}:{place.column}:{place.file}"

@@ -8,6 +8,7 @@ from pathlib import Path
 from nicegui import ui
 
 from serp._util.figures import PALETTE
+from serp.studio.document import Document
 from serp.studio.pages.decision import DecisionPane
 from serp.studio.pages.editor import EditorPane
 from serp.studio.pages.expectations import ExpectationsPane
@@ -31,7 +32,8 @@ _PREFERS_DARK = "matchMedia('(prefers-color-scheme: dark)').matches"
 
 
 async def show_page(session: Session) -> None:
-    """Build the page for a browser that has just called."""
+    """Build the page for a browser that has just called; it takes the studio from an older one."""
+    session.let_go()
     ui.add_css(_colours() + _STYLE)
     live = Live(session)
     dark = ui.dark_mode()
@@ -56,7 +58,7 @@ async def show_page(session: Session) -> None:
                 "serp-views"
             ):
                 panes: tuple[Callable[[], object], ...] = (
-                    lambda: DecisionPane(live, editor.jump),
+                    lambda: DecisionPane(session, live, editor.jump),
                     lambda: VersionsPane(session, live),
                     lambda: ExpectationsPane(session, live, editor),
                     lambda: TrainingPane(session),
@@ -68,7 +70,7 @@ async def show_page(session: Session) -> None:
 
     def show_state(request: Request, view: View) -> None:
         files = ", ".join(
-            f"{document.target}{' •' if document.changed else ''}"
+            _told(document)
             for which, document in session.documents.items()
             if which != SCENARIOS or document.text
         )
@@ -82,13 +84,31 @@ async def show_page(session: Session) -> None:
         editor.dark(value)
         theme.set_text("Light" if value else "Dark")
 
+    client = ui.context.client
+    with ui.dialog().props("persistent") as elsewhere, ui.card():
+        ui.label("The studio is open in another tab.")
+        ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
+
+    def let_go() -> None:
+        live.close()
+        if client.has_socket_connection:
+            elsewhere.open()
+
     theme.on_click(lambda: set_dark(not dark.value))
-    await ui.context.client.connected()
-    ui.context.client.on_delete(live.close)
+    await client.connected()
+    client.on_delete(live.close)
+    session.let_go = let_go
     set_dark(bool(await ui.run_javascript(_PREFERS_DARK)))
     live.begin()
-    if session.task is not None and session.played is None:
-        await scene.play()
+    await scene.begin()
+
+
+def _told(document: Document) -> str:
+    """Return a file's name, whether it was changed, and where it is saved if elsewhere."""
+    name = document.path.name + (" •" if document.changed else "")
+    if document.path == document.target:
+        return name
+    return f"{name} (to be saved as {document.target.name} in the working folder)"
 
 
 def _colours() -> str:

@@ -35,6 +35,11 @@ class ScenePane:
                 )
                 self._seed = ui.number("seed", value=0, min=0, precision=0).props("dense")
                 self._seed.classes("serp-seed")
+                if session.recorded is not None:
+                    self._episode = ui.number("episode", value=1, min=1, precision=0)
+                    self._episode.props("dense").classes("serp-seed")
+                    ui.button("Show", on_click=self._show_episode).props("dense outline no-caps")
+                    ui.button("Next veto", on_click=self._next_veto).props("dense outline no-caps")
                 self._origin = ui.label().classes("serp-faint")
             self._steps = ui.slider(min=0, max=1, step=1, value=0, on_change=self._chosen)
             self._steps.props('dense snap markers aria-label="Step of the episode"')
@@ -56,14 +61,46 @@ class ScenePane:
         except SerpError as error:
             ui.notify(str(error), type="negative", multi_line=True, close_button=True, timeout=0)
         else:
-            self._steps.props(f"max={len(played.steps) - 1}")
-            self._steps.set_visibility(len(played.steps) > 1)
-            self._steps.set_value(self._session.step)
             if played.note:
                 ui.notify(played.note, multi_line=True)
-            self._live.changed()
+            self._taken()
         finally:
             self._play.props(remove="loading")
+
+    def _taken(self) -> None:
+        """Show the steps of an episode that was taken over."""
+        played = self._session.played
+        assert played is not None
+        self._steps.props(f"max={len(played.steps) - 1}")
+        self._steps.set_visibility(len(played.steps) > 1)
+        self._steps.set_value(self._session.step)
+        self._live.changed()
+
+    def _show_episode(self) -> None:
+        try:
+            self._session.show_episode(int(self._episode.value or 1))
+        except SerpError as error:
+            ui.notify(str(error), type="warning", multi_line=True)
+        else:
+            self._taken()
+
+    def _next_veto(self) -> None:
+        if self._session.show_next_veto():
+            self._taken()
+        else:
+            ui.notify("Nothing was refused in this run.")
+
+    async def begin(self) -> None:
+        """Show steps at the beginning: of the run, or else of an episode of the task."""
+        if self._session.played is not None:
+            self._taken()
+        elif self._session.recorded is not None:
+            if self._session.show_next_veto():
+                self._taken()
+            else:
+                self._show_episode()
+        elif self._session.task is not None:
+            await self.play()
 
     def _initial(self) -> None:
         self._session.show_initial()
@@ -78,11 +115,11 @@ class ScenePane:
         """Show where the state comes from, and its pictures."""
         session, played = self._session, self._session.played
         as_played = session.as_played
-        origin = request.shown.origin or "all fluents 0 or false"
+        origin = request.shown.origin
         if session.step is not None and played is not None:
             action = played.steps[session.step].action
-            origin = f"step {session.step} of {len(played.steps) - 1}"
-            origin += f", planner: {action}" if action and as_played else ""
+            origin = f"{played.name}, step {session.step} of {len(played.steps) - 1}"
+            origin += f", {action}" if action and as_played else ""
         changed = request.shown.values and not as_played
         self._origin.set_text(origin + (", changed by hand" if changed else ""))
         self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))

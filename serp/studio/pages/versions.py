@@ -16,6 +16,7 @@ from serp.studio.shown_state import ShownState
 from serp.studio.versions import Difference, VersionsCompared, compare_versions
 
 _SAVED: Final = "the file as it is saved"
+_OF_RUN: Final = "the file as the run had it"
 _MOST: Final = 200
 _CLICK: Final = (
     "(e) => { const r = e.target.closest('[data-state]'); if (r) emit(r.dataset.state) }"
@@ -36,9 +37,12 @@ class VersionsPane:
         self._states: list[ShownState] = []
         here = session.documents["domain"].path
         others = sorted(str(path) for path in here.parent.glob("*.pddl") if path != here)
+        of_run = [] if session.recorded is None else [_OF_RUN]
         with ui.element("div").classes("serp-row"):
             ui.label("Compare the text with")
-            self._other = ui.select([_SAVED, *others], value=_SAVED).props("dense options-dense")
+            self._other = ui.select([_SAVED, *of_run, *others], value=_SAVED).props(
+                "dense options-dense"
+            )
             self._compare = ui.button("Compare", on_click=self.compare)
             self._compare.props("dense outline no-caps")
         self._summary = ui.label().classes("serp-verdict").props('role="status"')
@@ -51,7 +55,9 @@ class VersionsPane:
         self._compare.props("loading")
         try:
             other = session.saved_version
-            if self._other.value != _SAVED:
+            if self._other.value == _OF_RUN and session.recorded is not None:
+                other = session.recorded.version
+            elif self._other.value != _SAVED:
                 other = session.other_version(Path(self._other.value))
             self._states = session.states()
             found = await run.io_bound(
@@ -80,7 +86,7 @@ class VersionsPane:
         self._table.set_content(table if rows else "")
 
     def _row(self, found: Difference) -> str:
-        name = "shown" if found.state == 0 else f"step {found.state - 1}"
+        name = escape(self._states[found.state].origin) if found.state else "shown"
         cells = (found.first or "none", found.values[0], found.second or "none", found.values[1])
         kind = "serp-other" if found.first != found.second else ""
         harms = ", ".join(found.harms).replace("-", "−", 1)
@@ -94,8 +100,9 @@ class VersionsPane:
         number = str(event.args)
         if not number.isdecimal() or not int(number) < len(self._states):
             return
-        if int(number) == 0:
-            self._session.show(self._states[0])
-        else:
+        state = self._states[int(number)]
+        if self._session.recorded is None and int(number):
             self._session.show_step(int(number) - 1)
+        else:
+            self._session.show(state)
         self._live.changed()

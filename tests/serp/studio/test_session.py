@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from serp.errors import SerpError
@@ -85,7 +86,7 @@ def test_an_episode_gives_states_pictures_and_ranges(tmp_path: Path) -> None:
     view = session.request().view()
     assert view.decision is not None and view.drawing.startswith("<svg")
     taken = view.decision.account.taken
-    assert taken is not None and taken.name == step.action
+    assert taken is not None and step.action == f"planner: {taken.name}"
     session.set_fluent("pole-angle", 0.25)
     assert not session.as_played and session.request().view().drawing != view.drawing
 
@@ -113,6 +114,9 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> Non
     with pytest.raises(ChangedOnDisk):
         document.save()
     document.save(anyway=True)
+    assert (folder / "theirs.pddl").read_text() == "mine again"
+    document.text = "not saved"
+    assert document.save_aside().read_text() == "not saved"
     assert (folder / "theirs.pddl").read_text() == "mine again"
     (folder / "linked.pddl").symlink_to(outside)
     document = Document(folder / "linked.pddl", folder)
@@ -251,3 +255,20 @@ def test_what_a_training_writes_is_read_while_it_goes_on(tmp_path: Path) -> None
     # The velocity of the cart changes as the file says, but for what the pole does to it.
     assert max(errors["cart-velocity"]) < 0.2
     assert sum(vetoes_by_reason(recording).values()) == run.metrics["vetoes"].sum()
+
+    # The run's steps are looked at with the file of its name in the working folder.
+    of_run = open_session(str(run.path), tmp_path / "elsewhere")
+    assert of_run.documents["domain"].target.name == "cartpole.pddl"
+    of_run.show_episode(1)
+    assert of_run.played is not None and of_run.recorded is not None
+    state = of_run.shown.state(planner.model)
+    np.testing.assert_array_equal(state, recording.step(of_run.step or 0).state)
+    vetoes = of_run.recorded.vetoes
+    assert len(vetoes) == run.metrics["vetoes"].sum()
+    for veto in vetoes[:2]:
+        assert of_run.show_next_veto() and of_run.run_step == veto
+    versions = of_run.recorded.version, of_run.version
+    found = compare_versions(*versions, of_run.surroundings, of_run.states())
+    assert found.states == 1 + len(recording) and not found.differences
+    with pytest.raises(SerpError, match="there is no episode 99"):
+        of_run.show_episode(99)
