@@ -31,6 +31,7 @@ _NAMES = {
     "serp.planning.lookahead": ("Lookahead",),
     "serp.planning.plan_follower": ("PlanFollower",),
     "serp.planning.replanner": ("MonitorReplanner", "Plan"),
+    "serp.runs.recording": ("Recording", "StoredStep"),
     "serp.runs.rows": ("MetricsRow",),
     "serp.settings": (
         "AdaptationSettings",
@@ -86,6 +87,8 @@ if TYPE_CHECKING:
     from serp.planning.plan_follower import PlanFollower as PlanFollower
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
     from serp.planning.replanner import Plan as Plan
+    from serp.runs.recording import Recording as Recording
+    from serp.runs.recording import StoredStep as StoredStep
     from serp.runs.rows import MetricsRow as MetricsRow
     from serp.settings import AdaptationSettings as AdaptationSettings
     from serp.settings import ArbiterSettings as ArbiterSettings

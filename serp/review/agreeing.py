@@ -15,7 +15,7 @@ from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.review.run_model import RunModel
 from serp.runs.recording import StoredStep
-from serp.settings import ArbiterSettings, PlannerSettings
+from serp.settings import PlannerSettings
 
 FAR_SIGHT: Final = "far-sight"
 _SAME: Final = 1e-9
@@ -80,21 +80,24 @@ class AgreeingPlanner:
 def agreeing_planner(run: RunModel, step: StoredStep) -> AgreeingPlanner | None:
     """Return a planner that chooses what the planner of the run chose, or None.
 
-    It plans with the file as written, or with what the newest checkpoint has learned: with that by
-    which the choice is worth most nearly what was recorded.
+    It plans with the file as written, or with what the newest checkpoint has learned. Of several it
+    is one that refuses the proposal that was refused, if there is one; then one by which the choice
+    is worth most nearly what was recorded.
     """
     forecast = step.decision.forecast
     if forecast.choice < 0:
         return None
     chosen = int(forecast.ground[forecast.choice])
     recorded = float(forecast.value[forecast.choice])
-    best, nearest = None, math.inf
+    refused = refusal_of(run, step)
+    best, rank = None, (True, math.inf)
     for planner in _candidates(run):
         found = planner.forecast(step.state)
-        distance = abs(float(found.value[chosen]) - recorded)
-        if found.choice == chosen and (best is None or distance < nearest):
-            best, nearest = planner, distance
-        if nearest <= _SAME * max(1.0, abs(recorded)):
+        allowed = refused is not None and not refused(found)
+        own = allowed, abs(float(found.value[chosen]) - recorded)
+        if found.choice == chosen and (best is None or own < rank):
+            best, rank = planner, own
+        if rank <= (False, _SAME * max(1.0, abs(recorded))):
             break
     return best
 
@@ -118,11 +121,13 @@ def _candidates(run: RunModel) -> Iterator[AgreeingPlanner]:
         )
 
 
-def refusal_by(settings: ArbiterSettings, ground: int) -> Callable[[Forecast], int] | None:
-    """Return a function of a forecast: 1 where vetoes refuse a ground action, else 0.
+def refusal_of(run: RunModel, step: StoredStep) -> Callable[[Forecast], int] | None:
+    """Return a function of a forecast: 1 where vetoes refuse the proposal of a step, else 0.
 
-    None for an action that the domain does not mention.
+    None where no proposal was refused, or the domain does not mention it.
     """
+    decision, settings = step.decision, run.settings.arbiter
+    ground = int(decision.forecast.ground[decision.proposed]) if decision.vetoed else -1
     if ground < 0:
         return None
 

@@ -142,6 +142,8 @@ def what_would_differ(step: StepAccount) -> list[str]:
         if not flips.found:
             other = what or "the planner would have chosen otherwise"
             lines.append(f"No change of a single fluent was found with which {other}.")
+    if step.vetoed and step.veto_flips is None and step.choice_flips is not None:
+        lines.append(f"Planned again, {step.proposed} is not refused: the model was another then.")
     searched = step.choice_flips or step.veto_flips
     if searched is not None:
         lines.append(f"{searched.searched} Planned again with {step.ahead_by}.")

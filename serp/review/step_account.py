@@ -16,7 +16,7 @@ from serp.explanation.causes import Cause, observed_causes
 from serp.explanation.decision import Explanation, explain
 from serp.explanation.flips import Flips, flips_of
 from serp.model.transition_model import StateError
-from serp.review.agreeing import agreeing_planner, refusal_by
+from serp.review.agreeing import agreeing_planner, refusal_of
 from serp.review.place_in_run import FoundStep, clock
 from serp.review.predictions import PredictedFluent, predictions_of
 from serp.review.run_model import RunModel
@@ -127,8 +127,7 @@ def account_of_step(
             lambda s: again(s).choice, *where, whole=recording.whole, called=_action_of(run),
             seconds=_SECONDS,
         )  # fmt: skip
-        proposal = ground[decision.proposed] if decision.vetoed else -1
-        refused = refusal_by(run.settings.arbiter, proposal)
+        refused = refusal_of(run, step)
         if refused is not None and refused(again(step.state)):
             veto_flips = flips_of(
                 lambda s: refused(again(s)), *where, whole=recording.whole,

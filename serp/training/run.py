@@ -24,6 +24,7 @@ from serp.runs.checkpoint import Checkpoint
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.reading import read_metrics
 from serp.runs.recorder import Recorder, recorded_evaluation
+from serp.runs.recording import Recording, open_recording
 from serp.runs.recording_format import Layout
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import load_task
@@ -201,6 +202,17 @@ class Run:
                 agent, task, policy, episodes=episodes, seed=seed, on_episode=advance,
                 recorder=recorder,
             )  # fmt: skip
+
+    def recording(self, evaluation: str | None = None) -> Recording:
+        """Return the recorded steps of the training, or of an evaluation.
+
+        Args:
+            evaluation: The name of the evaluation: `<policy>-seed<seed>`.
+
+        Raises:
+            RunError: There are none, or they are damaged.
+        """
+        return open_recording(self.path, evaluation)
 
     def recorder(
         self, policy: Policy, seed: int
