@@ -14,8 +14,8 @@ from serp.pddl.edits import Edit, Fix
 from serp.pddl.source import DomainWarning, Place
 
 Leaf = g.Compare | g.Holds | g.Not
-Found = dict[Place, tuple[Leaf, ...]]
-"""Place of a condition → what is found of it, in one instance."""
+Found = dict[Place, tuple[Leaf, ...] | None]
+"""Place of a condition → what is found of it, in one instance; None for nothing."""
 _BEYOND = {"<": ">", "<=": ">", ">": "<", ">=": "<"}
 """Comparison → what holds where it does not hold, but for one number."""
 _MOST = 40
@@ -75,6 +75,10 @@ def _needless(subject: LintSubject) -> Iterator[DomainWarning]:
                 m > k or not _implies(weaker, stronger, subject)  # of equal ones, the later
             ):
                 found.setdefault(second.place, (first, second))
+        for either in _disjunctions(test):
+            stronger_leaf = (leaf for leaf in leaves if _implies(leaf, either, subject))
+            if (first_leaf := next(stronger_leaf, None)) is not None:
+                found.setdefault(either.place, (first_leaf, first_leaf))
         return found
 
     for what, schemas in _named(subject):
@@ -90,7 +94,33 @@ def _needless(subject: LintSubject) -> Iterator[DomainWarning]:
             yield DomainWarning(f"`{place.text}` in {what} {why}", place, advice=advice)
 
 
-def _implies(first: Leaf, second: Leaf, subject: LintSubject) -> bool:
+def _dead_alternative(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find alternatives of an `or` that can never hold, alone or beside what else has to hold."""
+
+    def dead(test: g.Test) -> Found:
+        beside = test.operands if isinstance(test, g.All) else ()
+        found: Found = {}
+        for either in _disjunctions(test) or ([test] if isinstance(test, g.AnyOf) else []):
+            others = [other for other in beside if other is not either]
+            for alternative in either.operands[:_MOST]:
+                if isinstance(alternative, g.Constant | g.AnyOf):
+                    continue
+                never = contradiction((*others, alternative), subject.theta)
+                found[alternative.place] = () if never else None
+        return found
+
+    for what, schemas in _named(subject):
+        for place, _ in _in_every_instance(schemas, subject.theta, (g.All, g.AnyOf), dead):
+            yield DomainWarning(f"the alternative `{place.text}` in {what} can never hold", place)
+
+
+def _disjunctions(test: g.Test) -> list[g.AnyOf]:
+    """Return the disjunctions among the operands of a conjunction."""
+    operands = test.operands if isinstance(test, g.All) else ()
+    return [operand for operand in operands if isinstance(operand, g.AnyOf)]
+
+
+def _implies(first: Leaf, second: Leaf | g.AnyOf, subject: LintSubject) -> bool:
     return contradiction((first, g.Not(second, second.place)), subject.theta) is not None
 
 
@@ -128,8 +158,11 @@ def _in_every_instance(
         for part in open_parts:
             here = look(part)
             refuted |= _places(part) - here.keys()
-            for place, tests_here in here.items():
-                found.setdefault(place, tests_here)
+            for place, leaves in here.items():
+                if leaves is None:
+                    refuted.add(place)
+                else:
+                    found.setdefault(place, leaves)
     yield from ((place, here) for place, here in found.items() if place not in refuted)
 
 
@@ -190,4 +223,8 @@ def _with_minus(place: Place) -> Fix | None:
     return Fix((Edit(number.start(1), number.start(1), "-"),), sure=False)
 
 
-RULES = {"always-true": _always_true, "redundant-condition": _needless}
+RULES = {
+    "always-true": _always_true,
+    "redundant-condition": _needless,
+    "dead-alternative": _dead_alternative,
+}

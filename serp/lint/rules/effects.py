@@ -109,6 +109,23 @@ def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
                     )
 
 
+def _repeated(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find what one list of effects makes true, or sets, a second time in the same words."""
+    for schema in subject.domain.syntax.schemas:
+        for effects in _lists(schema.effects):
+            told: set[str] = set()
+            for effect in effects:
+                text = effect.place.text.lower()
+                adds = isinstance(effect, x.ChangeFunction) and effect.change.group != "assign"
+                if text in told and not adds:  # two increases count twice
+                    yield DomainWarning(
+                        f"`{effect.place.text}` in {schema.kind.value} `{schema.name}` stands "
+                        "there twice",
+                        effect.place,
+                    )
+                told.add(text)
+
+
 def _key(atom: x.Atom) -> tuple[str, ...]:
     return (atom.name, *(argument.name for argument in atom.arguments))
 
@@ -133,4 +150,5 @@ RULES = {
     "assigned-twice": _assigned_twice,
     "double-negative": _double_negative,
     "set-and-unset": _set_and_unset,
+    "repeated-effect": _repeated,
 }

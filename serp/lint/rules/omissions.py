@@ -85,9 +85,13 @@ def _type_without_objects(
 
 
 def _untyped(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find parameters without a type in a file that has types."""
+    """Find parameters and objects without a type in a file that has types."""
     if not subject.domain.syntax.parents:
         return
+    for section in subject.sections(":constants", ":objects"):
+        for word, types in typed_list(section.items[1:], "an object", variables=False):
+            if not types:
+                yield DomainWarning(f"object `{word.text}` has no type", word.place)
     for section in subject.sections(":predicates", ":functions", *SCHEMAS):
         lists: Iterable[Sequence[Node]] = (
             [item.items[1:] for item in section.items[1:] if isinstance(item, Group)]
@@ -106,7 +110,7 @@ def _untyped(subject: LintSubject) -> Iterator[DomainWarning]:
 
 
 RULES = {
-    "untyped-parameter": _untyped,
+    "untyped": _untyped,
     "no-action": _no_action,
     "nothing-unsafe": _nothing_unsafe,
     "no-reward": _no_reward,
