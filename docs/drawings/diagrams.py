@@ -2,7 +2,7 @@
 
     python docs/drawings/diagrams.py docs/images
 
-They have a background of their own, so that they are legible on light and dark pages.
+They are light or dark as the reader's pages are, on a background of their own.
 """
 
 from __future__ import annotations
@@ -12,14 +12,29 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+from serp._util.figures import PALETTE, colour, style_sheet
+
+TINTS = {"before": ("#dbeafe", "#1d3350"), "after": ("#dcfce7", "#17382a")}
+"""Filling of a box, on light and on dark."""
 BOX, HEIGHT = 150, 64
 HEAD = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" \
-font-family="Helvetica, Arial, sans-serif" font-size="13" fill="#1e293b">
+font-family="Helvetica, Arial, sans-serif" font-size="13" style="fill:{ink}">
+{sheet}<style>rect.before{{fill:{before[0]}}} rect.after{{fill:{after[0]}}}
+@media (prefers-color-scheme: dark){{rect.before{{fill:{before[1]}}} \
+rect.after{{fill:{after[1]}}}}}</style>
 <title>{title}</title>
 <defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" markerHeight="8" \
-orient="auto"><path d="M0 0L8 4L0 8z" fill="#475569"/></marker></defs>
-<rect width="{width}" height="{height}" rx="10" fill="#ffffff"/>
+orient="auto"><path d="M0 0L8 4L0 8z" style="fill:{faint}"/></marker></defs>
+<rect width="{width}" height="{height}" rx="10" style="fill:{surface}"/>
 """
+
+
+def head(width: int, height: int, title: str) -> str:
+    """Return the beginning of a file."""
+    colours = {name: colour(name) for name in PALETTE}
+    return HEAD.format(
+        width=width, height=height, title=title, sheet=style_sheet(), **colours, **TINTS
+    )
 
 
 def text(x: float, y: float, words: str, style: str = "") -> str:
@@ -27,11 +42,11 @@ def text(x: float, y: float, words: str, style: str = "") -> str:
     return f'<text x="{x}" y="{y}" text-anchor="middle" {style}>{escape(words)}</text>\n'
 
 
-def box(x: float, y: float, title: str, below: str, colour: str = "#dbeafe") -> str:
+def box(x: float, y: float, title: str, below: str, tint: str = "before") -> str:
     """Return a box with a title and a line in small letters."""
     return (
-        f'<rect x="{x}" y="{y}" width="{BOX}" height="{HEIGHT}" rx="8" fill="{colour}" '
-        'stroke="#475569"/>\n'
+        f'<rect class="{tint}" x="{x}" y="{y}" width="{BOX}" height="{HEIGHT}" rx="8" '
+        f'style="stroke:{colour("faint")}"/>\n'
         + text(x + BOX / 2, y + 28, title, 'font-weight="bold"')
         + text(x + BOX / 2, y + 48, below, 'font-size="11" font-family="monospace"')
     )
@@ -41,7 +56,8 @@ def arrow(*points: tuple[float, float], dashed: bool = False) -> str:
     """Return an arrow along some points."""
     path = "L".join(f"{x} {y}" for x, y in points)
     dashes = ' stroke-dasharray="5 4"' if dashed else ""
-    return f'<path d="M{path}" fill="none" stroke="#475569"{dashes} marker-end="url(#tip)"/>\n'
+    style = f'fill="none" style="stroke:{colour("faint")}"{dashes}'
+    return f'<path d="M{path}" {style} marker-end="url(#tip)"/>\n'
 
 
 def label(x: float, y: float, words: str) -> str:
@@ -54,7 +70,7 @@ def step() -> str:
     columns = [20 + 220 * i for i in range(5)]
     up, down = 30, 200
     middle = [x + BOX / 2 for x in columns]
-    parts = [HEAD.format(width=1070, height=340, title="The way of a step")]
+    parts = [head(1070, 340, "The way of a step")]
     for x, title, below in zip(
         columns,
         ("environment", "grounding", "planner", "strategy", "arbiter, vetoes"),
@@ -71,7 +87,7 @@ def step() -> str:
         ("serp.runs", "serp.learning", "serp.adaptation", "serp.training", "gymnasium.Env"),
         strict=True,
     ):
-        parts.append(box(x, down, title, below, "#dcfce7"))
+        parts.append(box(x, down, title, below, "after"))
     parts.append(arrow((middle[4], up + HEIGHT), (middle[4], down)))
     parts.append(label(middle[4] - 35, 160, "decision"))
     parts.append(arrow((columns[4], down + 32), (columns[3] + BOX, down + 32)))
@@ -94,12 +110,12 @@ def step() -> str:
     return "".join(parts) + "</svg>\n"
 
 
-def chain(y: float, boxes: Sequence[tuple[str, str]], colour: str) -> str:
+def chain(y: float, boxes: Sequence[tuple[str, str]], tint: str) -> str:
     """Return boxes in a row, joined by arrows."""
     parts = []
     for i, (title, below) in enumerate(boxes):
         x = 20 + 200 * i
-        parts.append(box(x, y, title, below, colour))
+        parts.append(box(x, y, title, below, tint))
         if i:
             parts.append(arrow((x - 50, y + 32), (x, y + 32)))
     return "".join(parts)
@@ -107,7 +123,7 @@ def chain(y: float, boxes: Sequence[tuple[str, str]], colour: str) -> str:
 
 def line() -> str:
     """Return the drawing of how a line of a file becomes a prediction."""
-    parts = [HEAD.format(width=990, height=310, title="The way of a line of PDDL")]
+    parts = [head(990, 310, "The way of a line of PDDL")]
     parts.append(
         text(
             250,
@@ -127,7 +143,7 @@ def line() -> str:
                 ("program text", "model.codegen"),
                 ("step function", "model.native"),
             ),
-            "#dbeafe",
+            "before",
         )
     )
     for x, words in ((170, "places"), (370, "types"), (570, "objects"), (770, "indices, θ")):
@@ -139,7 +155,7 @@ def line() -> str:
         (420, "veto, explanation", "serp.control"),
         (620, "diagnosis, repair", "serp.diagnosis"),
     ):
-        parts.append(box(x, 220, title, below, "#dcfce7"))
+        parts.append(box(x, 220, title, below, "after"))
     parts.append(arrow((495, 204), (295, 204), (295, 220)))
     parts.append(arrow((495, 204), (495, 220)))
     parts.append(arrow((495, 204), (695, 204), (695, 220)))
