@@ -7,9 +7,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
+import click
 from pygments.lexers.lisp import CommonLispLexer
 from pygments.lexers.special import TextLexer
 from pygments.token import Keyword
+from sphinx.application import Sphinx
 from sphinx.highlighting import lexers
 
 from serp import __version__
@@ -42,6 +44,7 @@ class PddlLexer(CommonLispLexer):
 
 lexers["pddl"] = PddlLexer()
 lexers["csv"] = TextLexer()
+smartquotes_action = "qe"  # `--` stays two hyphens: it begins an option
 html_theme = "furo"
 html_title = f"SErP {release}"
 html_show_sourcelink = False
@@ -69,3 +72,16 @@ nitpick_ignore_regex = [("py:.*", r"(?!serp\.[A-Za-z]\w*$).*")]
 
 copybutton_prompt_text = r"\$ |>>> "
 copybutton_prompt_is_regexp = True
+
+
+def examples_as_code(app: Sphinx, ctx: click.Context, lines: list[str]) -> None:
+    """Turn the examples below a command's options into a block of code."""
+    shown = [line.lstrip("| ") for line in lines if line.lstrip("| ").startswith("serp ")]
+    other = [line for line in lines if line.strip() and line.lstrip("| ") not in shown]
+    block = ["", ".. code-block:: sh", "", *(f"   {line}" for line in shown), ""] if shown else []
+    lines[:] = [*other[:1], *block, *other[1:]]
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("sphinx-click-process-epilog", examples_as_code)

@@ -160,7 +160,7 @@ def cell(values: Sequence[float], lowest: bool = True, digits: int = 4) -> str:
     if len(values) < 2:
         return f"{values[0]:.{digits}g}" if values else "–"
     half = t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5
-    text = f"{mean(values):.{digits}g} ± {half:.2g}"
+    text = f"{mean(values):.{digits}g} ± {float(f'{half:.2g}'):g}"
     return f"{text} ({min(values):.4g})" if lowest else text
 
 
