@@ -222,17 +222,19 @@ class _Tracing:
         self, reward: float, gained: float, flags: int, after: list[float]
     ) -> Iterator[Cause]:
         """Yield what goal and metric add to a step."""
-        rest = reward - gained
-        ground = self._model.ground
+        ground, rest = self._model.ground, reward - gained
         goal, metric = ground.goal, ground.metric
         reached = flags & TERMINAL and goal is not None and self._model.at_goal(np.array(after))
         place = getattr(goal, "place", None)
+        if reached and ground.goal_rewarded:
+            worth = rest
+            if ground.goal_parameter is not None:
+                worth = float(self._model.theta[ground.goal_parameter])
+            rest -= worth
+            yield self._of_line("reward", worth, "goal", place, goal, after)
         if abs(rest) > _NOISE * max(1.0, abs(reward)):
-            if reached and ground.goal_rewarded:
-                yield self._of_line("reward", rest, "goal", place, goal, after)
-            else:
-                place_of = None if metric is None else metric.place
-                yield self._of_line("reward", rest, "metric", place_of, None, after)
+            place_of = None if metric is None else metric.place
+            yield self._of_line("reward", rest, "metric", place_of, None, after)
         if reached:
             yield self._of_line("end", None, "goal", place, goal, after)
 
@@ -249,7 +251,7 @@ class _Tracing:
             what, amount, origin, "",
             "" if place is None else place.text,
             reads={} if test is None else self._reads([test], after),
-            comment=_comment(place, None),
+            comment="" if place is None else comment_of(_line_of(place)),
             place=None if place is None else location_of(place),
         )  # fmt: skip
 
@@ -305,3 +307,10 @@ def _comment(place: Place | None, schema: g.GroundSchema | None) -> str:
     """Return the comment of a line, else that of its schema."""
     comment = "" if place is None else comment_of(place)
     return comment or ("" if schema is None else comment_of(schema.place))
+
+
+def _line_of(place: Place) -> Place:
+    """Return a place from the beginning of its line on: a goal stands behind `(:goal`."""
+    line = place.source_line
+    begin = place.start - (place.column - 1) + len(line) - len(line.lstrip())
+    return place.source.place(begin, place.end)

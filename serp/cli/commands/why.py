@@ -90,6 +90,7 @@ def _print(console: Console, run: RunModel, account: StepAccount) -> None:
 
     because = f" ({account.because})" if account.because else ""
     console.print(f"{run.domain.name}, {heading(account)}{because}", style="bold")
+    console.print(f"Lines are those of {run.domain.source.name}, the run's copy.", style="dim")
     for line in who_acted(account):
         console.print(line)
     console.print("")

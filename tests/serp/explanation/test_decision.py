@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from serp.adaptation.adapted_model import AdaptedModel
+from serp.explanation.causes import causes_of, observed_causes
 from serp.explanation.decision import Explanation, explain
 from serp.explanation.flips import flips_of
 from serp.explanation.sentences import lines_of
@@ -105,6 +106,28 @@ def test_causes_quote_the_file_with_comment_place_and_values(hall: TransitionMod
     assert "+7, the end of the task by event door: it leads outside." in lines_of(walk)[2]
     assert [c.what for c in leap.causes] == ["failed"] and leap.reward is None
     assert leap.causes[0].reads == {"open": False}
+
+
+def test_goal_and_metric_are_causes_too() -> None:
+    domain = """(define (domain d) (:predicates (there)) (:functions (total-cost))
+      (:action go :parameters () :precondition (and)
+        :effect (and (there) (increase (total-cost) 3))))"""
+    problem = """(define (problem p) (:domain d) (:init (= (total-cost) 0))
+      ; where it is warm
+      (:goal (there))
+      (:metric minimize (+ (* 2 (total-time)) (total-cost))))"""
+    model = load_texts(Texts(domain, problem)).model
+    assert model.initial_state is not None
+    causes = causes_of(model, model.initial_state, 0)
+    rewards = [(c.origin, c.amount) for c in causes if c.what == "reward"]
+    assert [origin for origin, _ in rewards] == ["action", "goal", "metric"]
+    assert (rewards[0][1], rewards[2][1]) == (-3.0, pytest.approx(-2.0))
+    step = model.step(model.initial_state, 0)
+    assert sum(amount or 0.0 for _, amount in rewards) == pytest.approx(step.reward)
+    assert [(c.what, c.comment) for c in causes][-1] == ("end", "where it is warm")
+    observed, judged = observed_causes(model, model.initial_state, 0, step.state)
+    parts = [cause.amount or 0.0 for cause in observed if cause.what == "reward"]
+    assert sum(parts) == pytest.approx(judged.reward) and judged.reward == step.reward
 
 
 def test_what_follows_on_the_best_path_is_told_with_its_step(hall: TransitionModel) -> None:
