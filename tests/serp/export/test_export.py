@@ -33,6 +33,7 @@ from serp.planning.lookahead import Lookahead
 from serp.training.evaluation import play
 from serp.training.run import Run
 from serp_adapters.cartpole import task as cartpole
+from tests.serp.training.runs import without_pictures
 
 STEPS = {"cartpole": 600, "soccer": 400, "cliff": 300}
 INDICES = ("others", "schemas", "kinds", "regression0.codes", "inert", "choice")
@@ -45,6 +46,11 @@ AHEAD = {
 """The learner leads, the model is adapted, and the vetoes look ahead."""
 
 
+@without_pictures()
+def trained(*arguments: Any, **options: Any) -> Run:
+    return serp.plan_and_learn(*arguments, quiet=True, **options)
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Run, Path]]:
     """A short run of a task and preset, and its exported policy."""
@@ -54,8 +60,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Run, P
         if (task, preset) not in known:
             folder = tmp_path_factory.mktemp("exported")
             settings = AHEAD if preset.endswith("ahead") else None
-            run = serp.plan_and_learn(
-                task, preset=preset.removesuffix(" ahead"), settings=settings, quiet=True,
+            run = trained(
+                task, preset=preset.removesuffix(" ahead"), settings=settings,
                 env_steps=STEPS[task], out=folder / "run",
             )  # fmt: skip
             known[task, preset] = run, serp.export_policy(run, folder / "policy")
@@ -314,7 +320,5 @@ def test_what_cannot_be_exported_is_refused(made: Made, tmp_path: Path) -> None:
         serp.export_policy(run, policy)
     with pytest.raises(RunError, match="lookahead\\+far-sight"):
         settings = {"planner": {"name": "lookahead+far-sight"}, "learner": {"learning_starts": 1}}
-        other = serp.plan_and_learn(
-            cartpole(), settings=settings, episodes=1, out=tmp_path / "run", quiet=True
-        )
+        other = trained(cartpole(), settings=settings, episodes=1, out=tmp_path / "run")
         serp.export_policy(other, tmp_path / "policy")

@@ -13,6 +13,7 @@ import pytest
 import serp
 import serp.controller
 from serp.training.evaluation import play
+from tests.serp.training.runs import without_pictures
 
 NODE = Path(__file__).parents[3] / "docs" / "examples" / "ros2" / "policy_node.py"
 
@@ -69,6 +70,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "controller", serp.controller)
 
 
+@without_pictures()
 def test_the_node_publishes_the_action_of_the_run_and_its_reason(ros: None, tmp_path: Path) -> None:
     run = serp.plan_and_learn(
         "cartpole", preset="paper", episodes=2, out=tmp_path / "r", quiet=True

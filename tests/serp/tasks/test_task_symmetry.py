@@ -24,6 +24,7 @@ from serp.training.agent import Agent
 from serp.training.evaluation import play
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import SMALL
+from tests.serp.training.runs import without_pictures
 
 HALL = """(define (domain hall) (:types side) (:constants left right - side)
   (:predicates (wall ?s - side) (tired) (unsafe) (terminal))
@@ -294,6 +295,7 @@ def test_what_is_observed_refuses_a_wrong_mirror(
         train(task, settings(), episodes=1)
 
 
+@without_pictures()
 def test_a_run_in_use_is_not_asked_for_its_symmetries(
     hall: Callable[..., Task], tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ from serp.errors import SettingsError
 from serp.runs.rows import MetricsRow
 from serp.training.plan_and_learn import plan_and_learn
 from tests.serp.sample_tasks import corridor
-from tests.serp.training.runs import everything, resume, rows, train
+from tests.serp.training.runs import everything, resume, rows, train, without_pictures
 
 
 def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path: Path) -> None:
@@ -59,6 +59,7 @@ def test_wrong_callbacks_are_refused_before_anything_is_made(tmp_path: Path) -> 
     assert not (tmp_path / "run").exists()
 
 
+@without_pictures()
 def test_events_of_steps_and_episodes_go_on_with_the_run(tmp_path: Path) -> None:
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     settings: Any = {"training": {"tensorboard": "steps"}}
