@@ -22,7 +22,6 @@ from serp.tasks.task import Task
 from serp.tasks.worlds.file_world import file_task
 
 MOST_STEPS: Final = 100
-_NOT_DRAWN: Final = "The world of a file has no pictures."
 _WIDTH: Final = 640
 """Most pixels of a picture in width."""
 
@@ -91,6 +90,7 @@ def play(
         Source(version.problem_name, problem) if problem is not None else None,
         observed=task is not None and not task.closed,
     )
+    note = ""
     if task is not None:
         bound, note = _bound(dataclasses.replace(task, domain=domain, problem=None))
     elif domain.problem_syntax is None or not domain.problem_syntax.has_init:
@@ -99,12 +99,12 @@ def play(
             domain.syntax.place,
         )
     else:
-        bound, note = file_task(domain, dt=surroundings.dt).bind(), _NOT_DRAWN
+        bound = file_task(domain, dt=surroundings.dt).bind()
     with bound:
         supplied = bound.domain.supplied or frozenset()
         model = TransitionModel(bound.model.ground, dt=bound.model.dt, own_code=False)
         planner = planner_of(model, surroundings.planner)
-        steps = tuple(_steps(bound, planner, seed, pictures=not note))
+        steps = tuple(_steps(bound, planner, seed, pictures=task is not None and not note))
     return PlayedEpisode(steps, f"an episode of the planner, seed {seed}", supplied, note)
 
 

@@ -68,6 +68,8 @@ class DecisionPane:
         decision = view.decision
         if decision is None:
             self._root.classes(add="serp-stale")
+            if not self._verdict.text:
+                self._verdict.set_text("The file has errors, so there is no decision yet.")
             return
         self._root.classes(remove="serp-stale")
         alternatives = decision.account.alternatives

@@ -51,15 +51,19 @@ class ScenePane:
                 StatePane(session, live)
         live.shows(self.show)
 
-    async def play(self) -> None:
-        """Play an episode in the environment, in a thread, and show its steps."""
+    async def play(self, *, unasked: bool = False) -> None:
+        """Play an episode in the environment, in a thread, and show its steps.
+
+        What prevents it is told, unless nobody has asked for it.
+        """
         self._play.props("loading")
         try:
             player = self._session.player(int(self._seed.value or 0))
             played = await run.io_bound(player)
             self._session.take(played)
         except SerpError as error:
-            ui.notify(str(error), type="negative", multi_line=True, close_button=True, timeout=0)
+            if not unasked:  # a place in a file is told beside the text, with its line
+                ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
         else:
             if played.note:
                 ui.notify(played.note, multi_line=True)
@@ -100,7 +104,7 @@ class ScenePane:
             else:
                 self._show_episode()
         elif self._session.task is not None:
-            await self.play()
+            await self.play(unasked=True)
 
     def _initial(self) -> None:
         self._session.show_initial()

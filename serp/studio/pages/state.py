@@ -37,6 +37,7 @@ class StatePane:
             self._search = ui.input(placeholder="find a fluent", on_change=self._filtered).props(
                 "dense clearable"
             )
+            self._search.set_visibility(False)
             self._switches = ui.element("div").classes("serp-switches")
             self._grid = ui.element("div").classes("serp-controls")
             self._more = ui.label().classes("serp-faint")

@@ -115,8 +115,8 @@ def _chart(title: str, names: list[str]) -> Any:
         {
             "animation": False,
             "title": {"left": 0, "text": title, "textStyle": {"fontSize": 12, "color": faint}},
-            "grid": {"left": 46, "right": 46, "top": 56, "bottom": 28},
-            "legend": {"top": 22, "left": 0, "textStyle": {"color": faint}, "type": "scroll"},
+            "grid": {"left": 46, "right": 46, "top": 62, "bottom": 28},
+            "legend": {"top": 28, "left": 0, "textStyle": {"color": faint}, "type": "scroll"},
             "tooltip": {"trigger": "axis"},
             "xAxis": {"type": "value", **axis},
             "yAxis": [

@@ -52,7 +52,7 @@ def chromium(
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1500, "height": 950}, **options)
-        page.set_default_timeout(10_000)
+        page.set_default_timeout(30_000)
         page.on("request", note)
         page.goto(address)
         page.wait_for_selector(ready)

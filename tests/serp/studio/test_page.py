@@ -15,9 +15,9 @@ pytest.importorskip("playwright")
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def status(address: str) -> int:
+def status(address: str, **headers: str) -> int:
     try:
-        with urllib.request.urlopen(address) as answer:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers)) as answer:
             return int(answer.status)
     except urllib.error.HTTPError as error:
         return error.code
@@ -29,6 +29,7 @@ def test_the_page_follows_what_is_typed_and_set(tmp_path: Path) -> None:
     shutil.copy(ROOT / "domains" / "hill.pddl", file)
     with served("hill.pddl", tmp_path) as address:
         assert status(address.partition("/?")[0] + "/") == 403
+        assert status(address, Host="evil.example") == 403
         with chromium(address, color_scheme="dark") as (page, elsewhere):
             page.wait_for_selector("body.body--dark")
             assert "token" not in page.url
