@@ -81,9 +81,11 @@ def command(
     own = asked_own_task()
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task")
+    checks = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
     if watch and form != "text":
         raise click.UsageError("--watch prints for people; leave --format out")
-    checks = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
+    if (watch or fix) and not any(Path(name).is_file() for name in domains):
+        raise click.UsageError("--watch and --fix need files that are given by their paths")
     seconds = portable_seconds if portable else None
     if fix:
         _fix(checks)
@@ -165,7 +167,7 @@ def _fix(checks: list[DomainFiles]) -> None:
     from serp.pddl.source import Source
 
     for pair in checks:
-        if pair.domain is None:
+        if pair.domain is None or not Path(pair.name).is_file():  # what is installed stays
             continue
         beside = problem_beside(pair.domain)
         problem = pair.problem or (beside if beside.is_file() else None)
