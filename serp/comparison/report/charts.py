@@ -50,12 +50,17 @@ def line_styles(algorithms: Sequence[str]) -> dict[str, LineStyle]:
 
 
 def estimates_chart(results: Results) -> Figure:
-    """Draw a point with its interval for each algorithm, a panel for each of four measures."""
+    """Draw a point with its interval for each algorithm, a panel for each measure with values."""
     algorithms = results.algorithms
+    measured = [
+        name
+        for name in _PANELS
+        if any(np.isfinite(results.estimate(each, name).value) for each in algorithms)
+    ] or _PANELS[:1]
     height = max(1.5 + 0.36 * len(algorithms), 2.4)
     figure = Figure(figsize=(11.0, height), layout="constrained")
-    panels = figure.subplots(1, len(_PANELS), sharey=True)
-    for axes, name in zip(panels, _PANELS, strict=True):
+    panels = figure.subplots(1, len(measured), sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, measured, strict=True):
         for row, (algorithm, style) in enumerate(line_styles(algorithms).items()):
             found = results.estimate(algorithm, name)
             if np.isfinite(found.value):

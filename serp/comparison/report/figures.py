@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib.style
 from matplotlib.figure import Figure
@@ -24,7 +24,7 @@ from serp.comparison.trial_records import Record
 from serp.runs.summary import WINDOW
 
 _SMOOTHED = f"training return (mean of {WINDOW} episodes)"
-_IQM = "Interquartile mean over the seeds, shaded: 95 % bootstrap interval."
+_IQM = "Interquartile mean over the seeds, shaded: 95 % bootstrap interval; faint: each seed."
 _RUNNING = (
     f"A training curve shows the mean of the running episode and the {WINDOW - 1} before it, and "
     "goes on from the last complete episode."
@@ -123,6 +123,13 @@ def _draw(results: Results, what: _Curve) -> Figure | None:
             found.x, band.low, band.high, color=style.colour, alpha=0.16, linewidth=0,
             zorder=1 + above,
         )  # fmt: skip
+        seeds: dict[str, Any] = {
+            "color": style.colour,
+            "linewidth": 0.7,
+            "alpha": 0.25,
+            "label": "_seed",
+        }
+        axes.plot(found.x, found.y.T, zorder=0.5, **seeds)
         ends.append((name, float(band.centre[-1]), style.colour))
     planner = planner_returns(results, results.plan.base)
     if what.name == "learner" and len(planner):

@@ -10,6 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markdown_it import MarkdownIt
 
+from serp._util.figures import PALETTE
 from serp._util.markdown import code, plain
 from serp._util.terminal import visible
 from serp.comparison.report.formatting import number
@@ -47,4 +48,4 @@ def html_page(markdown: str, title: str, pictures: Mapping[str, bytes]) -> str:
     body = reader.renderer.render(tokens, reader.options, {})
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
-    return rendered("page.html.j2", title=visible(title), body=body)
+    return rendered("page.html.j2", title=visible(title), body=body, palette=PALETTE)
