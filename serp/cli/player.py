@@ -158,7 +158,9 @@ class Player:
             raise SerpError("the planner has nothing to propose: no action is applicable")
         if plan.indifferent:
             self._console.print(
-                "The planner is indifferent: all it sees is worth the same.", style="dim"
+                "The planner is indifferent: all it sees is worth the same. A reward for coming "
+                "nearer would show it the way.",
+                style="dim",
             )
         return plan.action
 

@@ -13,6 +13,7 @@ from serp.errors import SerpError
 from serp.model.loading import Domain
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
+from serp.tasks.worlds.file_world import STEP_BY_STEP
 
 if TYPE_CHECKING:
     from serp.cli.chosen_planner import ChosenPlanner
@@ -43,7 +44,8 @@ class Playground:
         Raises:
             SettingsError: There is no such setting or planner.
         """
-        resolved = resolve("default", self.task.settings if self.task else None, self.changes)
+        of_task = STEP_BY_STEP if self.task is None else self.task.settings
+        resolved = resolve("default", of_task, self.changes)
         refuse_unknown_names(resolved, self.task.planners if self.task else {})
         return resolved
 

@@ -168,6 +168,7 @@ def _opened(
     from serp.scenarios.running import ScenarioFile, read_beside, scenarios_beside
     from serp.settings import resolve
     from serp.tasks.registry import find_domain_file
+    from serp.tasks.worlds.file_world import STEP_BY_STEP
 
     own = asked_own_task()
     found = find_domain_file(name) if name else None
@@ -178,7 +179,7 @@ def _opened(
         source = read_beside(domain) if file is None else Source.read(file)
     if run is not None:
         return ScenarioFile(source, trained(open_run(run).agent, domain))
-    used = resolve(preset, task.settings if task else None, settings)
+    used = resolve(preset, STEP_BY_STEP if task is None else task.settings, settings)
     period = dt or (task.dt if task else 1.0)
     return ScenarioFile.open(source, domain, used, period, task)
 

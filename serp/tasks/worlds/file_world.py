@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -17,8 +18,12 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import Vector
 from serp.pddl.source import DomainError
-from serp.tasks.task import Task
+from serp.tasks.task import Overrides, Task
 from serp.tasks.worlds.options import WorldOptions
+
+STEP_BY_STEP: Final[Mapping[str, Overrides]] = {"*": {"planner": {"repeat": 1}}}
+"""Settings of a file without an environment. Its steps are as long as its expert thinks of them, so
+that each is decided; presets repeat an action, which is for control periods of milliseconds."""
 
 
 class Happened(NamedTuple):
@@ -177,6 +182,7 @@ def world_task(domain: Domain, options: WorldOptions, dt: float) -> Task:
         ground=_state,
         dt=dt,
         world=options,
+        settings=STEP_BY_STEP,
         reward="environment",  # the file's, less that of actions that failed
         description=f"the world that {Path(domain.source.name).name} describes",
     )

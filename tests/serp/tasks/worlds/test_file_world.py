@@ -14,6 +14,7 @@ import serp
 from serp.errors import SerpError
 from serp.model.loading import Domain
 from serp.pddl.source import Source
+from serp.settings import resolve
 from serp.tasks.worlds.file_world import FileWorld
 from serp.tasks.worlds.options import WorldOptions
 from tests.serp.training.runs import train, without_pictures
@@ -117,6 +118,7 @@ def test_a_task_is_made_of_a_file_in_one_line(tmp_path: Path) -> None:
     task = serp.file_task(tmp_path / "ferry.pddl", failure=0.5, max_steps=3)
     with pickle.loads(pickle.dumps(task)).bind() as bound:
         assert bound.rewarded_by == "environment"
+        assert resolve("default", task.settings).planner.repeat == 1  # each step is decided
         observation, _ = bound.reset(seed=1)
         assert (bound.ground(observation) == bound.model.initial_state).all()
         # No step makes it wet. In any other environment it might be observed.
