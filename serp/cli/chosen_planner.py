@@ -10,6 +10,7 @@ import numpy as np
 
 from serp._util.number_format import readable
 from serp._util.text import plural
+from serp.explanation.sentences import TO_THE_UNKNOWN
 from serp.planning.limits import Bound
 from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
@@ -114,4 +115,8 @@ class ChosenPlanner(MonitorReplanner):
         saw = f"{self._called} looked ahead {plural(plan.depth, 'action')}, {discount}."
         if plan.bound is Bound.CELLS:
             saw += " Values of cells stand for what lies beyond."
-        return saw if plan.bound in (Bound.CELLS, Bound.DEPTH) else f"{saw} Its budget ended there."
+        elif plan.bound is Bound.UNKNOWN:
+            saw += f" {TO_THE_UNKNOWN}"
+        elif plan.bound is not Bound.DEPTH:
+            saw += " Its budget ended there."
+        return saw

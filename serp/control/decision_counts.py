@@ -40,7 +40,7 @@ SIGHT: Final = ("saw_all", "by_cells", "cut_short", "indifferent")
 _SUMS: Final = (*SAFETY[1:], "saw_all", "by_cells", "cut_short", "layers_seen", "indifferent")
 _BUDGETS: Final = (Bound.NODES.name.lower(), Bound.TIME.name.lower())
 _ALL: Final = Bound.EXHAUSTED.name.lower()
-_CELLS: Final = Bound.CELLS.name.lower()
+_CELLS: Final = (Bound.CELLS.name.lower(), Bound.UNKNOWN.name.lower())
 
 
 class DecisionCounts:
@@ -82,7 +82,7 @@ class DecisionCounts:
         self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
         everything = step.bound == _ALL
         self.saw_all += everything
-        self.by_cells += step.bound == _CELLS
+        self.by_cells += step.bound in _CELLS
         self.cut_short += step.bound in _BUDGETS
         self.layers_seen += 0 if everything else step.depth
         self.indifferent += step.indifferent

@@ -13,6 +13,12 @@ from serp.explanation.decision import Alternative
 from serp.explanation.refusals import schema_of, what_fails
 from serp.explanation.runner_up import RunnerUp
 
+TO_THE_UNKNOWN: Final = (
+    "Nothing that the planner knows farther ahead is worth more than going on, so the plan leads "
+    "to what is not known; best returns count that as the most that there could be."
+)
+"""What the bound `UNKNOWN` of a planner's sight means."""
+
 
 def told(cause: Cause) -> str:
     """Return a cause as a line."""

@@ -18,7 +18,9 @@ class Bound(IntEnum):
 
     `DEPTH`: so many layers were asked for. `NODES`, `TIME`: a budget was spent. `EXHAUSTED`: all
     that can be reached is in the graph. `CELLS`: the last layer, whose states have the values of a
-    graph over cells, which holds all that is known and can be reached.
+    graph over cells, which holds all that is known and can be reached. `UNKNOWN`: the same, and
+    nothing known there is worth more than going on, so the plan leads to what is not known, whose
+    value is the most that there could be.
     """
 
     DEPTH = 0
@@ -26,6 +28,7 @@ class Bound(IntEnum):
     TIME = 2
     EXHAUSTED = 3
     CELLS = 4
+    UNKNOWN = 5
 
 
 def node_budget(max_nodes: int, actions: int) -> int:

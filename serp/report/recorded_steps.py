@@ -17,7 +17,7 @@ from serp.runs.recording_format import ACTORS, REASONS
 NO_SAFE: Final = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
 _SHOWN: Final = (
     "state", "action", "executed_by", "reason", "proposed", "proposed_by", "ground", "value",
-    "path_risk", "safe_steps", "reward", "flags", "indifferent", "unsafe",
+    "path_risk", "safe_steps", "reward", "flags", "indifferent", "bound", "unsafe",
 )  # fmt: skip
 
 

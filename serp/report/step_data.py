@@ -15,6 +15,7 @@ from serp.explanation.causes import Location
 from serp.explanation.refusals import schema_of
 from serp.pddl.source import Source
 from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
 from serp.report.causes import CauseTable
 from serp.report.model_errors import ModelErrors
 from serp.report.recorded_steps import RecordedSteps
@@ -137,6 +138,7 @@ def told_of(steps: RecordedSteps, actions: list[str]) -> Arrays:
             (actions[executed], ACTORS[steps["executed_by"][step]]),
             rho=math.nan,
             indifferent=bool(steps["indifferent"][step]),
+            bound=Bound(int(steps["bound"][step])),
             why=why,
         )
         found.append(numbers.setdefault(" ".join(sentences), len(numbers)))

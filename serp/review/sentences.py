@@ -11,7 +11,8 @@ from serp.control.decision import Actor, Reason
 from serp.explanation.causes import Cause
 from serp.explanation.flips import Flip
 from serp.explanation.refusals import unsafe_ahead
-from serp.explanation.sentences import lines_of_causes, told
+from serp.explanation.sentences import TO_THE_UNKNOWN, lines_of_causes, told
+from serp.planning.limits import Bound
 from serp.review.predictions import PredictedFluent
 from serp.review.step_account import StepAccount
 
@@ -56,6 +57,7 @@ def who_acted(step: StepAccount) -> list[str]:
         (step.executed, step.executed_by),
         rho=step.rho,
         indifferent=step.indifferent,
+        bound=step.bound,
         why=why_refused(
             step.reason, proposals[0].causes, proposals[0].reward, proposals[0].safe_steps
         )
@@ -71,9 +73,10 @@ def who_decided(
     *,
     rho: float,
     indifferent: bool,
+    bound: Bound,
     why: str,
 ) -> list[str]:
-    """Say who decided and why.
+    """Say who decided and why, and whether the planner's values are those of what is not known.
 
     Args:
         reason: Why the executed action was executed.
@@ -81,8 +84,21 @@ def who_decided(
         executed: The executed action, and whose it is.
         rho: ρ; NaN if it need not be told.
         indifferent: Whether all plans were worth the same to the planner.
+        bound: What ended the planner's sight.
         why: What is behind a refusal, see `why_refused`.
     """
+    beyond = [TO_THE_UNKNOWN] if bound is Bound.UNKNOWN else []
+    return [*_who_decided(reason, proposed, executed, rho, indifferent, why), *beyond]
+
+
+def _who_decided(
+    reason: Reason,
+    proposed: tuple[str, Actor],
+    executed: tuple[str, Actor],
+    rho: float,
+    indifferent: bool,
+    why: str,
+) -> list[str]:
     (proposal, proposer), (action, actor) = proposed, executed
     who = _WHO[proposer]
     if reason is Reason.PLANNER_TURN:

@@ -16,6 +16,7 @@ from serp.explanation.causes import Cause, observed_causes
 from serp.explanation.decision import Explanation, explain
 from serp.explanation.flips import Flips, flips_of
 from serp.model.transition_model import StateError
+from serp.planning.limits import Bound
 from serp.review.agreeing import agreeing_planner, refusal_of
 from serp.review.place_in_run import FoundStep, clock
 from serp.review.predictions import PredictedFluent, predictions_of
@@ -41,6 +42,7 @@ class StepAccount:
         vetoed: Whether a proposal was refused.
         rho: ρ at this step; NaN if unknown.
         indifferent: Whether all plans were worth the same to the planner.
+        bound: What ended the planner's sight.
         account: Alternatives with the recorded values, causes and runner-up.
         admissible: Of each alternative, whether no veto refused it.
         planned: Name of the planner's choice; empty where it had none.
@@ -71,6 +73,7 @@ class StepAccount:
     vetoed: bool
     rho: float
     indifferent: bool
+    bound: Bound
     account: Explanation
     admissible: tuple[bool, ...]
     planned: str
@@ -154,6 +157,7 @@ def account_of_step(
         reason=decision.reason,
         vetoed=decision.vetoed,
         rho=decision.rho,
+        bound=decision.forecast.bound,
         indifferent=decision.indifferent,
         account=account,
         admissible=tuple(decision.admissible.tolist()),

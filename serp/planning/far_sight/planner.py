@@ -182,7 +182,7 @@ class FarSightPlanner:
         near.leaves = cells.values
         found = near.forecast(state)
         if found.bound is Bound.DEPTH:  # else no leaf had a value of cells
-            found = found._replace(bound=Bound.CELLS)
+            found = found._replace(bound=Bound.UNKNOWN if cells.explores else Bound.CELLS)
         if cells.explores:
             return self._to_the_unknown(state, found)
         if found.safe and found.bound is not Bound.NODES:

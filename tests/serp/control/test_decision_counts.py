@@ -46,7 +46,7 @@ def counted(decisions: list[dict[str, str]]) -> dict[str, int]:
         "unsafe_executed": sum(d["unsafe"] == "1" for d in decisions),
         "no_safe_action": sum(d["reason"] in none_safe for d in decisions),
         "saw_all": sum(d["bound"] == "exhausted" for d in decisions),
-        "by_cells": sum(d["bound"] == "cells" for d in decisions),
+        "by_cells": sum(d["bound"] in ("cells", "unknown") for d in decisions),
         "cut_short": sum(d["bound"] in ("nodes", "time") for d in decisions),
         "layers_seen": sum(int(d["depth"]) for d in decisions if d["bound"] != "exhausted"),
         "indifferent": sum(d["indifferent"] == "1" for d in decisions),

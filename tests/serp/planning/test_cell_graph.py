@@ -87,7 +87,8 @@ def test_where_nothing_is_known_to_reach_the_plan_leads_to_the_nearest_unknown(
     at: float, choice: int
 ) -> None:
     planner = planner_after(along(0.0, 2.0))
-    assert planner.forecast(np.array([at])).choice == choice
+    found = planner.forecast(np.array([at]))
+    assert (found.choice, found.bound) == (choice, Bound.UNKNOWN)
     assert planner.cells.explores
 
 
