@@ -153,6 +153,15 @@ class _Reader:
         if recovery is None or sections is None:
             return False
         recovery.take(error)
+        complete = len(self._open) == 1 and self._position >= len(text)
+        if error.code == "unbalanced-parentheses" or self._top is not None:
+            stray = 0
+            while len(sections) - stray > 2 and not _is_section(sections[-1 - stray]):
+                stray += 1
+            whole = len(sections) - stray
+            if whole > 2 and len(self._open) < 2 and not complete:  # it ended too early
+                recovery.torn[sections[whole - 1].place] = stray > 0
+            del sections[whole + 1 :]  # of what follows it, the first tells enough
         last = max((node.place.end for node in sections), default=0)
         begin = self._balance.open[0].start if self._balance.open else self._top_start()
         resumed = len(text)
@@ -172,6 +181,10 @@ class _Reader:
 
     def _top_start(self) -> int:
         return self._top.place.start if self._top is not None else 0
+
+
+def _is_section(node: Node) -> bool:
+    return isinstance(node, Group) and node.head in SECTIONS
 
 
 def _other_brackets(place: Place) -> DomainError:

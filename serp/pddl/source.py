@@ -151,6 +151,10 @@ class Place:
         """The text of the place, in one line."""
         return " ".join(self.source.text[self.start : self.end].split())
 
+    def within(self, other: Place) -> bool:
+        """Whether the place is a part of another one."""
+        return self.source is other.source and other.start <= self.start <= self.end <= other.end
+
     @property
     def opening(self) -> Place:
         """Where a form says what it is: `(:action go` of all of an action."""
@@ -217,18 +221,27 @@ class Recovery:
     Attributes:
         errors: In the order in which they are found.
         given_up: Words in what could not be read; a name among them is not told to be unknown.
+        torn: Sections with a slip in their parentheses → whether another error of it is told; more
+            would only follow from the slip.
         taken: How many errors there were, with those that follow from others.
     """
 
     errors: list[DomainError] = field(default_factory=list)
     given_up: set[str] = field(default_factory=set)
+    torn: dict[Place, bool] = field(default_factory=dict)
     taken: int = 0
 
     def take(self, error: DomainError, place: Place | None = None) -> None:
         """Keep an error, and give up what stands at a place."""
         self.taken += 1
-        follows = error.code in _UNKNOWN and error.place is not None
-        if not (follows and error.place.text.lower() in self.given_up):  # type: ignore[union-attr]
+        at = error.place
+        torn = next((s for s in self.torn if at is not None and at.within(s)), None)
+        follows = torn is not None and self.torn[torn]
+        if at is not None and error.code in _UNKNOWN:
+            follows = follows or at.text.lower() in self.given_up
+        if torn is not None:
+            self.torn[torn] = True
+        if not follows:
             self.errors.append(error)
         if place is not None:
             self.give_up(place.source.text[place.start : place.end])

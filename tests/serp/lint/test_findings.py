@@ -186,3 +186,16 @@ def test_every_code_in_the_program_is_documented() -> None:
         for code in re.findall(r'\bcode="([a-z-]+)"', path.read_text(encoding="utf-8"))
     }
     assert {"wrong-type", "task-mismatch"} < found <= CODES.keys()
+
+
+def test_a_lost_parenthesis_is_told_in_its_place_and_once() -> None:
+    text = (PAGE.parents[2] / "domains" / "cliff.pddl").read_text()
+    code = re.sub(";[^\n]*", lambda match: " " * len(match[0]), text)
+    near = 0
+    places = [match.start() for match in re.finditer(r"[()]", code)][::4]
+    for place in places:
+        errors = [f for f in found_in(text[:place] + text[place + 1 :]) if f.severity == "error"]
+        assert 1 <= len(errors) <= 2, [f.rendered for f in errors]
+        line = text.count("\n", 0, place) + 1
+        near += any(f.place is not None and abs(f.place.line - line) <= 1 for f in errors)
+    assert near >= 0.98 * len(places)
