@@ -10,10 +10,11 @@ from serp.scenarios.checking import Result
 from serp.scenarios.recorded import recorded_values
 from serp.scenarios.running import ScenarioFile
 from serp.scenarios.writing import add_situation
-from serp.settings import Settings, resolve
+from serp.settings import resolve
 from serp.studio.reading import Surroundings, Version
 from serp.studio.shown_state import ShownState
 from serp.tasks.task import Task
+from serp.tasks.worlds.file_world import STEP_BY_STEP
 
 
 @dataclass(frozen=True)
@@ -57,5 +58,5 @@ class Expectations:
         task = self.task
         observed = task is not None and not task.closed
         domain = Domain.parse(*self.version.sources(), observed=observed)
-        settings = Settings() if task is None else resolve("default", task.settings)
+        settings = resolve("default", STEP_BY_STEP if task is None else task.settings)
         return ScenarioFile.open(self.source, domain, settings, self.surroundings.dt, task)
