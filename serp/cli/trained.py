@@ -100,6 +100,6 @@ def _print_results(run: Run) -> None:
             (f"  serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
             (f"  serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
             (f"  serp why {quoted}", "what happened in a step, and what of the file is behind it"),
-            (f"  {run.path / 'report.md'}", "the whole run on one page, with its learning curve"),
+            (f"  serp report {quoted}{_own_task()}", "the whole run as one page for the browser"),
         ],
     )

@@ -23,7 +23,7 @@ from serp.report.curves import curve_arrays
 from serp.report.model_errors import ModelErrors, error_table
 from serp.report.packing import packed
 from serp.report.recorded_steps import RecordedEpisode, RecordedSteps
-from serp.report.refusals import prevented, veto_table
+from serp.report.refusals import prevented, unsafe_ahead_by, veto_table
 from serp.report.scene import DrawnScenes
 from serp.review.run_model import RunModel
 from serp.runs.recording import Recording
@@ -155,7 +155,6 @@ def _data(content: Content) -> tuple[dict[str, Any], str]:
             for fluent, unit in zip(model.fluents, content.errors.units, strict=True)
         ],
         "largeError": content.errors.limit,
-        "noAction": "not in the file",
         "baseline": content.baseline,
         "episodes": step_data.episode_data(steps, scenes),
         "causes": step_data.cause_data(content.causes, content.sources),
@@ -180,6 +179,7 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
         f"the planner alone: {readable(content.baseline['mean'])}"
     )  # fmt: skip
     steps, unsafe = summary["env_steps"], summary["unsafe_executed"]
+    came = int(content.recording.columns("unsafe")["unsafe"].sum()) if not content.evaluation else 0
     acted = [f"{name} {percent(share)}" for name, share in shares.items() if share]
     learner = (shares["learner"] or 0.0) + (shares["exploration"] or 0.0)
     off = content.errors.mean
@@ -197,7 +197,8 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
         {"what": "Proposals refused", "value": f"{summary['vetoes']:,}",
          "more": f"in {percent(summary['vetoes'] / steps)} of the steps" if steps else ""},
         {"what": "Unsafe actions executed", "value": f"{unsafe:,}",
-         "more": f"{plural(summary['no_safe_action'], 'step')} without a safe action",
+         "more": f"{plural(summary['no_safe_action'], 'step')} without a safe action, "
+         f"{plural(came, 'step')} came out unsafe",
          "bad": unsafe > 0},
         {"what": "The file is off by", "value": "–" if off is None else readable(round(off, 2)),
          "more": "× the usual change of a fluent, one step ahead"},
@@ -205,16 +206,21 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _prevented(content: Content) -> list[dict[str, Any]]:
-    cards = prevented(content.steps, content.causes, content.actions)
-    known = step_data.cause_data(content.causes, content.sources)
-    for card in cards:
-        about = known[card["cause"]] if card["cause"] >= 0 else None
-        card["says"] = f"vetoes of {card['what']}"
-        card |= {"line": "", "place": "", "comment": "", "text": ""}
-        if about is not None:
-            by = "" if about["by"] == f"action {card['what']}" else f" by {about['by']}"
-            card["what"] += f": {_PREVENTED.get(about['what'], about['label'])}{by}"
-            card |= {name: about[name] for name in ("line", "place", "comment", "text")}
+    """Return the cards on what vetoes prevented, with what the file says of it."""
+    cards = []
+    for each in prevented(content.steps, content.causes, content.actions):
+        card = {**each, "says": f"vetoes of {each['what']}"}
+        cause, ahead = None, ""
+        if each["cause"] >= 0:
+            cause = content.causes.causes[each["cause"]]
+        elif each["ahead"] is not None:
+            cause = unsafe_ahead_by(content.read, content.recording, each["ahead"])
+            ahead = "" if cause is None else f" (for example in step {cause.after + 1})"
+        about = step_data.shown_cause(cause, content.sources)
+        if cause is not None:
+            by = "" if cause.origin == "action" else f" by {about['by']}"
+            card["what"] += f": {_PREVENTED.get(cause.what, about['label'])}{by}{ahead}"
+        cards.append(card | about)
     return cards
 
 
@@ -241,7 +247,7 @@ def _choices(content: Content) -> dict[str, Any]:
     kinds = [
         ("vetoes", step_data.VETOED, "back-vetoed", steps.vetoed),
         ("no safe action", step_data.NO_SAFE, "back-unsafe", steps.no_safe),
-        ("unsafe executed", step_data.UNSAFE, "back-unsafe", steps["unsafe"]),
+        ("came out unsafe", step_data.UNSAFE, "back-unsafe", steps["unsafe"]),
         ("large errors", step_data.LARGE_ERROR, "back-error", large),
         ("drawn", step_data.DRAWN, "back-drawn", content.scenes.drawn(steps)),
     ]
@@ -265,7 +271,8 @@ def _choices(content: Content) -> dict[str, Any]:
 def _file(number: int, source: Source) -> dict[str, Any]:
     """Return a file as lines, code and comment apart."""
     lines = []
-    for line in range(1, len(source.line_starts) + 1):
+    count = len(source.line_starts) - source.text.endswith("\n")
+    for line in range(1, count + 1):
         code, mark, comment = source.line_text(line).partition(";")
         lines.append({"id": f"f{number}-{line}", "code": visible(code),
                       "comment": visible(mark + comment)})  # fmt: skip

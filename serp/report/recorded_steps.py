@@ -75,6 +75,11 @@ class RecordedSteps:
         return self.columns[name]
 
     @property
+    def positions(self) -> NDArray[np.int64]:
+        """`[N]` positions in the recording."""
+        return np.concatenate([np.zeros(0, np.int64), *(each.positions for each in self.episodes)])
+
+    @property
     def rows(self) -> list[slice]:
         """The rows of each episode."""
         ends = np.cumsum([len(each) for each in self.episodes]).tolist()

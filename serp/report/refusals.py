@@ -9,14 +9,20 @@ import numpy as np
 
 from serp._util.text import plural
 from serp.control.decision import Reason
+from serp.explanation.causes import Cause
+from serp.explanation.decision import causes_ahead
 from serp.report.causes import CauseTable
 from serp.report.recorded_steps import RecordedSteps, vetoed_in
+from serp.review.agreeing import agreeing_planner
+from serp.review.run_model import RunModel
 from serp.runs.recording import Recording
 from serp.runs.recording_format import REASONS
 
 _MOST: Final = 20
 """Actions in the table."""
 _EXAMPLES: Final = 3
+_SECONDS: Final = 4.0
+"""Time for planning again."""
 _DECIDES: Final = {
     Reason.UNSAFE: "unsafe",
     Reason.TOO_RISKY: "risk",
@@ -89,6 +95,7 @@ def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> l
             {
                 "count": f"{len(where):,} ×",
                 "cause": cause,
+                "ahead": int(steps.positions[where[-1]]) if reason == Reason.UNSAFE_AHEAD else None,
                 "what": names if cause >= 0 else f"{names}: {reason.removeprefix('proposal ')}",
                 "examples": [
                     {"step": step, "says": steps.place_of(step)} for step in _spread(where)
@@ -97,6 +104,24 @@ def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> l
             }
         )
     return cards
+
+
+def unsafe_ahead_by(read: RunModel, recording: Recording, position: int) -> Cause | None:
+    """Return what of the file is unsafe on the best path by a proposal, planned again.
+
+    Args:
+        read: The run's model.
+        recording: The recording.
+        position: A step in which the proposal was refused for what lies ahead of it.
+    """
+    step = recording.step(position)
+    planner, decision = agreeing_planner(read, step), step.decision
+    ground = int(decision.forecast.ground[decision.proposed])
+    if planner is None or ground < 0:
+        return None
+    path = planner.paths(step.state, _SECONDS)[ground]
+    ahead = causes_ahead(planner.model, step.state, path)
+    return next((cause for cause in ahead if cause.what == "unsafe"), None)
 
 
 def _decisive(causes: CauseTable, step: int, action: int, reason: Reason) -> int:

@@ -98,7 +98,7 @@ def drawn_scenes(
                 if len(sheets) >= most or sheets.size >= most_bytes:
                     break
     except (SerpError, ValueError) as error:
-        scenes.note = f"No pictures: {error}."
+        scenes.note = f"No pictures: {str(error).rstrip('.')}."
     for episode in steps.episodes:
         if episode.number not in scenes.frames:
             scenes.notes.setdefault(episode.number, scenes.note or _BEYOND)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from serp._util.terminal import visible
 from serp.control.decision import Reason
-from serp.explanation.causes import Location
+from serp.explanation.causes import Cause, Location
 from serp.explanation.refusals import schema_of
 from serp.pddl.source import Source
 from serp.planning.forecast import SAFE
@@ -25,6 +25,8 @@ from serp.runs.recording_format import ACTORS, REASONS
 
 VETOED, UNSAFE, NO_SAFE, INDIFFERENT, LARGE_ERROR, DRAWN = (1 << k for k in range(6))
 """Bits of a step; `page/replay.js` has the same."""
+UNMODELLED: Final = 128
+"""Beside the flags of an alternative: the model does not know the action."""
 _NONE, _ALL_SAFE = 0xFFFF, 0xFFFE
 _LABELS: Final = {
     "reward": "reward",
@@ -35,6 +37,7 @@ _LABELS: Final = {
     "conflict": "contradicts another effect",
     "undefined": "has no value",
 }
+_SHOWN: Final = ("kind", "label", "by", "text", "condition", "comment", "place", "line")
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -51,12 +54,12 @@ def step_arrays(steps: RecordedSteps, errors: ModelErrors, drawn: NDArray[np.boo
         + LARGE_ERROR * (errors.largest >= errors.limit)
         + DRAWN * drawn
     )
+    flags = (steps["flags"] & 0xFF) | (UNMODELLED * (steps["ground"] < 0))
     ends = [rows.stop - 1 for rows in steps.rows]
-    positions = np.concatenate([np.zeros(0, int), *(each.positions for each in steps.episodes)])
     safe = steps["safe_steps"]
     safe = np.where(safe == SAFE, _ALL_SAFE, np.where(safe < 0, _NONE, np.minimum(safe, 60_000)))
     return {
-        "position": positions.astype(np.uint32),
+        "position": steps.positions.astype(np.uint32),
         "bits": bits.astype(np.uint8),
         "executed": steps["action"].astype(np.uint16),
         "proposed": np.where(steps["proposed"] < 0, _NONE, steps["proposed"]).astype(np.uint16),
@@ -70,7 +73,7 @@ def step_arrays(steps: RecordedSteps, errors: ModelErrors, drawn: NDArray[np.boo
         "reward": steps["reward"].T,
         "risk": steps["path_risk"].T,
         "safe": safe.T.astype(np.uint16),
-        "flags": (steps["flags"].T & 0xFF).astype(np.uint8),
+        "flags": flags.T.astype(np.uint8),
     }
 
 
@@ -84,31 +87,30 @@ def cause_arrays(causes: CauseTable) -> Arrays:
     }
 
 
-def cause_data(causes: CauseTable, sources: tuple[Source, ...]) -> list[dict[str, Any]]:
+def cause_data(causes: CauseTable, sources: tuple[Source, ...]) -> list[dict[str, str]]:
     """Return every distinct cause as JSON values."""
-    return [
-        {
-            "what": cause.what,
-            "label": _LABELS[cause.what],
-            "by": "what the run has learned"
-            if cause.origin == "learned"
-            else visible(schema_of(cause)),
-            "text": visible(cause.text),
-            "condition": visible(cause.condition),
-            "comment": visible(cause.comment),
-            "place": place_text(cause.place),
-            "line": line_id(cause.place, sources),
-        }
-        for cause in causes.causes
-    ]
+    return [shown_cause(cause, sources) for cause in causes.causes]
 
 
-def place_text(place: Location | None) -> str:
-    """Return file and line of a place, for people."""
-    return "" if place is None else visible(f"{Path(place.file).name}:{place.line}")
+def shown_cause(cause: Cause | None, sources: tuple[Source, ...]) -> dict[str, str]:
+    """Return the texts about a cause, empty for none; `line` is the id of its line in the page."""
+    if cause is None:
+        return dict.fromkeys(_SHOWN, "")
+    learned = cause.origin == "learned"
+    texts = (
+        cause.what,
+        _LABELS[cause.what],
+        "what the run has learned" if learned else schema_of(cause),
+        cause.text,
+        cause.condition,
+        cause.comment,
+        "" if cause.place is None else f"{Path(cause.place.file).name}:{cause.place.line}",
+        _line_id(cause.place, sources),
+    )
+    return dict(zip(_SHOWN, map(visible, texts), strict=True))
 
 
-def line_id(place: Location | None, sources: tuple[Source, ...]) -> str:
+def _line_id(place: Location | None, sources: tuple[Source, ...]) -> str:
     """Return the id of a line in the page; empty where it is not there."""
     for number, source in enumerate(sources):
         if place is not None and place.file == source.name:

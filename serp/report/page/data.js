@@ -45,6 +45,13 @@ function readable(value) {
   return text.replace("-", "−");
 }
 
+/** The same in few characters, for narrow columns. */
+function compact(value) {
+  const size = Math.abs(value);
+  if (size > 0 && size < 1e-3) return value.toExponential(1).replaceAll("-", "−");
+  return size < 0.1 ? readable(Number(value.toPrecision(3))) : readable(value);
+}
+
 function percent(share) {
   if (share > 0 && share < 1e-4) return "< 0.01 %";
   return `${readable(Number((100 * share).toPrecision(share < 0.1 ? 2 : 3)))} %`;

@@ -1,7 +1,7 @@
 // The recorded steps: one of them is shown, with the scene, the state, the decision and the file.
 
 const [VETOED, UNSAFE, NO_SAFE, INDIFFERENT, LARGE_ERROR] = [1, 2, 4, 8, 16];
-const [APPLICABLE, IS_UNSAFE, TERMINAL, UNDEFINED, RISKY] = [1, 2, 4, 8, 16];
+const [APPLICABLE, IS_UNSAFE, TERMINAL, UNDEFINED, RISKY, UNMODELLED] = [1, 2, 4, 8, 16, 128];
 const NONE = 0xffff, SAFE = 0xfffe;
 
 let curves, steps, sentences, scene = null, fluents, alternatives, run, inEpisode;
@@ -84,7 +84,7 @@ function observed(f, step, episode) {
 const errorOf = (f, step, episode) =>
   Math.abs(observed(f, step, episode) - steps.predicted[f * total() + step]) / meta.fluents[f].unit;
 
-const valueOf = (f, v) => meta.fluents[f].numeric || Number.isNaN(v) ? readable(v)
+const valueOf = (f, v) => meta.fluents[f].numeric || Number.isNaN(v) ? compact(v)
   : v > 0.5 ? "true" : "false";
 
 function fillFluent(cells, row, f) {
@@ -106,12 +106,13 @@ function fillAlternative(cells, row, a) {
   if (flags & IS_UNSAFE) remarks.push("unsafe");
   if (flags & RISKY) remarks.push("too risky");
   if (flags & UNDEFINED) remarks.push("no defined result");
-  else if (!(flags & APPLICABLE)) remarks.push(flags ? "not applicable" : meta.noAction);
+  else if (flags & UNMODELLED) remarks.push("not in the file");
+  else if (!(flags & APPLICABLE)) remarks.push("not applicable");
   if (flags & TERMINAL) remarks.push("ends it");
   const applicable = flags & APPLICABLE;
   say(cells[0], meta.actions[a]);
-  say(cells[1], applicable ? readable(steps.value[at]) : "–");
-  say(cells[2], applicable ? readable(steps.reward[at]) : "–");
+  say(cells[1], applicable ? compact(steps.value[at]) : "–");
+  say(cells[2], applicable ? compact(steps.reward[at]) : "–");
   say(cells[3], applicable ? percent(steps.risk[at]) : "–");
   say(cells[4], safe === SAFE ? "all" : safe === NONE ? "–" : readable(safe));
   say(cells[5], remarks.join(", "));
@@ -141,9 +142,9 @@ function paintCauses() {
 }
 
 function causeItem(cause, amount) {
-  const item = element("li", { class: `cause ${cause.what}` });
-  const what = cause.what === "reward" ? `${amount > 0 ? "+" : ""}${readable(amount)}`
-    : cause.what === "risk" ? `${percent(amount)} risk` : cause.label;
+  const item = element("li", { class: `cause ${cause.kind}` });
+  const what = cause.kind === "reward" ? `${amount > 0 ? "+" : ""}${readable(amount)}`
+    : cause.kind === "risk" ? `${percent(amount)} risk` : cause.label;
   item.append(element("b", {}, what), ` ${cause.by}`);
   if (cause.line) {
     const go = element("button", { class: "line", type: "button" }, cause.place);

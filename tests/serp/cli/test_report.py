@@ -82,7 +82,7 @@ def test_the_page_has_what_was_recorded(trained: Path, page: Path) -> None:
     # Of each alternative the causes of its reward add up to it, as it was predicted.
     gained = np.zeros((count, len(meta["actions"])))
     of_step = np.repeat(np.arange(count), np.diff(arrays["causeAt"]))
-    rewards = np.array([cause["what"] == "reward" for cause in meta["causes"]])[arrays["cause"]]
+    rewards = np.array([cause["kind"] == "reward" for cause in meta["causes"]])[arrays["cause"]]
     np.add.at(gained, (of_step, arrays["causeAction"]), arrays["amount"] * rewards)
     applicable = columns["flags"] & 1 == 1
     np.testing.assert_allclose(gained[applicable], columns["reward"][applicable], atol=1e-4)
