@@ -11,11 +11,15 @@ from click.core import ParameterSource
 from serp.cli.asked import open_run
 from serp.cli.chosen_planner import ChosenPlanner
 from serp.errors import SerpError
+from serp.explanation.flips import Flips, flips_of
+from serp.runs.recording_format import HEADER, RECORDING
 
 if TYPE_CHECKING:
     from serp.adaptation.adoption import ModelAdoption
     from serp.cli.state import MakePlanner
     from serp.model.loading import Domain
+    from serp.model.transition_model import Vector
+    from serp.runs.recording import Recording
     from serp.tasks.task import Task
     from serp.training.agent import Agent
 
@@ -39,9 +43,10 @@ class RunPlanner(ChosenPlanner):
     Args:
         agent: The agent of the run.
         time_budget: Seconds that the lookahead may take.
+        recording: The recorded steps of the run; None if there are none.
     """
 
-    def __init__(self, agent: Agent, time_budget: float) -> None:
+    def __init__(self, agent: Agent, time_budget: float, recording: Recording | None) -> None:
         super().__init__(
             agent.arbiter.planner,
             agent.arbiter.model,
@@ -51,6 +56,22 @@ class RunPlanner(ChosenPlanner):
             agent.undisturbed,
         )
         self._adaptation = agent.adaptation
+        self._recording = recording
+
+    def flips(self, state: Vector) -> Flips | None:
+        """Return the changes of one fluent with which the planner chooses otherwise.
+
+        They are searched within the values that the run has recorded; None without a recording.
+        """
+        if self._recording is None or not len(self._recording):
+            return None
+        names = [*(action.name for action in self.model.actions), "no action"]
+        with self._undisturbed():
+            return flips_of(
+                lambda s: self._planner.forecast(s).choice, self.model.fluents, state,
+                self._recording.ranges, whole=self._recording.whole, called=names.__getitem__,
+                seconds=self.time_budget or 0.0,
+            )  # fmt: skip
 
     @property
     def adoption(self) -> ModelAdoption:
@@ -74,6 +95,7 @@ def asked_run(folder: Path, time_budget: float) -> tuple[Domain, Task, MakePlann
     def make_planner(domain: Domain) -> RunPlanner:
         if domain.model.fluents != agent.arbiter.model.fluents:
             raise SerpError("--state gives a value to what the problem file of the run fixes")
-        return RunPlanner(agent, time_budget)
+        recorded = (folder / RECORDING / HEADER).is_file()
+        return RunPlanner(agent, time_budget, run.recording() if recorded else None)
 
     return agent.task.domain, run.task, make_planner

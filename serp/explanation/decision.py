@@ -188,8 +188,20 @@ def _alternative(
 def step_causes(
     model: TransitionModel, state: Vector, ground: int, flags: int, reward: float | None
 ) -> list[Cause]:
-    """Return what is behind one control period: in the file, and what was learned."""
-    found = causes_of(model.written, state, ground)
+    """Return what is behind one control period as predicted: in the file, and what was learned.
+
+    Args:
+        model: The model that predicted.
+        state: `[F]`.
+        ground: Position of the ground action.
+        flags: The predicted flags.
+        reward: The predicted reward, to which the amounts of rewards add up; None for none.
+    """
+    found, ends = causes_of(model.written, state, ground), bool(flags & TERMINAL)
+    if flags & APPLICABLE and not ends:
+        found = [cause for cause in found if cause.what != "end"]
+    elif ends and all(cause.what != "end" for cause in found):
+        found.append(Cause("end", None, "learned", "", ""))
     if reward is not None:
         rest = reward - sum(cause.amount or 0.0 for cause in found if cause.what == "reward")
         if abs(rest) > _NOISE * max(1.0, abs(reward)):
@@ -209,15 +221,15 @@ def causes_ahead(model: TransitionModel, state: Vector, path: Sequence[int]) -> 
     found: list[Cause] = []
     after = 0
     for action in path:
-        step = model.step(state, action)
-        if not step.applicable:
+        out, flags = model.transition(state.tolist(), action)
+        if not flags & APPLICABLE:
             continue
         if after:
-            causes = causes_of(model.written, state, action)
+            causes = step_causes(model, state, action, flags, out[-1])
             found += [replace(cause, after=after) for cause in causes]
-        if step.terminal:
+        if flags & TERMINAL:
             break
-        state, after = step.state, after + 1
+        state, after = np.array(out[:-1]), after + 1
     return found
 
 

@@ -41,8 +41,8 @@ class Flip:
     """
 
     fluent: str
-    value: float
-    becomes: float
+    value: float | bool
+    becomes: float | bool
     outcome: str
     share: float
 
@@ -149,7 +149,7 @@ class _Search:
         other = self._with(1.0 - self._value)
         if other == self._now:
             return None
-        return self._flip(1.0 - self._value, other, 1.0)
+        return Flip(self._fluent.name, bool(self._value), not self._value, self._called(other), 1.0)
 
     def _flip(self, becomes: float, outcome: int, share: float) -> Flip:
         return Flip(self._fluent.name, self._value, becomes, self._called(outcome), share)

@@ -10,6 +10,7 @@ from serp._util.number_format import percent, readable
 from serp._util.text import plural
 from serp.explanation.causes import Cause
 from serp.explanation.decision import Alternative
+from serp.explanation.flips import Flip, Flips
 from serp.explanation.refusals import schema_of, what_fails
 from serp.explanation.runner_up import RunnerUp
 
@@ -73,6 +74,29 @@ def between(runner_up: RunnerUp, name: str) -> str:
             return f"Next best: {other}, whose path stays safe for less long, whatever it gains."
 
 
+def lines_of_flips(flips: Flips, outcome: str = "") -> list[str]:
+    """Say with which changes the outcome is another one: by default another choice."""
+    lines = []
+    for flip in flips.found[:_FLIPS_SHOWN]:
+        then = outcome or f"the planner would have chosen {flip.outcome}"
+        lines.append(f"{_change(flip)}, {then}.")
+    if not lines:
+        other = outcome or "the planner would have chosen otherwise"
+        lines.append(f"No change of a single fluent was found with which {other}.")
+    return lines
+
+
+def _change(flip: Flip) -> str:
+    """Return the condition of a flip: `With x at least 0.31 instead of 0.28`."""
+    if isinstance(flip.becomes, bool):
+        return f"If {flip.fluent} were {str(flip.becomes).lower()}"
+    now, then = readable(float(flip.value)), readable(flip.becomes)
+    if float(flip.value).is_integer() and flip.becomes.is_integer():
+        return f"With {flip.fluent} = {then} instead of {now}"
+    side = "at least" if flip.becomes > flip.value else "at most"
+    return f"With {flip.fluent} {side} {then} instead of {now}"
+
+
 def _runs(periods: dict[int, list[Cause]]) -> list[list[list[Cause]]]:
     """Return the causes of a schema in runs of control periods in succession with the same ones.
 
@@ -108,6 +132,7 @@ def _line(run: Sequence[Sequence[Cause]]) -> str:
     return f"{when}{brought}{by}{_where(causes)}"
 
 
+_FLIPS_SHOWN: Final = 3
 _BROUGHT: Final = ("reward", "unsafe", "risk", "end")
 _ORDER: Final = (*_BROUGHT, "failed", "conflict", "undefined")
 

@@ -9,15 +9,12 @@ from serp._util.number_format import readable
 from serp._util.text import plural
 from serp.control.decision import Actor, Reason
 from serp.explanation.causes import Cause
-from serp.explanation.flips import Flip
 from serp.explanation.refusals import unsafe_ahead
-from serp.explanation.sentences import TO_THE_UNKNOWN, lines_of_causes, told
+from serp.explanation.sentences import TO_THE_UNKNOWN, lines_of_causes, lines_of_flips, told
 from serp.planning.limits import Bound
 from serp.review.predictions import PredictedFluent
 from serp.review.step_account import StepAccount
 
-_SHOWN = 3
-"""Flips that are told."""
 _MINOR = 0.05
 """Error, in usual changes, up to which a fluent is as predicted."""
 _WHO = {
@@ -148,32 +145,16 @@ def why_refused(
 def what_would_differ(step: StepAccount) -> list[str]:
     """Say what would have had to differ for another outcome, and what was searched."""
     lines = []
-    veto = f"{step.proposed} would not have been refused"
-    for flips, what in ((step.veto_flips, veto), (step.choice_flips, "")):
-        if flips is None:
-            continue
-        for flip in flips.found[:_SHOWN]:
-            outcome = what or f"the planner would have chosen {flip.outcome}"
-            lines.append(f"{_change(flip)}, {outcome}.")
-        if not flips.found:
-            other = what or "the planner would have chosen otherwise"
-            lines.append(f"No change of a single fluent was found with which {other}.")
+    if step.veto_flips is not None:
+        lines += lines_of_flips(step.veto_flips, f"{step.proposed} would not have been refused")
+    if step.choice_flips is not None:
+        lines += lines_of_flips(step.choice_flips)
     if step.vetoed and step.veto_flips is None and step.choice_flips is not None:
         lines.append(f"Planned again, {step.proposed} is not refused: the model was another then.")
     searched = step.choice_flips or step.veto_flips
     if searched is not None:
         lines.append(f"{searched.searched} Planned again with {step.ahead_by}.")
     return lines
-
-
-def _change(flip: Flip) -> str:
-    """Return the condition of a flip: `With opponent-to-ball below 0.31 (it is 0.35)`."""
-    if flip.share == 1.0 and flip.value in (0.0, 1.0) and flip.becomes == 1.0 - flip.value:
-        return f"If {flip.fluent} were {'true' if flip.becomes else 'false'}"
-    if flip.value.is_integer() and flip.becomes.is_integer():
-        return f"With {flip.fluent} = {readable(flip.becomes)} instead of {readable(flip.value)}"
-    side = "at least" if flip.becomes > flip.value else "at most"
-    return f"With {flip.fluent} {side} {readable(flip.becomes)} instead of {readable(flip.value)}"
 
 
 def told_prediction(each: PredictedFluent) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,13 +111,20 @@ def command(
     plan = planner.plan(state)
 
     from serp.cli.decision import account_of_plan, describe, print_plan
+    from serp.explanation.sentences import lines_of_flips
 
     account = account_of_plan(planner, state, plan)
+    flips = planner.flips(state) if isinstance(planner, RunPlanner) else None
     if as_json:
-        print_json(describe(domain.name, origin, planner, account, plan))
+        told = describe(domain.name, origin, planner, account, plan)
+        print_json({**told, "flips": None if flips is None else asdict(flips)})
     else:
         console = open_console()
         print_plan(console, domain.name, origin, planner, account, plan)
+        if flips is not None:
+            console.print("")
+            for line in [*lines_of_flips(flips), flips.searched]:
+                console.print(line)
         if isinstance(planner, RunPlanner):
             console.print(f"The model of {run} is {planner.adoption}.")
         elif task is not None and domain.model.rewarding:

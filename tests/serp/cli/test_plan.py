@@ -36,7 +36,14 @@ def test_of_a_run_its_own_planner_and_model_are_shown(run: Run, trained: Path) -
     shown = planned(run, str(trained), "--state", given)
     found = agent.arbiter.planner.forecast(np.array(state))
     assert [action["best_return"] for action in shown["actions"]] == found.value.tolist()
+    assert shown["flips"]["found"] == sorted(shown["flips"]["found"], key=lambda f: f["share"])
+    for flip in shown["flips"]["found"]:
+        changed = [flip["becomes"] if fluent.name == flip["fluent"] else value for fluent, value in
+                   zip(agent.arbiter.model.fluents, state, strict=True)]  # fmt: skip
+        other = agent.arbiter.planner.forecast(np.array(changed)).choice
+        assert agent.arbiter.model.actions[other].name == flip["outcome"] != shown["action"]
     drawn = run("plan", str(trained), "--state", given, "--svg=seen.svg")
+    assert "Each fluent was changed alone" in drawn.stdout
     assert f"The model of {trained} is {agent.adaptation.adoption}." in drawn.stdout
     assert "What the lookahead alone would choose is drawn in seen.svg" in drawn.stderr
     for wrong in ("--depth=3", "--domain=cartpole"):

@@ -12,7 +12,7 @@ from serp.explanation.causes import causes_of, observed_causes
 from serp.explanation.decision import Explanation, explain
 from serp.explanation.flips import flips_of
 from serp.explanation.sentences import lines_of
-from serp.model.flags import APPLICABLE, UNSAFE
+from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE, Forecast, score_of
 from serp.planning.limits import Bound
@@ -145,6 +145,9 @@ def test_what_was_learned_is_a_cause_of_its_own(hall: TransitionModel) -> None:
     state = np.array([0.0, 0.0])
     forecast = Lookahead(adapted, PlannerSettings(depth=1)).forecast(state)
     learned = forecast._replace(reward=forecast.reward + 0.125)
+    ends = learned._replace(flags=learned.flags | TERMINAL)
+    causes = explain(adapted, state, ends, 0).alternatives[0].causes
+    assert [c.origin for c in causes if c.what == "end"] == ["learned"]
     causes = explain(adapted, state, learned, 0).alternatives[0].causes
     assert [(c.origin, c.amount) for c in causes if c.origin == "learned"] == [("learned", 0.125)]
     assert sum(c.amount or 0.0 for c in causes) == learned.reward[0]
