@@ -86,8 +86,7 @@ class Recorder(Closing):
         for number, file in blocks_in(folder).items():
             if number > self._number or (number == self._number and not rest):
                 file.unlink()
-        if not steps:
-            write_durably(folder / HEADER, layout.text())
+        write_durably(folder / HEADER, layout.text())
 
     def _keep(self, steps: int) -> None:
         """Take over the steps that are there."""

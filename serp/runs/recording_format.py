@@ -138,12 +138,15 @@ class Layout(BaseModel):
                 f"{file} was written by another version of serp, or is damaged: {name}: "
                 f"{wrong['msg']}. {_AGAIN}"
             ) from None
+        tables: dict[str, tuple[str, ...]] = {}
         for name in ("actors", "reasons", "bounds"):
-            if getattr(found, name) != cls.model_fields[name].default:
+            tables[name] = cls.model_fields[name].default
+            known: tuple[str, ...] = getattr(found, name)
+            if tables[name][: len(known)] != known:  # more of them may have been appended since
                 raise RunError(
-                    f"{file} was written by another version of serp: it has other {name}"
+                    f"{file} was written by another version of serp: it has other {name}. {_AGAIN}"
                 )
-        return found
+        return found.model_copy(update=tables)
 
     def text(self) -> str:
         """Return the content of the header."""

@@ -127,6 +127,8 @@ def test_a_recording_that_goes_on_from_a_step_is_the_one_that_never_stopped(
     whole = content(record(tmp_path / "whole", steps))
     part = record(tmp_path / "part", made_up())  # it got further than what was saved
     assert content(record(part, steps, at)) == whole
+    header(bounds=[bound.name.lower() for bound in Bound][:-1])(part)  # by an older version
+    assert content(record(part, steps, at)) == whole
     with pytest.raises(RunError, match="does not hold the 24 steps"):
         Recorder(part, LAYOUT, COUNT + 1)
     with pytest.raises(RunError, match="not of this run"):
