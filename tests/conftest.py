@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import gc
 import signal
+from typing import Any
+
+import pytest
 
 
 def pytest_configure() -> None:
@@ -20,3 +23,11 @@ def pytest_collection_finish() -> None:
     """
     gc.freeze()
     gc.enable()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Run the tests of a file in one process, so that what they share is made once."""
+    from xdist.scheduler import LoadFileScheduling
+
+    return LoadFileScheduling(config, log)
