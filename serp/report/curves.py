@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from serp._util.text import plural
 from serp.errors import SerpError
+from serp.report.recorded_steps import RecordedEpisode
 from serp.runs.recording import evaluations_of, open_recording
 from serp.runs.summary import Metrics, binned_shares, moving_interval, moving_mean
 from serp.training.evaluation import interval_of
@@ -20,8 +22,18 @@ _POINTS: Final = 600
 """Most points of the mean."""
 
 
-def curve_arrays(metrics: Metrics) -> dict[str, NDArray[Any]]:
-    """Return what the page draws: the returns, their moving mean with its interval, the shares."""
+def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[str, NDArray[Any]]:
+    """Return what the page draws: the returns, their moving mean with its interval, the shares.
+
+    Args:
+        metrics: The metrics, whose episodes are numbered as they end.
+        recorded: The recorded episodes of the training, which are numbered as they begin.
+    """
+    ended = [each for each in recorded if each.end != "unfinished"]
+    ended.sort(key=lambda each: int(each.positions[-1]))
+    numbers = np.zeros(len(metrics["episode"]), np.uint32)  # 0: not recorded
+    known = min(len(ended), len(numbers))
+    numbers[:known] = [each.number for each in ended[:known]]
     steps, returns = metrics["env_steps"], metrics["return"]
     drawn, points = _spread(len(returns), _MOST), _spread(len(returns), _POINTS)
     mean, (low, high) = moving_mean(returns), moving_interval(returns)
@@ -29,7 +41,8 @@ def curve_arrays(metrics: Metrics) -> dict[str, NDArray[Any]]:
     return {
         "curveAt": steps[drawn],
         "curveReturns": returns[drawn],
-        "curveEpisodes": metrics["episode"][drawn].astype(np.uint32),
+        "curveNumbers": metrics["episode"][drawn].astype(np.uint32),
+        "curveEpisodes": numbers[drawn],
         "meanAt": steps[points],
         "mean": mean[points],
         "meanLow": low[points],

@@ -137,25 +137,30 @@ def _cell(
 def _worst(
     found: ModelErrors, model: TransitionModel, steps: RecordedSteps, actions: list[str]
 ) -> list[dict[str, Any]]:
-    """Return the steps with the largest errors, at most one of each fluent and action."""
-    worst: dict[tuple[int, int], dict[str, Any]] = {}
-    order = np.argsort(-found.largest, kind="stable")
-    for step in order[:5_000].tolist():
-        if found.largest[step] == 0.0 or len(worst) == _MOST:
+    """Return the worst steps: of each fluent and action the worst one, and of these some."""
+    errors = np.nan_to_num(found.errors)
+    executed = steps["action"]
+    cells = []
+    for action in np.unique(executed).tolist():
+        rows = np.flatnonzero(executed == action)
+        for fluent, at in enumerate(errors[rows].argmax(axis=0).tolist()):
+            cells.append((-float(errors[rows[at], fluent]), int(rows[at]), fluent))
+    worst = []
+    for error, step, fluent in sorted(cells)[:_MOST]:
+        if -error < _HEAT[0]:
             break
-        fluent = int(np.nanargmax(found.errors[step]))
-        action = int(steps["action"][step])
-        if (fluent, action) in worst:
-            continue
         about = model.fluents[fluent]
         said, came = (
             readable(float(values[step, fluent])) if about.numeric
             else str(bool(values[step, fluent])).lower()
             for values in (found.predicted, steps.next_states)
         )  # fmt: skip
-        worst[fluent, action] = {
-            "step": step,
-            "where": steps.place_of(step),
-            "says": f"after {actions[action]}: ({about.name}) predicted {said}, observed {came}",
-        }
-    return list(worst.values())
+        worst.append(
+            {
+                "step": step,
+                "where": steps.place_of(step),
+                "says": f"after {actions[int(executed[step])]}: ({about.name}) predicted {said}, "
+                f"observed {came}",
+            }
+        )
+    return worst

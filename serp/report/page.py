@@ -136,7 +136,7 @@ def _data(content: Content) -> tuple[dict[str, Any], str]:
     grids = {"grids": scenes.sheets.grids()} if scenes.frames else {}
     arrays, order = packed(
         {
-            **curve_arrays(metrics),
+            **curve_arrays(metrics, () if content.evaluation else content.recorded),
             **step_data.step_arrays(steps, content.errors, scenes.drawn(steps)),
             **step_data.cause_arrays(content.causes),
             **step_data.told_of(steps, content.actions),
@@ -179,7 +179,10 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
         f"the planner alone: {readable(content.baseline['mean'])}"
     )  # fmt: skip
     steps, unsafe = summary["env_steps"], summary["unsafe_executed"]
-    came = int(content.recording.columns("unsafe")["unsafe"].sum()) if not content.evaluation else 0
+    safety = f"{plural(summary['no_safe_action'], 'step')} without a safe action"
+    if not content.evaluation:
+        came = int(content.recording.columns("unsafe")["unsafe"].sum())
+        safety += f", {plural(came, 'step')} came out unsafe"
     acted = [f"{name} {percent(share)}" for name, share in shares.items() if share]
     learner = (shares["learner"] or 0.0) + (shares["exploration"] or 0.0)
     off = content.errors.mean
@@ -197,8 +200,7 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
         {"what": "Proposals refused", "value": f"{summary['vetoes']:,}",
          "more": f"in {percent(summary['vetoes'] / steps)} of the steps" if steps else ""},
         {"what": "Unsafe actions executed", "value": f"{unsafe:,}",
-         "more": f"{plural(summary['no_safe_action'], 'step')} without a safe action, "
-         f"{plural(came, 'step')} came out unsafe",
+         "more": safety,
          "bad": unsafe > 0},
         {"what": "The file is off by", "value": "–" if off is None else readable(round(off, 2)),
          "more": "× the usual change of a fluent, one step ahead"},
@@ -213,9 +215,9 @@ def _prevented(content: Content) -> list[dict[str, Any]]:
         cause, ahead = None, ""
         if each["cause"] >= 0:
             cause = content.causes.causes[each["cause"]]
-        elif each["ahead"] is not None:
+        elif each["ahead"]:
             cause = unsafe_ahead_by(content.read, content.recording, each["ahead"])
-            ahead = "" if cause is None else f" (for example in step {cause.after + 1})"
+            ahead = "" if cause is None else f", for example {plural(cause.after, 'step')} later"
         about = step_data.shown_cause(cause, content.sources)
         if cause is not None:
             by = "" if cause.origin == "action" else f" by {about['by']}"

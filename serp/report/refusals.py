@@ -21,8 +21,10 @@ from serp.runs.recording_format import REASONS
 _MOST: Final = 20
 """Actions in the table."""
 _EXAMPLES: Final = 3
+_TRIED: Final = 5
+"""Vetoes for what lies ahead that are planned again, until one tells what that is."""
 _SECONDS: Final = 4.0
-"""Time for planning again."""
+"""Time for planning one of them again."""
 _DECIDES: Final = {
     Reason.UNSAFE: "unsafe",
     Reason.TOO_RISKY: "risk",
@@ -95,7 +97,7 @@ def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> l
             {
                 "count": f"{len(where):,} ×",
                 "cause": cause,
-                "ahead": int(steps.positions[where[-1]]) if reason == Reason.UNSAFE_AHEAD else None,
+                "ahead": _soonest(steps, where) if reason == Reason.UNSAFE_AHEAD else [],
                 "what": names if cause >= 0 else f"{names}: {reason.removeprefix('proposal ')}",
                 "examples": [
                     {"step": step, "says": steps.place_of(step)} for step in _spread(where)
@@ -106,22 +108,33 @@ def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> l
     return cards
 
 
-def unsafe_ahead_by(read: RunModel, recording: Recording, position: int) -> Cause | None:
+def _soonest(steps: RecordedSteps, where: list[int]) -> list[int]:
+    """Return positions of some vetoes for what lies ahead, the one with the nearest risk first."""
+    proposed = steps["proposed"][where]
+    order = np.argsort(steps["safe_steps"][where, proposed], kind="stable")[:_TRIED]
+    return [int(steps.positions[where[k]]) for k in order]
+
+
+def unsafe_ahead_by(read: RunModel, recording: Recording, positions: list[int]) -> Cause | None:
     """Return what of the file is unsafe on the best path by a proposal, planned again.
 
     Args:
         read: The run's model.
         recording: The recording.
-        position: A step in which the proposal was refused for what lies ahead of it.
+        positions: Steps in which the proposal was refused for what lies ahead; the first of them
+            counts in which planning again finds something unsafe.
     """
-    step = recording.step(position)
-    planner, decision = agreeing_planner(read, step), step.decision
-    ground = int(decision.forecast.ground[decision.proposed])
-    if planner is None or ground < 0:
-        return None
-    path = planner.paths(step.state, _SECONDS)[ground]
-    ahead = causes_ahead(planner.model, step.state, path)
-    return next((cause for cause in ahead if cause.what == "unsafe"), None)
+    for position in positions:
+        step = recording.step(position)
+        planner, decision = agreeing_planner(read, step), step.decision
+        ground = int(decision.forecast.ground[decision.proposed])
+        if planner is None or ground < 0:
+            continue
+        path = planner.paths(step.state, _SECONDS)[ground]
+        for cause in causes_ahead(planner.model, step.state, path):
+            if cause.what == "unsafe":
+                return cause
+    return None
 
 
 def _decisive(causes: CauseTable, step: int, action: int, reason: Reason) -> int:

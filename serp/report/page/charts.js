@@ -71,12 +71,15 @@ function drawCurve(box) {
   const mark = add("line", { class: "chosen", y1: MARGIN.top, y2: 300 - MARGIN.bottom, x1: -9, x2: -9 });
   svg.addEventListener("pointermove", (event) => {
     const k = nearest(event);
-    say(byId("curve-says"), `Episode ${readable(c.curveEpisodes[k])}: return ${readable(c.curveReturns[k])}, `
+    say(byId("curve-says"), `Episode ${readable(c.curveNumbers[k])}: return ${readable(c.curveReturns[k])}, `
       + `mean ${readable(c.mean[nearestOf(c.meanAt, c.curveAt[k])])}`);
     mark.setAttribute("x1", x(c.curveAt[k]));
     mark.setAttribute("x2", x(c.curveAt[k]));
   });
-  svg.addEventListener("click", (event) => total() && jump(numbered(c.curveEpisodes[nearest(event)]).first));
+  svg.addEventListener("click", (event) => {
+    const number = c.curveEpisodes[nearest(event)];
+    if (number && total()) jump(numbered(number).first);
+  });
   const nearest = (event) => {
     const at = event.clientX - svg.getBoundingClientRect().left;
     return nearestOf(c.curveAt, (at - left) / (right - left) * meta.envSteps);

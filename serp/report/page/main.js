@@ -22,11 +22,16 @@ function connect() {
     if (total()) redraw();
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => total() && redraw());
-  alternatives.body.addEventListener("click", (event) => {
-    const row = event.target.closest("tr");
-    chosen = alternatives.first + alternatives.rows.indexOf(row);
-    show(now);
-  });
+  const choose = (event) => {
+    const at = alternatives.rows.indexOf(event.target.closest("tr"));
+    if (at >= 0 && (event.type === "click" || event.key === "Enter")) {
+      chosen = alternatives.first + at;
+      show(now);
+    }
+  };
+  for (const row of alternatives.rows) row.tabIndex = 0;
+  alternatives.body.addEventListener("click", choose);
+  alternatives.body.addEventListener("keydown", choose);
   for (const button of document.querySelectorAll("button[data-step]")) {
     button.addEventListener("click", () => jump(Number(button.dataset.step)));
   }

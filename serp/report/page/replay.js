@@ -91,6 +91,7 @@ function fillFluent(cells, row, f) {
   const before = steps.state[f * total() + now], predicted = steps.predicted[f * total() + now];
   const next = observed(f, now, shownEpisode), error = errorOf(f, now, shownEpisode);
   say(cells[0], meta.fluents[f].name);
+  cells[0].title = meta.fluents[f].name; // where the column is too narrow
   say(cells[1], valueOf(f, before));
   say(cells[2], valueOf(f, predicted));
   say(cells[3], valueOf(f, next));
@@ -111,6 +112,7 @@ function fillAlternative(cells, row, a) {
   if (flags & TERMINAL) remarks.push("ends it");
   const applicable = flags & APPLICABLE;
   say(cells[0], meta.actions[a]);
+  cells[0].title = meta.actions[a];
   say(cells[1], applicable ? compact(steps.value[at]) : "–");
   say(cells[2], applicable ? compact(steps.reward[at]) : "–");
   say(cells[3], applicable ? percent(steps.risk[at]) : "–");
@@ -121,8 +123,7 @@ function fillAlternative(cells, row, a) {
   const state = `${executed ? "taken " : ""}${refused ? "refused " : ""}${
     a === chosen ? "chosen" : ""}`;
   if (row.className !== state) row.className = state;
-  const selected = String(a === chosen);
-  if (row.getAttribute("aria-selected") !== selected) row.setAttribute("aria-selected", selected);
+  row.ariaCurrent = String(a === chosen);
 }
 
 function paintCauses() {

@@ -190,6 +190,11 @@ def test_somebody_goes_through_the_steps(tab: Any, page: Path) -> None:
     tab.click("#causes .unsafe button.line, #causes .reward button.line >> nth=0")
     place = tab.locator("#causes button.line >> nth=0").inner_text()
     assert tab.get_attribute("#files li.here", "id") == f"f0-{place.rpartition(':')[2]}"
+    # What the file says of another action, by keyboard.
+    of = tab.inner_text("#causes-of")
+    tab.press("#alternatives tr:not([aria-current=true]):has(td) >> nth=0", "Enter")
+    tab.wait_for_timeout(60)
+    assert tab.inner_text("#causes-of") != of
     # A cell of the table above is a filter, too.
     tab.click("#refused td button >> nth=0")
     assert tab.is_visible("#extra")
