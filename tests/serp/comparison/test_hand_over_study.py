@@ -30,7 +30,7 @@ def test_the_table_pairs_the_seeds_and_shows_what_is_far_worse_in_bold() -> None
     _, _, base, variant = table([rows[i] for i in rng.permutation(len(rows))])
     cells = [cell.strip() for cell in base.split("|")[1:-1]]
     assert cells[:4] == ["lake", "500", "2", "8 ± 0 (8)"]
-    assert cells[6:9] == ["1 ± 13 (0)", "-5 ± 64", "80 ± 1.3e+02"]
+    assert cells[6:9] == ["1 ± 13 (0)", "-5 ± 64", "80 ± 130"]
     # The range is 0 ... 10, that of the base task; a baseline stands beside variants too.
     assert [cell.strip() for cell in variant.split("|")[7:10]] == [
         "1 ± 13 (0)",
