@@ -17,16 +17,24 @@ from serp.report.report import write_report
 from serp.training.run import load_run
 from tests.serp.studio.browser import chromium
 
+_LAST_DRAWN = 1100
+"""An episode among the last ones, which are drawn."""
+
 
 def main() -> None:
-    """Write the report, go to a veto in the last episodes, and take the picture."""
+    """Write the report, go to one of the most frequent vetoes, and take the picture."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "report.html"
         write_report(load_run(sys.argv[1]), file, pictures=400, baseline=0)
         with chromium(file.as_uri(), "html[data-ready=true]") as (page, _):
-            page.evaluate("document.querySelector('#steps').scrollIntoView()")
-            page.keyboard.press("Shift+ArrowLeft")
-            page.keyboard.press("End")
+            page.click("#refused .cards button[data-test] >> nth=0")
+            page.wait_for_timeout(1_500)  # until the page has scrolled there
+            page.fill("#episode", str(_LAST_DRAWN))
+            page.press("#episode", "Enter")
+            page.click("#next-hit")
+            page.wait_for_timeout(300)
+            page.click("#causes .reward button.line >> nth=0")
+            page.evaluate("document.activeElement.blur()")
             page.wait_for_timeout(500)
             picture = Image.open(io.BytesIO(page.screenshot()))
     picture.quantize(128).save(sys.argv[2], optimize=True)

@@ -158,14 +158,14 @@ function causeItem(cause, amount) {
   return item;
 }
 
-/** Show a line of a file in its box, and on a narrow page the box. */
+/** Show a line of a file in its box, and scroll the page if that is out of sight. */
 function toLine(id, scroll = true) {
   const row = byId(id), box = byId("files");
   for (const old of box.querySelectorAll(".here")) old.classList.remove("here");
   row.classList.add("here");
   const down = row.getBoundingClientRect().top - box.getBoundingClientRect().top;
   box.scrollTop += down - box.clientHeight / 3;
-  if (scroll && box.getBoundingClientRect().top > innerHeight - 80) box.scrollIntoView({ block: "nearest" });
+  if (scroll) row.scrollIntoView({ block: "nearest" });
 }
 
 /** The recorded episode of that number, else the next one. */
