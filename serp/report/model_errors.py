@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.number_format import readable
+from serp._util.number_format import percent, readable
 from serp._util.text import plural
 from serp.model.transition_model import TransitionModel, Vector
 from serp.report.recorded_steps import RecordedSteps
@@ -94,7 +94,7 @@ def error_table(
     rows = [
         {
             "fluent": model.fluents[f].name,
-            "unit": readable(float(found.units[f])),
+            "unit": readable(float(found.units[f])) if model.fluents[f].numeric else "–",
             "cells": [_cell(found, model, f, a, actions, known & (executed == a)) for a in shown],
         }
         for f in wrong[:_MOST]
@@ -124,13 +124,15 @@ def _cell(
 ) -> dict[str, Any]:
     errors = found.errors[rows, fluent]
     size = float(np.sqrt(np.mean(errors**2)))
-    large = int((errors >= found.limit).sum())
-    name = model.fluents[fluent].name
+    about = model.fluents[fluent]
+    large = (errors >= (found.limit if about.numeric else 1.0)).any()
+    off = f"off by {readable(found.limit)} or more" if about.numeric else "came out otherwise"
+    shown = "0" if size == 0.0 else "< 0.01" if size < 0.01 else f"{size:.2f}"
     return {
-        "shown": "0" if size == 0.0 else "< 0.01" if size < 0.01 else f"{size:.2f}",
+        "shown": shown if about.numeric else percent(size**2),
         "heat": sum(size >= limit for limit in _HEAT),
         "test": {"executed": [action], "fluents": [fluent]} if large else None,
-        "says": f"{actions[action]}: ({name}) off by {readable(found.limit)} or more",
+        "says": f"{actions[action]}: ({about.name}) {off}",
     }
 
 

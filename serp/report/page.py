@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import json
 from dataclasses import dataclass
@@ -38,6 +39,8 @@ with needs_extra("report", "a report of a run"):
 
 _SCRIPTS: Final = ("data", "charts", "scene", "tables", "strip", "replay", "main")
 _PREVENTED: Final = {"reward": "a loss", "unsafe": "unsafe", "risk": "a risk"}
+_CARDS: Final = 24
+"""Most things that were prevented."""
 _HTML: Final = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})
 
 
@@ -78,6 +81,11 @@ class Content:
         """The run's own copies of the files."""
         return tuple(self.read.domain.sources)
 
+    @functools.cached_property
+    def cards(self) -> list[dict[str, Any]]:
+        """What vetoes prevented, see `prevented`."""
+        return prevented(self.steps, self.causes, self.actions)
+
     @property
     def actions(self) -> list[str]:
         """Names of the actions."""
@@ -113,6 +121,7 @@ def page(content: Content) -> str:
         evaluation=content.evaluation,
         vetoes=veto_table(content.recording, content.actions),
         prevented=_prevented(content),
+        more_prevented=f"{max(0, len(content.cards) - _CARDS):,}",
         errors=error_table(content.errors, content.read.model, content.actions,
                            content.steps),
         steps=len(content.steps),
@@ -133,11 +142,15 @@ def _data(content: Content) -> tuple[dict[str, Any], str]:
     """Return the data of the page: JSON values, and packed arrays."""
     steps, scenes, layout = content.steps, content.scenes, content.recording.layout
     metrics, model = content.run.metrics, content.read.model
+    card = np.zeros(len(steps), np.uint16)
+    for number, each in enumerate(content.cards, 1):
+        card[each["steps"]] = number
     grids = {"grids": scenes.sheets.grids()} if scenes.frames else {}
     arrays, order = packed(
         {
             **curve_arrays(metrics, () if content.evaluation else content.recorded),
             **step_data.step_arrays(steps, content.errors, scenes.drawn(steps)),
+            "card": card,
             **step_data.cause_arrays(content.causes),
             **step_data.told_of(steps, content.actions),
             **grids,
@@ -210,7 +223,7 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
 def _prevented(content: Content) -> list[dict[str, Any]]:
     """Return the cards on what vetoes prevented, with what the file says of it."""
     cards = []
-    for each in prevented(content.steps, content.causes, content.actions):
+    for each in content.cards[:_CARDS]:
         card = {**each, "says": f"vetoes of {each['what']}"}
         cause, ahead = None, ""
         if each["cause"] >= 0:

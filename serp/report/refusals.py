@@ -74,7 +74,7 @@ def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> l
 
     A veto is counted for what decided it: the effect that makes the step unsafe or risky, the
     condition that does not hold, of a low reward the largest loss. Vetoes of which the file says
-    nothing one step ahead are counted by their reason.
+    nothing one step ahead are counted by their reason. `steps` of a card are its vetoes.
     """
     found: dict[tuple[int, str, int], list[int]] = {}
     for step in np.flatnonzero(steps.vetoed).tolist():
@@ -83,16 +83,11 @@ def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> l
         cause = _decisive(causes, step, action, reason) if action >= 0 else -1
         key = (cause, "", -1) if cause >= 0 else (-1, str(reason), action)
         found.setdefault(key, []).append(step)
-    cards = []
-    for (cause, reason, action), where in sorted(found.items(), key=lambda each: -len(each[1])):
+    cards: list[dict[str, Any]] = []
+    for (cause, reason, _), where in sorted(found.items(), key=lambda each: -len(each[1])):
         proposed = Counter(actions[steps["proposed"][step]] for step in where)
         names = ", ".join(name for name, _ in proposed.most_common(4))
         names += f" and {len(proposed) - 4} more" if len(proposed) > 4 else ""
-        test: dict[str, Any] = {"vetoed": True}
-        if cause >= 0:
-            test["cause"] = cause
-        else:
-            test |= {"reason": REASONS.index(Reason(reason)), "proposed": action}
         cards.append(
             {
                 "count": f"{len(where):,} ×",
@@ -102,7 +97,8 @@ def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> l
                 "examples": [
                     {"step": step, "says": steps.place_of(step)} for step in _spread(where)
                 ],
-                "test": test,
+                "test": {"card": len(cards) + 1},
+                "steps": where,
             }
         )
     return cards

@@ -69,6 +69,7 @@ def step_arrays(steps: RecordedSteps, errors: ModelErrors, drawn: NDArray[np.boo
         "state": steps["state"].T,
         "last": steps.next_states[ends].T,
         "predicted": errors.predicted.T,
+        "errors": errors.errors.T,
         "value": steps["value"].T,
         "reward": steps["reward"].T,
         "risk": steps["path_risk"].T,

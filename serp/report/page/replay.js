@@ -81,15 +81,17 @@ function observed(f, step, episode) {
   return steps.last[f * meta.episodes.length + episode.index];
 }
 
-const errorOf = (f, step, episode) =>
-  Math.abs(observed(f, step, episode) - steps.predicted[f * total() + step]) / meta.fluents[f].unit;
+/** The error of a prediction, in units of what the fluent usually changes by. */
+const errorOf = (f, step) => steps.errors[f * total() + step];
+
+const isWrong = (f, error) => error >= (meta.fluents[f].numeric ? meta.largeError : 1);
 
 const valueOf = (f, v) => meta.fluents[f].numeric || Number.isNaN(v) ? compact(v)
   : v > 0.5 ? "true" : "false";
 
 function fillFluent(cells, row, f) {
   const before = steps.state[f * total() + now], predicted = steps.predicted[f * total() + now];
-  const next = observed(f, now, shownEpisode), error = errorOf(f, now, shownEpisode);
+  const next = observed(f, now, shownEpisode), error = errorOf(f, now);
   say(cells[0], meta.fluents[f].name);
   cells[0].title = meta.fluents[f].name; // where the column is too narrow
   say(cells[1], valueOf(f, before));
@@ -97,7 +99,7 @@ function fillFluent(cells, row, f) {
   say(cells[3], valueOf(f, next));
   say(cells[4], Number.isNaN(error) ? "–" : error < 0.05 ? "" : error.toFixed(error < 10 ? 1 : 0));
   const state = `${Math.abs(next - before) > 1e-9 ? "changed " : ""}${
-    error >= meta.largeError ? "wrong" : ""}`;
+    isWrong(f, error) ? "wrong" : ""}`;
   if (row.className !== state) row.className = state;
 }
 
@@ -240,18 +242,11 @@ function filterBy(button) {
       && (wanted.reason === undefined || steps.reason[i] === wanted.reason)
       && (wanted.executed === undefined || wanted.executed.includes(steps.executed[i]))
       && (wanted.fluents === undefined
-        || wanted.fluents.some((f) => errorOf(f, i, episodeAt(i)) >= meta.largeError))
-      && (wanted.cause === undefined || hasCause(i, wanted.cause)),
+        || wanted.fluents.some((f) => isWrong(f, errorOf(f, i))))
+      && (wanted.card === undefined || steps.card[i] === wanted.card),
   };
   refilter();
   if (hitList.length) jump(hitList[0]);
-}
-
-function hasCause(i, cause) {
-  for (let k = steps.causeAt[i]; k < steps.causeAt[i + 1]; k++) {
-    if (steps.cause[k] === cause && steps.causeAction[k] === steps.proposed[i]) return true;
-  }
-  return false;
 }
 
 // Playing ------------------------------------------------------------------------------------

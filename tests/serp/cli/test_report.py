@@ -86,6 +86,10 @@ def test_the_page_has_what_was_recorded(trained: Path, page: Path) -> None:
     np.add.at(gained, (of_step, arrays["causeAction"]), arrays["amount"] * rewards)
     applicable = columns["flags"] & 1 == 1
     np.testing.assert_allclose(gained[applicable], columns["reward"][applicable], atol=1e-4)
+    # Every veto is counted for one thing that it prevented.
+    cards = re.findall(r"<li><strong>([\d,]+) ×", page.read_text())
+    assert sum(int(count.replace(",", "")) for count in cards) == metrics["vetoes"].sum()
+    assert ((arrays["card"] > 0) == (arrays["bits"] & 1 > 0)).all()
     # What the last step of an episode led to is that of no other step.
     last = arrays["last"].reshape(fluents, -1).T
     np.testing.assert_allclose(last, recording.columns("final_state")["final_state"], rtol=2e-5)
