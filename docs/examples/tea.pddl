@@ -19,7 +19,7 @@
     (reward))
 
   ; What the robot can do.
-  (:action switch-on
+  (:action switch-on  ; the heater
     :parameters ()
     :precondition (and (not (heater-on)))
     :effect (and (heater-on)))
@@ -44,7 +44,7 @@
     :effect (and))
 
   ; What the world does by itself, all the time.
-  (:process heating
+  (:process heating  ; a degree a second
     :parameters ()
     :precondition (and (heater-on))
     :effect (and (increase (temperature) (* #t 1.0))))
@@ -55,7 +55,7 @@
     :effect (and (decrease (temperature) (* #t (* 0.002 (- (temperature) 20.0))))))
 
   ; What happens at certain points.
-  (:event boiling
+  (:event boiling  ; water becomes steam
     :parameters ()
     :precondition (and (> (temperature) 100.0))
     :effect (and (assign (temperature) 100.0) (decrease (water) 0.01)))
