@@ -53,7 +53,6 @@ def examined(
             if fits is not None:
                 lines.extend([fits, learned_from(domain, task)])
         if portable_seconds is None:
-            lines.append("unified-planning reads it: not asked (--portable asks)")
             return
         answer, finding = ask_unified_planning(
             domain.source, domain.problem_source, portable_seconds

@@ -38,12 +38,12 @@ def load_task(name: str) -> Task:
 def find_domain_file(domain: str) -> Path | None:
     """Return the file that `--domain` means; None for the name of an installed task.
 
-    It is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory, or a variant
-    `NAME.pddl` beside the domain file of an installed task.
+    It is a path, also of a file that is no PDDL, or `domains/NAME.pddl` or `NAME.pddl` in the
+    working directory, or a variant `NAME.pddl` beside the domain file of an installed task.
     """
     path = Path(domain)
-    if path.suffix == ".pddl" or len(path.parts) > 1:
-        return path  # loading it reports a missing file
+    if path.suffix == ".pddl" or len(path.parts) > 1 or (path.suffix and path.is_file()):
+        return path  # loading it reports what is wrong with it
     for candidate in (Path("domains") / f"{domain}.pddl", Path(f"{domain}.pddl")):
         if candidate.is_file():
             return candidate

@@ -83,6 +83,6 @@ def describe_source(source: Source, *, in_file: bool) -> str:
     if not in_file:
         return "the environment's reward; the domain file gives none"
     return (
-        "the environment's reward; the rewards of the domain file guide the planner "
-        "only (training.reward=sum or domain lets the learner learn from them)"
+        "the environment's reward; the planner plans with those of the domain file "
+        "(training.reward=sum or domain: the learner learns from these, too)"
     )

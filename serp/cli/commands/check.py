@@ -84,7 +84,9 @@ def command(
     checks = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
     if watch and form != "text":
         raise click.UsageError("--watch prints for people; leave --format out")
-    if (watch or fix) and not any(Path(name).is_file() for name in domains):
+    if (watch or fix) and not any(
+        Path(name).suffix == ".pddl" or Path(name).is_file() for name in domains
+    ):
         raise click.UsageError("--watch and --fix need files that are given by their paths")
     seconds = portable_seconds if portable else None
     if fix:

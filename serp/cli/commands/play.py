@@ -162,7 +162,7 @@ def _train(
     observed = []
 
     def count(step: StepRecord) -> None:
-        if step.unsafe:
+        if step.unsafe or step.info["unsafe"]:  # by what came, by what was done
             observed.append(step.number)
 
     status = train(own, settings=settings, on_step=count, **options)
