@@ -12,11 +12,9 @@ from serp.pddl.source import Source
 from serp.scenarios.checking import Recorded, Result, check
 from serp.scenarios.decider import Decider
 from serp.scenarios.reading import read_scenarios, values_named
-from serp.scenarios.syntax import Scenario
+from serp.scenarios.syntax import SUFFIX, Scenario
 from serp.settings import Settings
 from serp.tasks.task import Task
-
-SUFFIX = ".scenarios"
 
 
 @dataclass(frozen=True)

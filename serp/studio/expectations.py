@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from serp.model.loading import Domain
 from serp.pddl.source import Source
-from serp.scenarios.checking import Result
-from serp.scenarios.recorded import recorded_values
-from serp.scenarios.running import ScenarioFile
-from serp.scenarios.writing import add_situation
 from serp.settings import resolve
 from serp.studio.reading import Surroundings, Version
 from serp.studio.shown_state import ShownState
 from serp.tasks.task import Task
 from serp.tasks.worlds.file_world import STEP_BY_STEP
+
+if TYPE_CHECKING:
+    from serp.scenarios.checking import Result
+    from serp.scenarios.running import ScenarioFile
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class Expectations:
         Raises:
             SerpError: A text is wrong.
         """
+        from serp.scenarios.recorded import recorded_values
+
         return list(self._file().run(recorded_values))
 
     def with_state(self, title: str, shown: ShownState) -> str:
@@ -47,6 +50,8 @@ class Expectations:
         Raises:
             SerpError: A text is wrong, or nothing can be expected there.
         """
+        from serp.scenarios.writing import add_situation
+
         file = self._file()
         model = file.decider.model
         values = {name: float(value) for name, value in model.values(shown.state(model)).items()}
@@ -55,6 +60,8 @@ class Expectations:
         return add_situation(file, title, values, remark)
 
     def _file(self) -> ScenarioFile:
+        from serp.scenarios.running import ScenarioFile  # it takes a second to import
+
         task = self.task
         observed = task is not None and not task.closed
         domain = Domain.parse(*self.version.sources(), observed=observed)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from html import escape
+from typing import TYPE_CHECKING
 
 from nicegui import run, ui
 
 from serp.errors import SerpError
-from serp.scenarios.checking import Result
 from serp.studio.pages.editor import EditorPane
 from serp.studio.pages.live import Live
 from serp.studio.session import SCENARIOS, Session
+
+if TYPE_CHECKING:
+    from serp.scenarios.checking import Result
 
 
 class ExpectationsPane:
