@@ -28,6 +28,12 @@ def test_a_right_file_is_summed_up(run: Run, walk: Path) -> None:
     assert "unified-planning reads it: yes" in run("check", "walk.pddl", "--portable").stdout
 
 
+def test_a_path_is_a_file_whatever_its_name(run: Run, walk: Path) -> None:
+    Path("walk.scenarios").write_text("scenario one\n", encoding="utf-8")
+    assert "a PDDL file begins with `(define`" in run("check", "walk.scenarios", expect=1).output
+    assert "there is no such file" in run("check", "--fix", "nothing.pddl", expect=1).output
+
+
 def test_numbers_that_a_task_never_observes_are_warned_of(run: Run, folder: Path) -> None:
     text = (DOMAINS / "cartpole.pddl").read_text()
     in_degrees = text.replace("(> (pole-angle) 0.2618)", "(> (pole-angle) 12)")
