@@ -82,5 +82,5 @@ def write_report(
 
 def _limit(steps: int, layout: Layout) -> int:
     """Return how many steps fit with all their numbers."""
-    each = 3 * len(layout.fluents) + 6 * len(layout.actions) + 12
+    each = 4 * len(layout.fluents) + 6 * len(layout.actions) + 12
     return max(1, min(steps, _NUMBERS // each))

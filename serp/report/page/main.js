@@ -1,7 +1,19 @@
 // The beginning: unpack the data, draw, and connect what can be clicked.
 
-function connect() {
-  const on = (id, what, call) => byId(id).addEventListener(what, call);
+const on = (id, what, call) => byId(id).addEventListener(what, call);
+
+function connectPage() {
+  on("ask", "click", () => byId("help").showModal());
+  on("theme", "click", () => {
+    const dark = getComputedStyle(document.documentElement).colorScheme === "dark"
+      || (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
+    document.documentElement.dataset.theme = dark ? "light" : "dark";
+    if (total()) redraw();
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => total() && redraw());
+}
+
+function connectSteps() {
   document.addEventListener("keydown", onKey);
   on("play", "click", () => play());
   on("back", "click", () => move(-1));
@@ -14,14 +26,6 @@ function connect() {
   on("after", "change", (event) => { after = event.target.checked; show(now); });
   on("filters", "change", refilter);
   on("extra", "click", () => { extra = null; refilter(); });
-  on("ask", "click", () => byId("help").showModal());
-  on("theme", "click", () => {
-    const dark = getComputedStyle(document.documentElement).colorScheme === "dark"
-      || (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
-    document.documentElement.dataset.theme = dark ? "light" : "dark";
-    if (total()) redraw();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => total() && redraw());
   const choose = (event) => {
     const at = alternatives.rows.indexOf(event.target.closest("tr"));
     if (at >= 0 && (event.type === "click" || event.key === "Enter")) {
@@ -51,6 +55,7 @@ function fit() {
 }
 
 meta.episodes.forEach((episode, index) => { episode.index = index; });
+connectPage();
 const packed = await unpacked(byId("arrays").textContent);
 const arrays = arraysOf(packed, meta.layout);
 [curves, steps] = [arrays, arrays];
@@ -70,7 +75,7 @@ if (total()) {
   }
   byId("after").parentElement.hidden = !scene;
   now = Math.min(meta.start, total() - 1);
-  connect();
+  connectSteps();
 }
 fit();
 let width = innerWidth;
