@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 from serp._util.files import write_durably
 from serp.errors import SerpError
+from serp.model.loading import problem_beside
 from serp.pddl.source import Source
 
 _MARK = "\ufeff"
@@ -26,7 +28,8 @@ class Document:
         path: The file; it need not exist.
         folder: Files are written in this folder alone. A document from elsewhere is saved in it
             under the same name.
-        name: Name in `folder` under which it is saved, where the file itself must stay as it is.
+        name: Name in `folder`, or path, under which it is saved, where the file itself must stay
+            as it is.
 
     Raises:
         DomainError: The file exists and cannot be read.
@@ -67,6 +70,11 @@ class Document:
         return str(self.path)
 
     @property
+    def elsewhere(self) -> bool:
+        """Whether it still is the file outside of the folder, and saving it moves it."""
+        return self.path != self.target
+
+    @property
     def changed(self) -> bool:
         """Whether the text differs from what was read or last written."""
         return self.text != self.saved
@@ -87,11 +95,18 @@ class Document:
         self._digest, self.saved, self.path = _digest(content), self.text, self.target
         return self.target
 
-    def save_aside(self) -> Path:
-        """Write the text to a file beside `target`, and return that."""
-        aside = self.target.with_name(self.target.name + ".unsaved")
-        self._write(aside)
-        return aside
+    def keep(self) -> str:
+        """Write the text to a new file beside `target`; return where it is, or why it is not."""
+        name = self.target.name + ".unsaved"
+        aside, number = self.target.with_name(name), 1
+        while os.path.lexists(aside):  # what an earlier session kept
+            number += 1
+            aside = self.target.with_name(f"{name}-{number}")
+        try:
+            self._write(aside)
+        except SerpError as error:
+            return f"What was not saved of {self.name} is lost: {error}"
+        return f"What was not saved is in {aside}"
 
     def _write(self, path: Path) -> bytes:
         if not self._inside(path):  # a link may have been put there
@@ -115,6 +130,25 @@ class Document:
             return None
         except OSError as error:
             raise SerpError(f"{self.target}: {error.strerror}") from error
+
+
+def save_together(domain: Document, problem: Document | None, *, anyway: bool) -> list[Path]:
+    """Save a domain and its problem where they were changed; return their files.
+
+    They move into the working folder together: commands look for the problem beside the domain.
+    """
+    both = [domain] if problem is None else [domain, problem]
+    moving = any(each.changed for each in both) or read_instead(domain, problem) is not None
+    changed = [each for each in both if each.changed or (moving and each.elsewhere)]
+    return [each.save(anyway=anyway) for each in changed]
+
+
+def read_instead(domain: Document, problem: Document | None) -> Path | None:
+    """Return where commands look for the problem of a domain, if it is not this one."""
+    beside = problem_beside(domain.path)
+    if problem is None:
+        return beside if beside.is_file() else None
+    return None if problem.path.resolve() == beside.resolve() else beside
 
 
 def _digest(content: bytes) -> bytes:

@@ -35,7 +35,7 @@ def open_session(
     """
     if (Path(name) / CONFIG).is_file():
         return _open_run(Path(name), folder, own, own_name)
-    file = find_domain_file(name)
+    file = own_file = find_domain_file(name)
     task = own
     if file is None:
         task = own or load_task(name)
@@ -46,9 +46,9 @@ def open_session(
     if not file.is_file():
         raise SerpError(f"{file}: there is no such file")
     problem = problem_beside(file)
-    if task is not None and task.problem is not None:
+    if own_file is None and task is not None and task.problem is not None:
         problem = Path(task.problem)
-    documents = Document(file, folder), Document(problem, folder) if problem.is_file() else None
+    documents = _opened(file, problem, folder)
     task = task or _task_of(file)
     return Session(folder, *documents, _surroundings(task), task, own_name)
 
@@ -67,8 +67,7 @@ def _open_run(path: Path, folder: Path, own: Task | None, own_name: str | None) 
     name = Domain.parse(copy.sources()[0]).name
     file = find_domain_file(name)
     if file is not None and file.is_file() and Domain.parse(Source.read(file)).name == name:
-        beside = problem_beside(file)
-        documents = Document(file, folder), Document(beside, folder) if beside.is_file() else None
+        documents = _opened(file, problem_beside(file), folder)
     else:
         documents = (
             Document(domain, folder, f"{name}.pddl"),
@@ -84,6 +83,17 @@ def _open_run(path: Path, folder: Path, own: Task | None, own_name: str | None) 
     if made.world is None:
         task = own or load_task(made.task)
     return Session(folder, *documents, surroundings, task, own_name, RecordedRun(path, copy))
+
+
+def _opened(file: Path, problem: Path, folder: Path) -> tuple[Document, Document | None]:
+    """Return a domain and its problem; what comes from outside of the folder is saved beside."""
+    domain = Document(file, folder)
+    if not problem.is_file():
+        return domain, None
+    found = Document(problem, folder)
+    if found.elsewhere:
+        found = Document(problem, folder, str(problem_beside(domain.target).absolute()))
+    return domain, found
 
 
 def _text(file: Path) -> str:

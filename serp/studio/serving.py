@@ -69,8 +69,8 @@ def serve(
         try:
             server.run(sockets=[listening])
         finally:
-            for path in session.close():
-                warned(f"What was not saved is in {path}")
+            for each in session.close():
+                warned(each)
 
 
 def _end_at_signals(server: uvicorn.Server) -> None:

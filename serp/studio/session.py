@@ -14,7 +14,7 @@ from serp.lint.findings import Finding
 from serp.pddl.edits import edited
 from serp.pddl.source import Place, Source
 from serp.scenarios.syntax import SUFFIX
-from serp.studio.document import Document
+from serp.studio.document import Document, read_instead, save_together
 from serp.studio.expectations import Expectations
 from serp.studio.played import PlayedEpisode, play
 from serp.studio.reading import Surroundings, Version, read
@@ -65,7 +65,7 @@ class Session:
         run_step: The step of the run with a veto that was shown last; None for none.
         training: The training that was begun last, if any.
         revision: A number that changes with every change of a text or of the state.
-        let_go: Called when another page takes over.
+        owner: Number of the page that changes the session, counted up from 1; 0 for none.
     """
 
     def __init__(
@@ -93,7 +93,19 @@ class Session:
         self.run_step: int | None = None
         self.training: BackgroundTraining | None = None
         self.revision = 0
-        self.let_go: Callable[[], None] = lambda: None
+        self.owner = 0
+        self._let_go: Callable[[], None] = lambda: None
+
+    def take_over(self, let_go: Callable[[], None]) -> int:
+        """Let go of the page that owned the session; return the number of the new owner.
+
+        Args:
+            let_go: Called when another page takes over; this one may no longer change anything.
+        """
+        self._let_go()
+        self._let_go = let_go
+        self.owner += 1
+        return self.owner
 
     # Editing -----------------------------------------------------------------------------------
 
@@ -151,9 +163,12 @@ class Session:
             ChangedOnDisk: Another program changed one of the files; those before it are saved.
             SerpError: A file cannot be written.
         """
-        changed = [each for each in self.documents.values() if each.changed]
         with self._moved():
-            return [document.save(anyway=anyway) for document in changed]
+            domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
+            saved = save_together(domain, problem, anyway=anyway)
+            if self.documents[SCENARIOS].changed:
+                saved.append(self.documents[SCENARIOS].save(anyway=anyway))
+            return saved
 
     def reload(self) -> None:
         """Take the texts that are on the disk; what was edited is lost."""
@@ -273,11 +288,17 @@ class Session:
         A file without a task is trained on in its own world.
 
         Raises:
-            SerpError: The file is not saved.
+            SerpError: The file is not saved, or a training would read another problem.
         """
         document = self.documents[DOMAIN]
         if self.changed:
             raise SerpError("Save first: a training reads the files.")
+        if (problem := read_instead(document, self.documents.get(PROBLEM))) is not None:
+            raise SerpError(
+                f"A training would read the problem from {problem}, which is not what is open "
+                "here. Press Ctrl+S if the files come from another folder; else make that file the "
+                "problem that you mean, and open the studio anew."
+            )
         command = ["play", str(document.path), "--train"]
         if self.task is not None:
             command = ["plan-and-learn", "--domain", str(document.path)]
@@ -288,12 +309,16 @@ class Session:
         model = None if planner is None else planner.model
         self.training = BackgroundTraining(command, run, model)
 
-    def close(self) -> list[Path]:
-        """Stop what runs in the background; return copies of what was changed and not saved."""
+    def close(self) -> list[str]:
+        """Keep what was changed and not saved, and stop what runs in the background.
+
+        Returns:
+            Where each of the texts is kept, or why it is not.
+        """
+        said = [each.keep() for each in self.documents.values() if each.changed]
         if self.training is not None:
             self.training.stop(wait=_PATIENCE)
-        changed = [document for document in self.documents.values() if document.changed]
-        return [document.save_aside() for document in changed]
+        return said
 
     def set_planner(self, **changes: int | float) -> None:
         """Change settings of the planner, such as `depth`.

@@ -69,17 +69,20 @@ class BackgroundTraining:
         self._model = model
         self._words: deque[str] = deque(maxlen=_LAST_LINES)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "serp", *command, "--out", str(run), "--quiet"],
+            # -P: what lies in the working folder is not imported in place of what is installed.
+            [sys.executable, "-P", "-m", "serp", *command, "--out", str(run), "--quiet"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,  # Ctrl-C ends the studio, which then stops the training
         )
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
         assert self._process.stderr is not None
-        threading.Thread(
-            target=self._words.extend, args=(self._process.stderr,), daemon=True
-        ).start()
+        with self._process.stderr as said:
+            self._words.extend(said)
 
     @property
     def running(self) -> bool:

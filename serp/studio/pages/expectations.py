@@ -73,6 +73,8 @@ class ExpectationsPane:
         except SerpError as error:
             ui.notify(str(error), type="negative", multi_line=True)
         else:
+            if self._live.closed:
+                return
             session.edit(SCENARIOS, text)
             self._editor.refresh()
             self._editor.reveal(SCENARIOS, len(text), text.count("\n") + 1)

@@ -21,13 +21,16 @@ class Live:
 
     Args:
         session: What is open.
+
+    Attributes:
+        closed: Whether the page no longer owns the session; it then may change nothing.
     """
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._shown: list[Shown] = []
         self._wanted = asyncio.Event()
-        self._closed = False
+        self.closed = False
 
     def shows(self, shown: Shown) -> None:
         """Add a function that is called with every request and its view."""
@@ -44,17 +47,17 @@ class Live:
 
     def close(self) -> None:
         """Follow no longer."""
-        self._closed = True
+        self.closed = True
         self._wanted.set()
 
     async def _follow(self) -> None:
         while True:
             await self._wanted.wait()
             self._wanted.clear()
-            if self._closed:
+            if self.closed:
                 return
             request = self._session.request()
             view = await run.io_bound(request.view)
-            if view is not None and not self._closed:
+            if view is not None and not self.closed:
                 for shown in self._shown:
                     shown(request, view)

@@ -33,9 +33,20 @@ _PREFERS_DARK = "matchMedia('(prefers-color-scheme: dark)').matches"
 
 async def show_page(session: Session) -> None:
     """Build the page for a browser that has just called; it takes the studio from an older one."""
-    session.let_go()
-    ui.add_css(_colours() + _STYLE)
+    client = ui.context.client
     live = Live(session)
+
+    def let_go() -> None:
+        live.close()
+        if client.is_deleted:
+            return
+        client.content.clear()  # what this tab still sends, perhaps after a pause, finds nobody
+        with client.content, ui.card().classes("serp-elsewhere"):
+            ui.label("The studio is open in another tab.")
+            ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
+
+    owner = session.take_over(let_go)
+    ui.add_css(_colours() + _STYLE)
     dark = ui.dark_mode()
     with ui.element("header").classes("serp-head"):
         ui.label("serp studio").classes("serp-brand")
@@ -84,21 +95,15 @@ async def show_page(session: Session) -> None:
         editor.dark(value)
         theme.set_text("Light" if value else "Dark")
 
-    client = ui.context.client
-    with ui.dialog().props("persistent") as elsewhere, ui.card():
-        ui.label("The studio is open in another tab.")
-        ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
-
-    def let_go() -> None:
-        live.close()
-        if client.has_socket_connection:
-            elsewhere.open()
-
     theme.on_click(lambda: set_dark(not dark.value))
-    await client.connected()
     client.on_delete(live.close)
-    session.let_go = let_go
-    set_dark(bool(await ui.run_javascript(_PREFERS_DARK)))
+    await client.connected()
+    if session.owner != owner:
+        return
+    prefers_dark = bool(await ui.run_javascript(_PREFERS_DARK))
+    if session.owner != owner:
+        return
+    set_dark(prefers_dark)
     live.begin()
     await scene.begin()
 

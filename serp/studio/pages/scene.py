@@ -60,6 +60,8 @@ class ScenePane:
         try:
             player = self._session.player(int(self._seed.value or 0))
             played = await run.io_bound(player)
+            if self._live.closed:
+                return
             self._session.take(played)
         except SerpError as error:
             if not unasked:  # a place in a file is told beside the text, with its line

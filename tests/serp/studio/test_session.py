@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from serp.studio.opening import open_session
 from serp.studio.reading import Surroundings, read
 from serp.studio.session import Session
 from serp.studio.shown_state import ShownState
-from serp.studio.training import model_errors, vetoes_by_reason
+from serp.studio.training import BackgroundTraining, model_errors, vetoes_by_reason
 from serp.studio.versions import compare_versions
 from serp.tasks.registry import load_task
 from serp.training.plan_and_learn import plan_and_learn
@@ -35,6 +36,9 @@ SWITCH = """(define (domain switch)
     :effect (and (on) (increase (heat) 10.0) (increase (reward) 1.0)))
   (:event burns :parameters () :precondition (and (on) (> (heat) 75.0))
     :effect (and (unsafe) (terminal))))
+"""
+
+PROBLEM = """(define (problem warm) (:domain switch) (:init (= (heat) 30.0) (= (reward) 0.0)))
 """
 
 
@@ -116,7 +120,8 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> Non
     document.save(anyway=True)
     assert (folder / "theirs.pddl").read_text() == "mine again"
     document.text = "not saved"
-    assert document.save_aside().read_text() == "not saved"
+    assert document.keep() == f"What was not saved is in {folder / 'theirs.pddl.unsaved'}"
+    assert (folder / "theirs.pddl.unsaved").read_text() == "not saved"
     assert (folder / "theirs.pddl").read_text() == "mine again"
     (folder / "linked.pddl").symlink_to(outside)
     document = Document(folder / "linked.pddl", folder)
@@ -124,6 +129,60 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> Non
     with pytest.raises(Exception, match="leads out of"):
         document.save()
     assert outside.read_text() == "theirs"
+
+
+def test_a_problem_moves_with_its_domain_so_that_the_training_is_of_what_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    theirs, mine = tmp_path / "theirs", tmp_path / "mine"
+    for folder in (theirs, mine):
+        folder.mkdir()
+    (theirs / "switch.pddl").write_text(SWITCH)
+    (theirs / "switch-problem.pddl").write_text(PROBLEM)
+    monkeypatch.chdir(mine)
+    session = open_session("../theirs/switch.pddl", mine)
+    session.edit("domain", SWITCH + "; mine\n")
+    assert session.save() == [mine / "switch.pddl", mine / "switch-problem.pddl"]
+    commands = []
+    monkeypatch.setattr(
+        "serp.studio.session.BackgroundTraining", lambda command, *_: commands.append(command)
+    )
+    session.begin_training(100, 0)
+    assert commands[0][:3] == ["play", str(mine / "switch.pddl"), "--train"]
+    (mine / "other.pddl").write_text(SWITCH)
+    session = open_session("other.pddl", mine)
+    (mine / "other-problem.pddl").write_text(PROBLEM)
+    with pytest.raises(SerpError, match="would read the problem from"):
+        session.begin_training(100, 0)
+
+
+def test_a_training_runs_no_python_file_of_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("click", "random", "serp"):
+        (tmp_path / f"{name}.py").write_text("import os; os._exit(99)")
+    monkeypatch.chdir(tmp_path)
+    training = BackgroundTraining(["play", "none.pddl", "--train"], tmp_path / "run", None)
+    for _ in range(600):
+        if "none.pddl" in (said := training.progress().said):
+            return
+        time.sleep(0.05)
+    raise AssertionError(said)
+
+
+def test_each_text_that_was_not_saved_is_kept(tmp_path: Path, session: Session) -> None:
+    outside = tmp_path.parent / f"{tmp_path.name}.pddl"
+    scenarios = session.documents["scenarios"]
+    earlier = scenarios.target.with_name(scenarios.target.name + ".unsaved")
+    earlier.write_text("earlier")
+    session.edit("domain", "mine")
+    session.edit("scenarios", "mine, too")
+    session.documents["domain"].target = outside  # cannot be written
+    lost, kept = session.close()
+    assert "is lost" in lost and not outside.exists()
+    assert kept == f"What was not saved is in {earlier}-2"
+    assert earlier.read_text() == "earlier"
+    assert earlier.with_name(earlier.name + "-2").read_text() == "mine, too"
 
 
 # The guard ---------------------------------------------------------------------------------------
