@@ -65,6 +65,7 @@ class _Reader:
         self._source = source
         self._position = 0
         self._before, self._begin = 0, 0  # where the last two tokens begin
+        self._tried = 0  # reading goes on with sections that begin behind this place
         self._open: list[list[Node]] = []
         self._balance = Balance()
         self._top: Group | None = None
@@ -165,13 +166,15 @@ class _Reader:
         last = max((node.place.end for node in sections), default=0)
         begin = self._balance.open[0].start if self._balance.open else self._top_start()
         resumed = len(text)
-        for match in _SECTION_AHEAD.finditer(text, self._before):
+        ended = not text[self._position :].strip()
+        ahead = len(text) if ended else max(self._before, self._tried)
+        for match in _SECTION_AHEAD.finditer(text, ahead):
             if ";" not in text[line_start(text, match.start()) : match.start()]:
                 resumed = match.start()
                 break
         recovery.give_up(text[last:resumed])
         self._position = resumed
-        self._before = self._begin = resumed + 1  # a section is tried once
+        self._before = self._begin = self._tried = resumed + 1  # a section is tried once
         define = self._source.place(begin, begin + 1)
         self._open, self._balance, self._top = [sections], Balance(define), None
         if resumed == len(text):  # the rest is lost: the file ends here

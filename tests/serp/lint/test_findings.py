@@ -199,3 +199,11 @@ def test_a_lost_parenthesis_is_told_in_its_place_and_once() -> None:
         line = text.count("\n", 0, place) + 1
         near += any(f.place is not None and abs(f.place.line - line) <= 1 for f in errors)
     assert near >= 0.98 * len(places)
+
+
+def test_every_beginning_of_a_file_is_told_to_be_incomplete_once() -> None:
+    for end in range(1, len(WALK.rstrip())):
+        found = [
+            f.rendered for f in findings_of(Source("cut.pddl", WALK[:end])) if f.severity == "error"
+        ]
+        assert found and len(set(found)) == len(found)
