@@ -113,12 +113,22 @@ class Recording:
         if number < len(self._files) - 1 and len(found["number"]) != self.layout.block:
             raise RunError(f"{self._files[number]} has too few steps. Restore it from a copy.")
 
-    def columns(self, *names: str) -> Columns:
-        """Return columns of all steps: name → `[N, ...]`; see `serp.runs.recording_format`."""
+    def columns(self, *names: str, since: int = 0) -> Columns:
+        """Return columns of all steps: name → `[N, ...]`; see `serp.runs.recording_format`.
+
+        Args:
+            names: The columns.
+            since: The first step, from 0; blocks before it are not read. `final_state`, which has
+                no row a step, is for 0 alone.
+        """
         parts = []
-        for number, file in enumerate(self._files):
-            parts.append(decode(file, self.layout, dict.fromkeys(("number", *names))))
-            self._require_full(number, parts[-1])
+        first, skipped = divmod(since, self.layout.block)
+        for number, file in enumerate(self._files[first:], first):
+            found = decode(file, self.layout, dict.fromkeys(("number", *names)))
+            self._require_full(number, found)
+            if number == first and skipped:
+                found = {name: values[skipped:] for name, values in found.items()}
+            parts.append(found)
         empty = self.layout.empty(0)
         return {
             name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in names

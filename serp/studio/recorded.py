@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from serp.control.decision import Actor, Reason
 from serp.runs.recording import Recording, open_recording
+from serp.runs.recording_format import Columns, Layout
 from serp.studio.played import PlayedEpisode, PlayedStep
 from serp.studio.reading import Version
 from serp.studio.shown_state import ShownState
@@ -39,7 +40,8 @@ class RecordedRun:
     @functools.cached_property
     def vetoes(self) -> list[int]:
         """Positions of the steps in which a proposal was refused."""
-        return [int(step) for step in np.flatnonzero(vetoed(self._recording))]
+        columns = self._recording.columns("reason", "proposed_by")
+        return np.flatnonzero(vetoed(columns, self._recording.layout)).tolist()
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -98,9 +100,13 @@ class RecordedRun:
             yield PlayedStep(values, said, bool(decision.forecast.indifferent), "")
 
 
-def vetoed(recording: Recording) -> NDArray[np.bool_]:
-    """Return `[N]` whether a proposal of the learner was refused in each step."""
-    columns, layout = recording.columns("reason", "proposed_by"), recording.layout
+def vetoed(columns: Columns, layout: Layout) -> NDArray[np.bool_]:
+    """Return `[N]` whether a proposal of the learner was refused in each step.
+
+    Args:
+        columns: `reason` and `proposed_by` of the steps.
+        layout: That of the recording.
+    """
     by_learner = columns["proposed_by"] != layout.actors.index(Actor.PLANNER)
     accepted = columns["reason"] == layout.reasons.index(Reason.ACCEPTED)
     return np.asarray(by_learner & ~accepted)

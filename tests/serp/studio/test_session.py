@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import shutil
 import time
 from pathlib import Path
@@ -16,13 +17,15 @@ from serp.model.loading import load_domain
 from serp.pddl.source import DomainError
 from serp.planning.replanner import MonitorReplanner
 from serp.runs.recording import open_recording
+from serp.runs.recording_format import COLUMNS
 from serp.studio.document import ChangedOnDisk, Document
 from serp.studio.guard import Guard
+from serp.studio.measured import MeasuredRun
 from serp.studio.opening import open_session
 from serp.studio.reading import Surroundings, read
 from serp.studio.session import Session
 from serp.studio.shown_state import ShownState
-from serp.studio.training import BackgroundTraining, model_errors, vetoes_by_reason
+from serp.studio.training import BackgroundTraining
 from serp.studio.versions import compare_versions
 from serp.tasks.registry import load_task
 from serp.training.plan_and_learn import plan_and_learn
@@ -309,11 +312,22 @@ def test_what_a_training_writes_is_read_while_it_goes_on(tmp_path: Path) -> None
     recording = open_recording(run.path)
     planner = read(session.saved_version, session.surroundings).planner
     assert planner is not None
-    _, errors = model_errors(recording, planner.model)
+    measured, pieces = MeasuredRun(planner.model), MeasuredRun(planner.model)
+    measured.read(recording)
+    windows, errors = measured.errors()
+    assert windows[-1] <= len(recording) < 2 * windows[-1]
+    everything = recording.columns(*COLUMNS[:-1])
+    for begin, end in itertools.pairwise((0, 1, 7, 100, len(recording))):
+        since = recording.columns("state", since=begin)["state"]
+        np.testing.assert_array_equal(since, everything["state"][begin:])
+        pieces.take({name: each[begin:end] for name, each in everything.items()}, recording)
+    assert pieces.errors()[0] == windows and pieces.vetoes == measured.vetoes
+    for name, found in pieces.errors()[1].items():
+        np.testing.assert_allclose(found, errors[name])
     assert errors.keys() == {"cart-position", "cart-velocity", "pole-angle", "pole-velocity"}
     # The velocity of the cart changes as the file says, but for what the pole does to it.
     assert max(errors["cart-velocity"]) < 0.2
-    assert sum(vetoes_by_reason(recording).values()) == run.metrics["vetoes"].sum()
+    assert sum(measured.vetoes.values()) == run.metrics["vetoes"].sum()
 
     # The run's steps are looked at with the file of its name in the working folder.
     of_run = open_session(str(run.path), tmp_path / "elsewhere")
