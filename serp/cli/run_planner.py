@@ -68,7 +68,7 @@ class RunPlanner(ChosenPlanner):
         names = [*(action.name for action in self.model.actions), "no action"]
         with self._undisturbed():
             return flips_of(
-                lambda s: self._planner.forecast(s).choice, self.model.fluents, state,
+                lambda s: self._planner.forecast(s).choice, self.model.written, state,
                 self._recording.ranges, whole=self._recording.whole, called=names.__getitem__,
                 seconds=self.time_budget or 0.0,
             )  # fmt: skip

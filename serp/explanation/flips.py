@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from serp._util.text import listed, plural
+from serp.model.transition_model import StateError
 
 if TYPE_CHECKING:
     from serp.model.ground import Fluent
-    from serp.model.transition_model import Vector
+    from serp.model.transition_model import TransitionModel, Vector
 
 Outcome = Callable[["Vector"], int]
 """State `[F]` → what comes of it, such as the position of the chosen action."""
@@ -57,7 +58,7 @@ class Flips:
 
 def flips_of(
     outcome: Outcome,
-    fluents: Sequence[Fluent],
+    model: TransitionModel,
     state: Vector,
     ranges: tuple[Vector, Vector],
     *,
@@ -69,11 +70,12 @@ def flips_of(
 
     A numeric fluent is tried at points from its value to both ends of its range, and the first of
     them with another outcome is approached by bisection; an outcome that changes and changes back
-    between two points may be overlooked. A predicate is negated.
+    between two points may be overlooked. A predicate is negated. A change is left out with which
+    the task would have ended, or harm been done, before anything is decided.
 
     Args:
         outcome: What comes of a state.
-        fluents: The fluents.
+        model: The model whose fluents are changed.
         state: `[F]`.
         ranges: Smallest and largest value `[F]` of each fluent; one that never differs is left out.
         whole: Positions of the numeric fluents that are tried at whole numbers only.
@@ -82,9 +84,15 @@ def flips_of(
     """
     deadline = time.monotonic() + seconds
     now, found = outcome(state), list[Flip]()
+    over = _is_over(model, state)
+
+    def of_a_start(changed: Vector) -> int:
+        there = outcome(changed)
+        return now if there != now and not over and _is_over(model, changed) else there
+
     left: list[str] = []
     tried: list[Fluent] = []
-    for fluent in fluents:
+    for fluent in model.fluents:
         low, high = float(ranges[0][fluent.index]), float(ranges[1][fluent.index])
         if fluent.numeric and not high > low:
             continue
@@ -92,7 +100,7 @@ def flips_of(
             left.append(fluent.name)
             continue
         tried.append(fluent)
-        search = _Search(outcome, fluent, state, now, called)
+        search = _Search(of_a_start, fluent, state, now, called)
         if not fluent.numeric:
             nearest = search.negated()
         elif fluent.index in whole:
@@ -103,6 +111,15 @@ def flips_of(
             found.append(nearest)
     found.sort(key=lambda flip: flip.share)
     return Flips(tuple(found), _searched(tried, left, whole))
+
+
+def _is_over(model: TransitionModel, state: Vector) -> bool:
+    """Return whether the file ends the task, or flags it, in a state in which nothing is done."""
+    try:
+        judged = model.judge(state, -1, state)
+    except StateError:
+        return False
+    return judged.terminal or judged.unsafe
 
 
 def _searched(tried: Sequence[Fluent], left: Sequence[str], whole: Collection[int]) -> str:

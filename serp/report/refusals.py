@@ -27,7 +27,9 @@ _SECONDS: Final = 4.0
 """Time for planning one of them again."""
 _DECIDES: Final = {
     Reason.UNSAFE: "unsafe",
+    Reason.NO_SAFE_ACTION: "unsafe",
     Reason.TOO_RISKY: "risk",
+    Reason.LEAST_RISK: "risk",
     Reason.NOT_APPLICABLE: "failed",
     Reason.LOW_REWARD: "reward",
 }

@@ -17,6 +17,8 @@ from serp.review.step_account import StepAccount
 
 _MINOR = 0.05
 """Error, in usual changes, up to which a fluent is as predicted."""
+_SAME_REWARD = 0.01
+"""Difference of two rewards, as a share, up to which they are the same."""
 _WHO = {
     Actor.PLANNER: "The planner",
     Actor.LEARNER: "The learner",
@@ -35,6 +37,7 @@ _REFUSED = {
     Reason.LEAST_RISK: "Every action was predicted too risky",
     Reason.NO_APPLICABLE_ACTION: "No action of the domain was applicable",
 }
+_OF_ALL = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
 
 
 def heading(step: StepAccount) -> str:
@@ -108,6 +111,8 @@ def _who_decided(
             lead = ", for all plans were worth the same to the planner"
         return [f"{who} chose {action}{lead}. Nothing refused it."]
     lines = [f"{who} proposed {proposal}."] if proposal else []
+    if reason in _OF_ALL and why and proposal:  # what is behind it is that of the proposal alone
+        why = f"; {proposal}{why}"
     lines.append(f"{_REFUSED[reason]}{why}.")
     whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
     lines.append(
@@ -183,7 +188,7 @@ def what_came(step: StepAccount) -> list[str]:
         rest = f"; {plural(right, 'other')} as predicted" if right else ""
         lines = [f"Not as the file predicts{rest}:", *(f"  {told_prediction(w)}" for w in wrong)]
     else:
-        lines = ["Everything came as the file predicts."]
+        lines = ["Every fluent came as the file predicts."]
     came = f"The environment gave {readable(step.reward)}"
     if step.terminated or step.truncated:
         came += " and the episode ended" + ("" if step.terminated else ", cut off")
@@ -197,6 +202,10 @@ def what_came(step: StepAccount) -> list[str]:
         end = ":" if step.observed else "."
         worth = f"By the file what came is worth {readable(step.domain_reward)}{predicted}"
         lines += [worth + end, *(f"  {line}" for line in lines_of_causes(step.observed))]
+        gap = step.reward - step.domain_reward
+        if not math.isclose(step.reward, step.domain_reward, rel_tol=_SAME_REWARD):
+            more = "more" if gap > 0 else "less"
+            lines.append(f"The environment gave {readable(abs(gap))} {more} than the file says.")
     return lines
 
 

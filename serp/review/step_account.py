@@ -125,7 +125,7 @@ def account_of_step(
     choice_flips = veto_flips = None
     if search and planner is not None:
         again = planner.forecast
-        where = run.model.fluents, step.state, recording.ranges
+        where = run.model, step.state, recording.ranges
         choice_flips = flips_of(
             lambda s: again(s).choice, *where, whole=recording.whole, called=_action_of(run),
             seconds=_SECONDS,

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from serp.control.decision import Reason
+from serp.control.decision import Actor, Reason
 from serp.errors import RunError
+from serp.planning.limits import Bound
 from serp.review.place_in_run import FoundStep, clock, most_telling, seconds_of, step_at
 from serp.review.run_model import RunModel
-from serp.review.sentences import what_came, what_would_differ, who_acted
+from serp.review.sentences import what_came, what_would_differ, who_acted, who_decided
 from serp.review.step_account import account_of_step
 from tests.serp.sample_tasks import corridor
 from tests.serp.training.runs import train
@@ -57,6 +58,10 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
             assert made.domain_reward is not None
             assert x.predicted is None or (x.error == 0.0) == (x.predicted == x.observed)
         lines = " ".join([*who_acted(made), *what_came(made)])
+        if made.predictions and made.domain_reward is not None:
+            assert ("than the file says" in lines) == (
+                made.reward != pytest.approx(made.domain_reward, rel=0.01)
+            )
         assert made.executed in lines
         if made.reason is Reason.UNSAFE:
             assert f"proposed {made.proposed}" in lines and "event pit" in lines
@@ -108,3 +113,11 @@ def test_a_recording_of_another_domain_is_refused(run: RunModel, tmp_path: Path)
             run.recording()
     finally:
         header.write_text(text)
+
+
+def test_a_sentence_about_all_actions_gives_the_figure_of_one_as_its_own() -> None:
+    lines = who_decided(
+        Reason.LEAST_RISK, ("left", Actor.LEARNER), ("wait", Actor.FALLBACK),
+        rho=0.5, indifferent=False, bound=Bound.DEPTH, why=": a risk of 5 %",
+    )  # fmt: skip
+    assert lines[1] == "Every action was predicted too risky; left: a risk of 5 %."
