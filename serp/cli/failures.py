@@ -41,7 +41,7 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
     warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
         status = run()
-        if not status:
+        if not status and not sys.stdout.closed:  # a server closes what it has served
             sys.stdout.flush()  # a closed pipe is noticed here, not when Python ends
     except click.ClickException as error:
         with io.StringIO() as shown:

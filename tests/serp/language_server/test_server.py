@@ -20,6 +20,15 @@ from serp.pddl.source import Source
 from tests.serp.cli.conftest import WALK, WALK_PROBLEM
 
 
+class Client(LanguageClient):
+    """A client that notes how the server ended."""
+
+    status: int | None = None
+
+    async def server_exit(self, server: asyncio.subprocess.Process) -> None:
+        self.status = server.returncode
+
+
 class Editor:
     """An editor with some files open."""
 
@@ -66,7 +75,7 @@ class Editor:
 
 def in_editor(folder: Path, use: Callable[[Editor], Awaitable[None]]) -> None:
     async def run() -> None:
-        client = LanguageClient("editor", "1")
+        client = Client("editor", "1")
         editor = Editor(client, folder)
         client.feature(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)(lambda found: editor.see(found))
         await client.start_io(sys.executable, "-m", "serp", "lsp")
@@ -77,6 +86,7 @@ def in_editor(folder: Path, use: Callable[[Editor], Awaitable[None]]) -> None:
         await client.shutdown_async(None)
         client.exit(None)
         await client.stop()
+        assert client.status == 0
 
     asyncio.run(asyncio.wait_for(run(), 60))
 
