@@ -50,25 +50,19 @@ def parse_domain(source: Source) -> x.DomainSyntax:
                 add_section(section, single)
     requirements = read_requirements(single.get(":requirements"))
     scope = _declared(single, math=x.MATH_REQUIREMENT in requirements)
-    schemas: dict[str, x.Schema] = {}
+    names: set[str] = set()
+    schemas: list[x.Schema] = []
     for group in schema_groups:
         with group.place.source.recovering():
-            schema = _schema(group, scope)
-            if schema is not None and schema.name in schemas:
-                raise DomainError(
-                    f"`{schema.name}` is defined twice",
-                    group.items[1].place,
-                    "names of actions, processes and events must differ",
-                    code="declared-twice",
-                )
+            schema = _schema(group, scope, names)
             if schema is not None:
-                schemas[schema.name] = schema
+                schemas.append(schema)
     return x.DomainSyntax(
         name,
         dict(scope.parents),
         dict(scope.objects),
         dict(scope.declarations),
-        tuple(schemas.values()),
+        tuple(schemas),
         requirements,
         top.place,
     )
@@ -129,13 +123,25 @@ def _check_reserved(declaration: x.Declaration) -> None:
     raise DomainError(problem, declaration.place, code="reserved-name")
 
 
-def _schema(group: Group, scope: Scope) -> x.Schema | None:
-    """Parse an action, a process or an event; None where errors in it were taken."""
+def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
+    """Parse an action, a process or an event; None where errors in it were taken.
+
+    Its name joins `names`, those of the schemas before it.
+    """
     kind, source = _KINDS[group.head], group.place.source
     taken = source.errors_taken
     if len(group.items) < 2:
         raise DomainError(f"`{group.head}` without a name", group.place)
     name = expect_name(group.items[1], f"the {kind.value}").text
+    with source.recovering():
+        if name in names:
+            raise DomainError(
+                f"`{name}` is defined twice",
+                group.items[1].place,
+                "names of actions, processes and events must differ",
+                code="declared-twice",
+            )
+    names.add(name)
     fields = _fields(group, f"{kind.value} `{name}`")
     parameters: tuple[x.SchemaParameter, ...] = ()
     precondition: x.Condition | None = None
