@@ -39,7 +39,7 @@ def examined(
     Raises:
         SerpError: There is no such domain, or the task that was asked for does not fit it.
     """
-    from serp.lint.findings import examine
+    from serp.lint.findings import Finding, examine
     from serp.lint.unified_planning import ask_unified_planning
     from serp.pddl.source import DomainError
 
@@ -64,14 +64,12 @@ def examined(
     portable = portable_seconds is not None
     try:
         domain, task = _load(pair, own, max_ground_schemas)
-    except DomainError:
-        limit = max_ground_schemas
-        if (
-            pair.domain is None
-            or not (found := examine(pair.domain, pair.problem, max_ground_schemas=limit)).findings
-        ):
-            raise
-        return Summed(found.findings, [])
+    except DomainError as error:
+        findings = []
+        if pair.domain is not None:
+            limit = max_ground_schemas
+            findings = examine(pair.domain, pair.problem, max_ground_schemas=limit).findings
+        return Summed(findings or [Finding.of(error)], [])
     found = examine(
         domain.source,
         domain.problem_source,
@@ -86,15 +84,17 @@ def _load(
     pair: DomainFiles, own: Task | None, max_ground_schemas: int | None
 ) -> tuple[Domain, Task | None]:
     """Return a domain, and the task that it belongs to, with that domain; None for no task."""
+    from serp.lint.domain_pairs import domain_not_found
     from serp.model.loading import load_domain
+    from serp.pddl.source import DomainError, Source
 
     if pair.domain is None and pair.problem is not None:
-        raise SerpError(
-            f"{pair.problem}: a problem file, and its domain file is not known; give both, as in "
-            f"`serp check domain.pddl {pair.problem}`"
-        )
+        raise domain_not_found(Source.read(pair.problem))
     if pair.domain is None and own is None and Path(pair.name).is_dir():
-        raise SerpError(f"{pair.name} is a folder; give the files in it, such as `*.pddl`")
+        raise DomainError(
+            f"{pair.name} is a folder; give the files in it, such as `*.pddl`",
+            code="unreadable-file",
+        )
     try:
         return asked_domain(pair.name, pair.domain, pair.problem, max_ground_schemas, own)
     except TaskError:

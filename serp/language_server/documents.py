@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from serp.errors import SerpError
-from serp.lint.domain_pairs import domain_beside, title_of
+from serp.lint.domain_pairs import domain_beside, domain_not_found, title_of
 from serp.lint.findings import Finding, findings_of
 from serp.model.loading import problem_beside
 from serp.pddl.source import Source
@@ -58,7 +58,7 @@ def pair_of(asked: Source, opened: Callable[[Path], str | None]) -> OpenPair:
 def findings_in(pair: OpenPair) -> dict[str, list[Finding]]:
     """Return the name of each file of a pair → its findings; for a problem, those of it alone."""
     if pair.domain is None:
-        return {pair.asked.name: []}
+        return {pair.asked.name: [Finding.of(domain_not_found(pair.asked))]}
     findings = findings_of(pair.domain, pair.problem)
     names = [pair.asked.name] if pair.asked is pair.problem else [s.name for s in pair.sources]
     return {

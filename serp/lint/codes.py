@@ -27,6 +27,7 @@ _ERRORS = {
     "malformed": "A form has too many or too few parts, or parts of another kind.",
     "math-functions": "A function of numbers that the file does not ask for, or that is unknown.",
     "missing-and": "Several forms stand where one belongs.",
+    "missing-domain": "The file of the domain that a problem belongs to is not found.",
     "no-result": "A number that is never defined, such as a division by zero.",
     "process-effect": "Only processes have rates times `#t`, and they have nothing else.",
     "reserved-name": "A reserved name is declared as something else.",

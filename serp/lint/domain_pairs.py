@@ -81,6 +81,19 @@ def title_of(source: Source) -> Title:
     return Title("domain" if "domain" in named else "", named.get("domain", ""))
 
 
+def domain_not_found(problem: Source) -> DomainError:
+    """Return what is to be said of a problem file whose domain file is not known."""
+    top = read_group(Source(problem.name, problem.text, recovery=Recovery()))
+    groups = [group for group in top.items if isinstance(group, Group)]
+    named = next((group.place for group in groups if group.head == ":domain"), top.place.opening)
+    return DomainError(
+        "this is a problem file, and its domain file is not known",
+        problem.place(named.start, named.end),
+        f"give both, as in `serp check domain.pddl {problem.name}`",
+        code="missing-domain",
+    )
+
+
 def domain_beside(problem: Path, title: Title) -> Path | None:
     """Return the domain file beside a problem file; None where there is none."""
     return _domain_of(problem, title, (), {})

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from serp.lint.portability import beyond_pddl, outside_portable_subset
+from serp.lint.portability import beyond_pddl, one_per_rule, outside_portable_subset
 from serp.lint.rules.catalogue import LOCAL, warnings_of
 from serp.lint.silencing import silenced
 from serp.model.loading import Domain, problem_beside
@@ -161,7 +161,7 @@ def examine(
         warnings = [*_warnings(result, sources, partial=bool(errors), portable=portable)]
         if look is not None and result is not None and not errors:
             warnings += [_moved(warning, sources) for warning in look(result)]
-        found = [*errors, *silenced(warnings, sources, partial=bool(errors))]
+        found = [*errors, *one_per_rule(silenced(warnings, sources, partial=bool(errors)))]
     order = {source.name: number for number, source in enumerate(sources)}
 
     def position(finding: Finding) -> tuple[int, int]:

@@ -138,6 +138,8 @@ def test_what_is_missing_says_how_to_give_it(run: Run, folder: Path) -> None:
     assert "give files, names of installed tasks, or --task" in run("check", expect=2).stderr
     Path("p01.pddl").write_text(WALK_PROBLEM)
     assert "serp check domain.pddl p01.pddl" in run("check", "p01.pddl", expect=1).stderr
+    (found,) = json.loads(run("check", "p01.pddl", "--json", expect=1).stdout)
+    assert (found["code"], found["place"]["line"]) == ("missing-domain", 2)
 
 
 def test_what_other_tools_refuse_is_a_warning(run: Run, walk: Path) -> None:

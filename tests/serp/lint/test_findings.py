@@ -53,6 +53,8 @@ def test_all_that_is_wrong_is_found_in_one_pass_and_nothing_that_follows_from_it
     findings = found_in(text)
     assert [f.place.start for f in findings if f.place] == starts, [f.rendered for f in findings]
     assert [f.severity for f in findings] == ["error"] * (len(starts) - 1) + ["warning"]
+    again = text.replace(":event e ", ":event go ")  # of which the first could not be read
+    assert "`go` is defined twice" in [f.message for f in found_in(again)]
 
 
 def test_errors_of_both_files_are_found() -> None:
@@ -88,6 +90,29 @@ def test_a_comment_silences_a_warning_and_nothing_else(comment: str, codes: list
         "ignore", "ignore-file"
     )
     assert sorted(f.code for f in found_in(anywhere, WALK_PROBLEM)) == sorted(codes)
+
+
+def test_a_form_at_several_places_is_told_once_where_no_comment_silences_it() -> None:
+    action = "(:action idle{} :effect (and (increase (walked) 1)){}\n)\n  "
+    one, two = action.format("", ""), action.format("-2\n    :parameters ()", "")
+    text = WALK.replace("(:action rest", f"{one}\n  {two}(:action rest")
+
+    def told(text: str) -> list[str]:
+        return [f.message for f in found_in(text, WALK_PROBLEM) if f.code != "same-schema"]
+
+    left_out, *others = told(text)
+    assert left_out == "`:parameters` is left out; write `:parameters ()`"
+    assert others == ["`:precondition` is left out; write `:precondition (and)` (2 places)"]
+    silent = text.replace("idle-2\n", "idle-2 ; serp: ignore[not-portable]\n")
+    assert told(silent) == [left_out, others[0].removesuffix(" (2 places)")]
+    fixed = mended(Source("d.pddl", text), Source("p.pddl", WALK_PROBLEM))[0].text
+    assert "(:action idle :parameters () :precondition (and) :effect (and" in fixed
+    assert told(fixed) == []
+    broken = WALK.replace(
+        "(:action rest", "(:event e\n    :effect (and (unsafe)))\n  (:action rest"
+    )
+    broken = mended(Source("d.pddl", broken), Source("p.pddl", WALK_PROBLEM))[0].text
+    assert "(:event e\n    :parameters ()\n    :precondition (and)\n    :effect" in broken
 
 
 def test_files_are_mended_until_nothing_sure_is_left_and_keep_every_other_byte(
@@ -147,8 +172,8 @@ def test_the_page_explains_every_code_with_an_example_that_has_it() -> None:
     assert lamps is not None
     assert [f.rendered for f in found_in(lamps[1])] == []
     without = {code for code, _, example in page_rows() if not example}
-    whole = {"too-large", "unreadable-file", "no-action", "no-reward", "nothing-unsafe"}
-    assert without == {*whole, "out-of-range", "task-mismatch", "unbounded-goal"}
+    whole = {"too-large", "unreadable-file", "missing-domain", "no-action", "no-reward"}
+    assert without == {*whole, "nothing-unsafe", "out-of-range", "task-mismatch", "unbounded-goal"}
     assert {code: meaning for code, meaning, _ in page_rows()} == {
         code: known.meaning for code, known in CODES.items()
     }

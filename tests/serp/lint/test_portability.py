@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from serp.lint.portability import beyond_pddl, outside_portable_subset
+from serp.lint.portability import beyond_pddl, one_per_rule, outside_portable_subset
 from serp.lint.unified_planning import ask_unified_planning, refused_by_unified_planning
 from serp.pddl.source import Source
 
@@ -39,7 +39,7 @@ PROBLEM = """
 
 
 def breaches(text: str) -> list[str]:
-    return [str(found) for found in outside_portable_subset(Source("f.pddl", text))]
+    return [str(f) for f in one_per_rule(outside_portable_subset(Source("f.pddl", text)))]
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda path: path.name)
@@ -86,7 +86,7 @@ def test_each_rule_is_said_with_its_place(old: str, new: str, breach: str) -> No
 
 def test_functions_beyond_pddl_are_said_unless_the_domain_declares_them() -> None:
     source = Source("f.pddl", PLAIN.replace("(- 0 2)", "(abs (min 1 (abs 2)))"))
-    found = [str(finding) for finding in beyond_pddl(source, {"min", "x"})]
+    found = [str(finding) for finding in one_per_rule(beyond_pddl(source, {"min", "x"}))]
     assert found == [
         "f.pddl:10:48: `abs` is not PDDL; write two conditions, or two effects under `when`: "
         "one where it is negative (2 places)"
