@@ -12,6 +12,7 @@ from serp._util.number_format import readable
 from serp._util.text import plural
 from serp.explanation.sentences import TO_THE_UNKNOWN
 from serp.planning.limits import Bound
+from serp.planning.lookahead import Lookahead
 from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
 
@@ -28,8 +29,9 @@ if TYPE_CHECKING:
 class ChosenPlanner(MonitorReplanner):
     """Any planner, in the form that `serp plan` shows.
 
-    Values and choices are the planner's own. The path is where they lead to by the model, a control
-    period a step; the graph is that of the lookahead alone.
+    Values and choices are the planner's own. The path of the lookahead is the one that it values;
+    that of another planner is where its choices lead to by the model, a control period a step. The
+    graph is that of the lookahead alone.
 
     Args:
         planner: The planner.
@@ -69,16 +71,23 @@ class ChosenPlanner(MonitorReplanner):
     def plan(self, state: ArrayLike) -> Plan:
         """Plan from an observed state `[F]`; the planner is then as it was before."""
         now = self.model.check_state(state)
-        graph = self.lookahead(now).planning_graph
+        near = self.lookahead(now)
+        if isinstance(self._planner, Lookahead):
+            return near
         with self._undisturbed():
             found = self._planner.forecast(now)
-            return Plan.of(self.model, found, self._path(now, found.choice), graph)
+            path = self._path(now, found.choice)
+            return Plan.of(self.model, found, path, near.planning_graph)
 
     def paths(self, plan: Plan, state: Vector) -> list[list[int]]:
         """Return where each action leads to, a control period a step, as far as there is time.
 
+        Of the lookahead, these are the paths that it values.
+
         Of a planner that searches for whole plans, this is the plan alone.
         """
+        if isinstance(self._planner, Lookahead):
+            return plan.paths
         number, deadline = self.model.action_index, time.monotonic() + (self.time_budget or 0.0)
         found: list[list[int]] = [[] for _ in self.model.actions]
         if plan.action is not None:
@@ -112,7 +121,9 @@ class ChosenPlanner(MonitorReplanner):
             return f"{self._called} follows a plan of {length} to the goal."
         if plan.bound is Bound.EXHAUSTED:
             return f"{self._called} saw everything that can be reached, {discount}."
-        saw = f"{self._called} looked ahead {plural(plan.depth, 'action')}, {discount}."
+        repeat = self.settings.repeat if isinstance(self._planner, Lookahead) else 1
+        each = f", each repeated for {repeat} control periods" if repeat > 1 else ""
+        saw = f"{self._called} looked ahead {plural(plan.depth, 'action')}{each}, {discount}."
         if plan.bound is Bound.CELLS:
             saw += " Values of cells stand for what lies beyond."
         elif plan.bound is Bound.UNKNOWN:

@@ -10,7 +10,7 @@ from serp._util.text import plural
 from serp.cli.chosen_planner import ChosenPlanner
 from serp.cli.output import print_table
 from serp.explanation.decision import Alternative, Explanation, explain
-from serp.explanation.sentences import between, lines_of
+from serp.explanation.sentences import between, beyond_of, lines_of_causes
 from serp.planning.limits import Bound
 
 if TYPE_CHECKING:
@@ -27,7 +27,10 @@ _CAUSES_SHOWN = 12
 def account_of_plan(planner: MonitorReplanner, state: Vector, plan: Plan) -> Explanation:
     """Return the account of a planner's decision."""
     paths = planner.paths(plan, state) if isinstance(planner, ChosenPlanner) else plan.paths
-    return explain(planner.model, state, plan.forecast, plan.action, paths=paths)
+    return explain(
+        planner.model, state, plan.forecast, plan.action,
+        paths=paths, discount=planner.settings.discount,
+    )  # fmt: skip
 
 
 def describe(
@@ -124,7 +127,7 @@ def _why_unsafe_chosen(plan: Plan, action: int) -> str:
         return "Every action is predicted unsafe. The one with the best return is taken."
     if risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
-        return f"{where} too risky. The one with the least risk, {percent(risk)}, is taken."
+        return f"{where} too risky. The one whose path has the least, {percent(risk)}, is taken."
     return (
         "Every path leads to something unsafe. The one that stays safe the longest, for "
         f"{plural(steps, 'control period')}, is taken."
@@ -182,13 +185,15 @@ def print_causes(console: Console, account: Explanation, refused: str = "") -> N
 
 
 def _print_lines(console: Console, alternative: Alternative) -> None:
-    lines = lines_of(alternative)
+    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
     if lines:
         console.print(f"Behind {alternative.name}:")
     for line in lines[:_CAUSES_SHOWN]:
         console.print(f"  {line}")
     if len(lines) > _CAUSES_SHOWN:
         console.print(f"  … and {len(lines) - _CAUSES_SHOWN} more (--json has all)")
+    for line in beyond_of(alternative):
+        console.print(f"  {line}")
 
 
 def _score(of: Alternative) -> tuple[float, ...]:

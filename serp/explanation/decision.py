@@ -23,6 +23,8 @@ from serp.planning.forecast import SAFE
 
 _NOISE: Final = 1e-9
 """Share of a reward that is a difference by rounding."""
+_NOTICEABLE: Final = 1e-3
+"""Share of a best return beyond what is listed that is told."""
 
 
 class Predicted(Protocol):
@@ -70,6 +72,9 @@ class Alternative:
         causes: What is behind one control period. The amounts of its rewards add up to `reward`.
         next_state: Fluent → value predicted after one control period; None where not applicable.
         ahead: What follows on the best path, as far as it is known, in its order.
+        beyond: Best return less the discounted sum of the rewards in `causes` and `ahead`: what
+            later steps bring, and other outcomes. 0 where that is hardly anything or the path is
+            not known.
     """
 
     action: int
@@ -86,6 +91,7 @@ class Alternative:
     causes: tuple[Cause, ...]
     next_state: dict[str, float | bool] | None
     ahead: tuple[Cause, ...] = ()
+    beyond: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,7 @@ def explain(
     names: Sequence[str] | None = None,
     ground: Sequence[int] | None = None,
     paths: Sequence[Sequence[int]] | None = None,
+    discount: float = 1.0,
 ) -> Explanation:
     """Return the account of a decision.
 
@@ -136,6 +143,7 @@ def explain(
         ground: The ground action of each, -1 where the model does not know it; None: the same.
         paths: Ground actions of the best path that begins with each action, each for one control
             period; None: what is ahead is not told.
+        discount: Weight of a reward one control period later, in the best returns.
     """
     if ground is None:
         ground = range(len(model.actions))
@@ -145,6 +153,8 @@ def explain(
         _alternative(model, state, predicted, k, names[k], g, paths[k] if paths else ())
         for k, g in enumerate(ground)
     )
+    if paths is not None:
+        alternatives = tuple(replace(a, beyond=_beyond(a, discount)) for a in alternatives)
     values = model.values(state)
     return Explanation(values, alternatives, chosen, runner_up_of(predicted, names, chosen))
 
@@ -178,11 +188,23 @@ def _alternative(
         best_return=float(predicted.value[k]),
         path_risk=float(predicted.path_risk[k]),
         safe_steps=None if steps == SAFE else steps,
-        remark=_remark(causes, ground, flags, steps),
+        remark=_remark(causes, ground, flags, steps, float(predicted.path_risk[k])),
         causes=causes,
         next_state=after,
         ahead=tuple(causes_ahead(model, state, path)),
     )
+
+
+def _beyond(alternative: Alternative, discount: float) -> float:
+    """Return what the rewards that are listed of an action leave of its best return."""
+    if not alternative.applicable:
+        return 0.0
+    best, listed = alternative.best_return, 0.0
+    for cause in (*alternative.causes, *alternative.ahead):
+        if cause.what == "reward":
+            listed += discount**cause.after * (cause.amount or 0.0)
+    noise = _NOTICEABLE * max(abs(best), abs(listed))
+    return best - listed if abs(best - listed) > noise else 0.0
 
 
 def step_causes(
@@ -233,7 +255,7 @@ def causes_ahead(model: TransitionModel, state: Vector, path: Sequence[int]) -> 
     return found
 
 
-def _remark(causes: Sequence[Cause], ground: int, flags: int, steps: int) -> str:
+def _remark(causes: Sequence[Cause], ground: int, flags: int, steps: int, path_risk: float) -> str:
     """Return what is special about an action, in one line that quotes the file."""
     if ground < 0:
         return "the domain does not mention it"
@@ -253,6 +275,8 @@ def _remark(causes: Sequence[Cause], ground: int, flags: int, steps: int) -> str
             remarks.append(f"risk {percent(risk_of(flags))}, accepted")
         if steps != SAFE:
             remarks.append(unsafe_ahead(steps))
+    if not flags & UNSAFE and risk_of(flags) < path_risk < 1.0:
+        remarks.append(f"risk of its path {percent(path_risk)}")
     if flags & TERMINAL:
         remarks.append("ends the task")
     return "; ".join(remarks)

@@ -32,6 +32,7 @@ class RunnerUp:
         by: What decides between the two: `rank` (safe before risky before unsafe), the `risk` of
             the path, its `safe steps`, its `value`, or the `order` in the file.
         gap: Best return of the action taken less that of this one, in units of the reward.
+        path_risks: Probability of an unsafe step on the path of the action taken, and on its own.
     """
 
     action: int
@@ -39,6 +40,7 @@ class RunnerUp:
     ahead: bool
     by: By
     gap: float
+    path_risks: tuple[float, float]
 
 
 def runner_up_of(predicted: Predicted, names: Sequence[str], chosen: int | None) -> RunnerUp | None:
@@ -52,13 +54,18 @@ def runner_up_of(predicted: Predicted, names: Sequence[str], chosen: int | None)
     }
     if not scores:
         return None
-    other = max(scores, key=lambda k: (scores[k], -k))
-    own, others = _score(predicted, chosen), scores[other]
+    return compared(predicted, names, chosen, max(scores, key=lambda k: (scores[k], -k)))
+
+
+def compared(predicted: Predicted, names: Sequence[str], chosen: int, other: int) -> RunnerUp:
+    """Return another action beside the one taken, as if it were the best other one."""
+    own, others = _score(predicted, chosen), _score(predicted, other)
     if not int(predicted.flags[chosen]) & APPLICABLE:
         own = path_score(3, 1.0, -1, -np.inf)
     by: By = next((by for by, a, b in zip(_BY, own, others, strict=True) if a != b), "order")
     gap = float(predicted.value[chosen] - predicted.value[other])
-    return RunnerUp(other, names[other], (own, -chosen) > (others, -other), by, gap)
+    risks = float(predicted.path_risk[chosen]), float(predicted.path_risk[other])
+    return RunnerUp(other, names[other], (own, -chosen) > (others, -other), by, gap, risks)
 
 
 def _score(of: Predicted, k: int) -> PathScore:

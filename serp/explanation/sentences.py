@@ -32,7 +32,14 @@ def lines_of(alternative: Alternative) -> list[str]:
     What a schema brings in one control period is one line, and so is what it brings in several
     periods in succession.
     """
-    return lines_of_causes((*alternative.causes, *alternative.ahead))
+    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
+    return [*lines, *beyond_of(alternative)]
+
+
+def beyond_of(alternative: Alternative) -> list[str]:
+    """Return the line about what of a best return is not listed, if there is anything."""
+    beyond = alternative.beyond
+    return [f"{_signed(beyond)} beyond these steps, discounted."] if beyond else []
 
 
 def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
@@ -50,28 +57,34 @@ def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
 
 def between(runner_up: RunnerUp, name: str) -> str:
     """Say what is between the action taken and the best other one."""
-    other, gap = runner_up.name, readable(abs(runner_up.gap))
-    if not runner_up.ahead and runner_up.by == "order":
+    other = runner_up.name
+    if runner_up.ahead:
+        return f"Next best: {other}, {lesser(runner_up)}."
+    if runner_up.by == "order":
         return f"To the planner {other} is worth the same and comes first in the file."
-    if not runner_up.ahead:
-        better = {
-            "value": f": its best return is larger by {gap}",
-            "rank": ": it is safer one step ahead",
-            "risk": ": its path has less risk",
-            "safe steps": ": its path stays safe for longer",
-        }[runner_up.by]
-        return f"By the planner's values {other} comes before {name}{better}."
-    match runner_up.by:
-        case "order":
-            return f"Next best: {other}, which is worth the same and comes later in the file."
-        case "value":
-            return f"Next best: {other}, whose best return is smaller by {gap} (units of reward)."
-        case "rank":
-            return f"Next best: {other}, which is less safe one step ahead, whatever it gains."
-        case "risk":
-            return f"Next best: {other}, whose path has more risk, whatever it gains."
-        case _:
-            return f"Next best: {other}, whose path stays safe for less long, whatever it gains."
+    better = {
+        "value": f"its best return is larger by {readable(abs(runner_up.gap))}",
+        "rank": "it is safer one step ahead",
+        "risk": f"its path has less risk{_risks(runner_up)}",
+        "safe steps": "its path stays safe for longer",
+    }[runner_up.by]
+    return f"By the planner's values {other} comes before {name}: {better}."
+
+
+def lesser(other: RunnerUp) -> str:
+    """Say, to follow its name, why the planner prefers the action taken to another one."""
+    return {
+        "order": "which is worth the same and comes later in the file",
+        "value": f"whose best return is smaller by {readable(abs(other.gap))} (units of reward)",
+        "rank": "which is less safe one step ahead, whatever it gains",
+        "risk": f"whose path has more risk{_risks(other)}, whatever it gains",
+        "safe steps": "whose path stays safe for less long, whatever it gains",
+    }[other.by]
+
+
+def _risks(other: RunnerUp) -> str:
+    taken, own = map(percent, other.path_risks)
+    return f" ({own} against {taken})"
 
 
 def lines_of_flips(flips: Flips, outcome: str = "") -> list[str]:

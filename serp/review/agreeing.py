@@ -110,7 +110,7 @@ def _candidates(run: RunModel) -> Iterator[AgreeingPlanner]:
     if settings.name != FAR_SIGHT:
         return
     far = FarSightPlanner(run.model, settings)
-    yield AgreeingPlanner(run.model, settings, "the file as written, to its end", far)
+    yield AgreeingPlanner(run.model, settings, "the file as written, by far-sight", far)
     if run.has_checkpoint:
         model = run.adaptation.model
         far = FarSightPlanner(model, settings)

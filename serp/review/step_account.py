@@ -141,7 +141,7 @@ def account_of_step(
         model = planner.model
     account = explain(
         model, step.state, forecast, decision.action,
-        names=names, ground=ground, paths=paths,
+        names=names, ground=ground, paths=paths, discount=run.settings.planner.discount,
     )  # fmt: skip
     observed, domain_reward, unsafe = _judged(run, step, ground[decision.action])
     return StepAccount(

@@ -12,12 +12,12 @@ from serp._util.text import listed, plural
 from serp.control.decision import Decision
 from serp.errors import SerpError
 from serp.explanation.decision import Explanation, explain
-from serp.explanation.sentences import lines_of
+from serp.explanation.runner_up import compared
+from serp.explanation.sentences import between, lesser, lines_of
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import StateError, Vector
 from serp.pddl.source import DomainError
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
-from serp.planning.forecast import SAFE
 from serp.scenarios import syntax as s
 from serp.scenarios.decider import Decider
 
@@ -162,15 +162,20 @@ class _Checker:
             name: [line for line in lines if line not in common] for name, lines in behind.items()
         }
 
+    @property
+    def _names(self) -> list[str]:
+        actions = self._decider.arbiter.actions
+        return [actions.name(number) for number in range(actions.size)]
+
     @functools.cached_property
     def _explanation(self) -> Explanation:
-        forecast, actions = self._decision.forecast, self._decider.arbiter.actions
+        forecast = self._decision.forecast
         return explain(
             self._decider.model,
             self._state,
             forecast,
             self._decision.action,
-            names=[actions.name(number) for number in range(actions.size)],
+            names=self._names,
             ground=forecast.ground.tolist(),
         )
 
@@ -190,19 +195,20 @@ class _Checker:
         return text + ("" if chosen < 0 else f", {self._worth(chosen)}")
 
     def _compared(self, action: int) -> str:
-        """Say what the planner thinks of an action that it does not choose."""
-        name = self._decider.name(action)
-        reason = self._decider.refusal(self._decision, action)
-        if reason is not None:
-            return f"; {name} is refused: {reason}{self._why(action)}"
-        return f"; {name} is {self._worth(action)}"
+        """Say why an action is not chosen."""
+        reason, chosen = self._decider.refusal(self._decision, action), self._decision.action
+        if reason is not None and self._decision.admissible[chosen]:
+            return f"; {self._decider.name(action)} is refused: {reason}{self._why(action)}"
+        other = self._decider.environment_action(action)
+        found = compared(self._decision.forecast, self._names, chosen, other)
+        if not found.ahead:
+            return f"; {between(found, self._names[chosen]).rstrip('.')}"
+        return f"; it comes before {found.name}, {lesser(found)}"
 
     def _worth(self, action: int) -> str:
         forecast, number = self._decision.forecast, self._decider.environment_action(action)
-        text = f"worth {readable(float(forecast.value[number]))}"
-        if (steps := int(forecast.safe_steps[number])) != SAFE and steps >= 0:
-            text += f" and safe for {plural(steps, 'control period')}"
-        return text
+        remark = self._explanation.alternatives[number].remark
+        return f"worth {readable(float(forecast.value[number]))}" + (remark and f" ({remark})")
 
     def _why(self, action: int) -> str:
         decision = self._decision._replace(

@@ -57,12 +57,15 @@ def test_a_planner_is_chosen_by_its_name(run: Run, folder: Path) -> None:
     (folder / "hall-problem.pddl").write_text(
         "(define (problem p) (:domain edge) (:init (= (x) 0)) (:goal (and (>= (x) 8))))"
     )
-    near, far = (
-        planned(run, "--domain", "hall.pddl", "--depth", "2", *planner)
-        for planner in ((), ("--planner", "far-sight"))
+    near, same, far = (
+        planned(run, "--domain", "hall.pddl", "--depth", "2", "--repeat", "2", *planner)
+        for planner in ((), ("--planner", "lookahead"), ("--planner", "far-sight"))
     )
+    assert same == near and [action["beyond"] for action in near["actions"]] == [0.0, 0.0]
+    for action in far["actions"]:  # the goal lies beyond the steps that are shown
+        assert action["beyond"] == pytest.approx(action["best_return"])
     assert (near["bound"], far["bound"]) == ("depth", "exhausted")
-    assert near["indifferent"] and far["action"] == "leap"
+    assert near["path"][0]["action"] == "leap" and far["action"] == "leap"
     mistyped = run("plan", "--domain", "hall.pddl", "--planner", "far-sigt", expect=1)
     assert "did you mean `far-sight`" in mistyped.stderr
 

@@ -11,7 +11,7 @@ from serp.adaptation.adapted_model import AdaptedModel
 from serp.explanation.causes import causes_of, observed_causes
 from serp.explanation.decision import Explanation, explain
 from serp.explanation.flips import flips_of
-from serp.explanation.sentences import lines_of
+from serp.explanation.sentences import between, lines_of
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE, Forecast, score_of
@@ -173,6 +173,15 @@ def test_the_runner_up_is_the_best_other_action() -> None:
                     assert scores[chosen] == best or found.ahead == (scores[chosen] > best)
                     seen.add(found.by)
     assert {"value", "order", "rank"} <= seen
+
+
+def test_a_risk_that_decides_is_that_of_the_path(hall: TransitionModel) -> None:
+    state = np.array([1.0, 0.5])
+    predicted = one_step(hall, state)._replace(path_risk=np.array([0.1, 0.17]))
+    found = explain(hall, state, predicted, 0)
+    assert found.runner_up is not None and found.taken is not None
+    assert "whose path has more risk (17 % against 10 %)" in between(found.runner_up, "walk")
+    assert found.taken.remark.endswith("risk of its path 10 %")
 
 
 def test_the_smallest_change_that_tips_the_choice_is_found(hall: TransitionModel) -> None:
