@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -92,13 +93,17 @@ def command(
     """
     from serp.cli.asked import asked_domain
     from serp.cli.playground import Playground
+    from serp.errors import SettingsError
     from serp.tasks.registry import find_domain_file
     from serp.tasks.worlds.options import WorldOptions
 
     _refuse_unused(train=train, keys=keys)
-    world = WorldOptions(
-        **{name: options.pop(name) for name in ("failure", "slip", "noise", "max_steps")}
-    )
+    try:
+        world = WorldOptions(
+            **{name: options.pop(name) for name in ("failure", "slip", "noise", "max_steps")}
+        )
+    except SettingsError as error:
+        raise click.UsageError(_as_options(str(error))) from None
     file = find_domain_file(name)
     domain, task = asked_domain(name, file, problem, max_ground_schemas, None)
     dt = options.pop("dt") or (task.dt if task is not None else 1.0)
@@ -110,6 +115,11 @@ def command(
     played.settings()  # what is wrong with them is told at once
     _play(played, world, assignments, keys, seed)
     return None
+
+
+def _as_options(message: str) -> str:
+    """Return a message about settings of the world that calls them as the command does."""
+    return re.sub(r"\bworld\.(\w+)", lambda m: f"--{m[1].replace('_', '-')}", message)
 
 
 def _refuse_unused(*, train: bool, keys: str | None) -> None:
