@@ -9,6 +9,7 @@ from serp.model.loading import Domain, problem_beside
 from serp.pddl.source import Source
 from serp.runs.config import CONFIG
 from serp.runs.folder import RunFolder
+from serp.scenarios.syntax import SUFFIX
 from serp.settings import Settings, resolve
 from serp.studio.document import Document
 from serp.studio.reading import Surroundings, Version
@@ -25,7 +26,7 @@ def open_session(
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
     Args:
-        name: A domain file, the name of an installed task, or the folder of a run.
+        name: A domain file, its scenarios, the name of an installed task, or the folder of a run.
         folder: The working folder.
         own: The task of `--task`.
         own_name: What `--task` says.
@@ -35,6 +36,8 @@ def open_session(
     """
     if (Path(name) / CONFIG).is_file():
         return _open_run(Path(name), folder, own, own_name)
+    if Path(name).suffix == SUFFIX:
+        name = str(Path(name).with_suffix(".pddl"))
     file = own_file = find_domain_file(name)
     task = own
     if file is None:
@@ -43,6 +46,8 @@ def open_session(
             file = Path(task.domain.source.name)
         else:
             file = Path(task.domain)
+    if file.is_dir():
+        raise SerpError(f"{file}: a folder, but not that of a run; give a domain file")
     if not file.is_file():
         raise SerpError(f"{file}: there is no such file")
     problem = problem_beside(file)
