@@ -11,6 +11,12 @@ class SerpError(Exception):
     """Base of all errors that say what is wrong with the input and what to do about it."""
 
 
+def with_notes(error: BaseException, message: str = "") -> str:
+    """Return the message of an error, or another one, and below it the notes of the error."""
+    notes: list[str] = getattr(error, "__notes__", [])
+    return "\n".join([message or str(error), *notes])
+
+
 class TaskError(SerpError):
     """A task does not fit together: environment, domain, grounding or the map of actions."""
 

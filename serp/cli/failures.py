@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import click
 
 from serp._util.terminal import visible
-from serp.errors import Notice, SerpError
+from serp.errors import Notice, SerpError, with_notes
 
 DONE = 0
 MISTAKE = 1
@@ -60,8 +60,7 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
         if os.environ.get("SERP_DEBUG", "0") not in ("", "0"):
             raise
         message = str(error) if isinstance(error, SerpError) else _described(error)
-        notes: list[str] = getattr(error, "__notes__", [])
-        say("\n".join([message, *notes]), head="Error: ")
+        say(with_notes(error, message), head="Error: ")
         status = MISTAKE
     _discard_output()
     sys.exit(status or DONE)

@@ -24,7 +24,7 @@ from serp.comparison.algorithms import Algorithm
 from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trial_records import Trial
 from serp.comparison.trials.trial import Measured, run_trial
-from serp.errors import RunError, SerpError
+from serp.errors import RunError, SerpError, with_notes
 from serp.settings import Settings
 from serp.tasks.remote_task import follow_parent
 from serp.tasks.task import Task
@@ -81,7 +81,7 @@ class Job:
                 partial(on_progress, trial),
             )  # fmt: skip
         except SerpError as error:
-            return Ended(trial, None, "\n".join([str(error), *getattr(error, "__notes__", [])]))
+            return Ended(trial, None, with_notes(error))
         return Ended(trial, measured)
 
 

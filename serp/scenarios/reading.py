@@ -10,7 +10,7 @@ from typing import Final
 from serp._util.text import did_you_mean, listed
 from serp.model.loading import Domain
 from serp.model.transition_model import StateError, TransitionModel
-from serp.pddl.source import DomainError, Place, Source
+from serp.pddl.source import DomainError, Place, Recovery, Source
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
 from serp.scenarios import syntax as s
 from serp.scenarios.line import Line
@@ -37,7 +37,7 @@ def values_named(source: Source) -> list[str]:
 
 
 def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scenario]:
-    """Read a scenario file.
+    """Read a scenario file; where the source has a `recovery`, all of it that can be understood.
 
     Args:
         source: The file.
@@ -45,33 +45,61 @@ def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> li
         model: Its model, which has the actions and fluents.
 
     Raises:
-        DomainError: A line is no statement, or names what the domain has not.
+        DomainError: A line is no statement, or names what the domain has not. What is wrong with
+            lines behind the first such one stands in the notes of the error.
     """
+    if source.recovery is not None:
+        return _read(source, domain, model)
+    recovery = Recovery()
+    scenarios = _read(Source(source.name, source.text, recovery=recovery), domain, model)
+    if recovery.errors:
+        first, *others = recovery.errors
+        for other in others:
+            first.add_note(str(other))
+        raise first
+    return scenarios
+
+
+def _read(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scenario]:
     scenarios: dict[str, s.Scenario] = {}
     current: s.Scenario | None = None
+    begun = 0  # errors before the current scenario
     for number, start in enumerate(source.line_starts, 1):
         text = source.line_text(number).partition(";")[0].rstrip()
         if not text.strip():
             continue
         line = _Statement(source, start, text, domain, model)
         if line.tokens[0].text == "scenario":
-            _refuse_empty(current)
-            current = line.scenario(scenarios)
+            _refuse_empty(current, begun)
+            begun = source.errors_taken
+            current = s.Scenario("", line.place)  # takes the lines below where this one is wrong
+            with source.recovering():
+                current = line.scenario(scenarios)
         elif current is None:
-            raise DomainError(
-                f"`{line.tokens[0].text}` stands before the first scenario",
-                line.place,
-                "a scenario begins with a line such as `scenario the pole leans to the right`",
-            )
+            current = s.Scenario("", line.place)
+            with source.recovering():
+                raise DomainError(
+                    f"`{line.tokens[0].text}` stands before the first scenario",
+                    line.place,
+                    "a scenario begins with a line such as `scenario the pole leans to the right`",
+                )
         else:
-            current = line.added_to(current, scenarios)
-        scenarios[current.title.lower()] = current
-    _refuse_empty(current)
+            with source.recovering():
+                current = line.added_to(current, scenarios)
+        if current.title:
+            scenarios[current.title.lower()] = current
+    _refuse_empty(current, begun)
     return list(scenarios.values())
 
 
-def _refuse_empty(scenario: s.Scenario | None) -> None:
-    if scenario is not None and not scenario.expectations:
+def _refuse_empty(scenario: s.Scenario | None, begun: int) -> None:
+    """Refuse a scenario without expectations, unless something in it could not be read."""
+    if scenario is None or scenario.expectations:
+        return
+    source = scenario.place.source
+    if source.errors_taken > begun:
+        return
+    with source.recovering():
         raise DomainError(
             f"nothing is expected in the scenario `{scenario.title}`",
             scenario.place,

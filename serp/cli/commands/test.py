@@ -14,7 +14,7 @@ from serp.cli.asked import asked_domain, asked_own_task, open_run
 from serp.cli.failures import DONE, MISTAKE, say
 from serp.cli.options import own_task_option, settings_option
 from serp.cli.output import examples, open_console, print_json
-from serp.errors import SerpError
+from serp.errors import SerpError, with_notes
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -88,7 +88,7 @@ def command(
             file = _opened(name, **deciding)
             found = _report(console if not as_json else None, file, words, first=not position)
         except SerpError as error:
-            say(str(error), head="Error: ")
+            say(with_notes(error), head="Error: ")
             wrong += 1
             continue
         results += [_as_json(file, result) for result in found]

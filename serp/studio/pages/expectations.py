@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from nicegui import run, ui
 
-from serp.errors import SerpError
+from serp.errors import SerpError, with_notes
 from serp.studio.pages.editor import EditorPane
 from serp.studio.pages.live import Live
 from serp.studio.session import SCENARIOS, Session
@@ -50,7 +50,7 @@ class ExpectationsPane:
         try:
             results = await run.io_bound(expectations.run)
         except SerpError as error:
-            self._summary.set_text(str(error))
+            self._summary.set_text(with_notes(error))
             self._list.set_content("")
         else:
             failed = sum(not result.passed for result in results)
@@ -71,7 +71,7 @@ class ExpectationsPane:
         try:
             text = await run.io_bound(session.expectations.with_state, title, session.shown)
         except SerpError as error:
-            ui.notify(str(error), type="negative", multi_line=True)
+            ui.notify(with_notes(error), type="negative", multi_line=True)
         else:
             if self._live.closed:
                 return

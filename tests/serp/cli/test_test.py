@@ -35,6 +35,9 @@ def test_without_scenarios_it_says_how_to_write_one(run: Run, walk: Path) -> Non
     assert "name a domain file or a task" in run("test", expect=2).stderr
     Path("walk.scenarios").write_text("scenario one\n  allows rest\n")
     assert "no scenario has the words `two`" in run("test", "-k", "two", *QUICK, expect=1).stderr
+    Path("walk.scenarios").write_text("scenario one\n  alows rest\n  allows rst\n")
+    told = run("test", *QUICK, expect=1).stderr
+    assert "Error: walk.scenarios:2:3: " in told and "\nwalk.scenarios:3:10: " in told
 
 
 def test_a_recorded_step_becomes_a_scenario_and_other_lines_stay(run: Run, folder: Path) -> None:

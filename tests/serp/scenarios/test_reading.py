@@ -116,6 +116,17 @@ def test_what_is_wrong_is_located(line: str, column: int, problem: str) -> None:
     assert (told.value.line, told.value.column) == (2, column)
 
 
+def test_what_is_wrong_is_told_at_once_and_nothing_that_follows_from_it() -> None:
+    with pytest.raises(DomainError) as told:
+        read(
+            "allows wait\nscenario\n  allows wit\nscenario one\n  choses wait\n"
+            "scenario two\n  like one\n  (heat)\n  allows wait\nscenario three\n"
+        )
+    error = told.value
+    places = [note.partition(": ")[0] for note in (str(error), *error.__notes__)]
+    assert places == [f"lamp.scenarios:{at}" for at in ("1:1", "2:1", "3:10", "5:3", "8:9", "10:1")]
+
+
 @pytest.mark.parametrize(
     ("text", "line", "problem"),
     [
