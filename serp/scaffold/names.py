@@ -33,7 +33,7 @@ class Names:
             name = name.rpartition("-")[0]
         name = name[:_LONGEST].strip("-")
         if not re.search("[a-z]", name):
-            name = otherwise
+            name = "-".join(re.findall(r"[a-z0-9]+", otherwise.lower())) or "entry"
         if not name[0].isalpha() or name in _RESERVED:
             name = f"the-{name}"
         unique, number = name, 1

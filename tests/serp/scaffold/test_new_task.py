@@ -14,9 +14,13 @@ from gymnasium import spaces
 from serp.cli.root import serp
 from serp.errors import TaskError
 from serp.model.loading import load_domain
+from serp.pddl.declarations import is_name
+from serp.pddl.sexpr import Word
+from serp.pddl.source import Source
 from serp.play.game import Game
 from serp.scaffold.environment import describe
 from serp.scaffold.files import new_task
+from serp.scaffold.names import Names
 from serp.tasks.custom_tasks import custom_task
 
 OWN = '''
@@ -134,6 +138,11 @@ def test_an_environment_of_ones_own_fits_at_once(folder: Path) -> None:
     with custom_task("my-own-robot.py").bind() as bound:
         assert len(bound.ground(bound.reset(seed=1)[0])) == 6
         assert bound.step(0)[1] == -1.0 and bound.step(1)[1] == 0.0
+
+
+@pytest.mark.parametrize("otherwise", ["位置", "7", "a b;(c", ""])
+def test_what_has_no_letters_gets_a_name_of_pddl_all_the_same(otherwise: str) -> None:
+    assert is_name(Word(Names().make("位置", otherwise), Source("f", "").place(0, 0)))
 
 
 def test_nothing_is_overwritten_and_names_do_not_clash(folder: Path) -> None:
