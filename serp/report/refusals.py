@@ -26,14 +26,14 @@ _TRIED: Final = 5
 _SECONDS: Final = 4.0
 """Time for planning one of them again."""
 _DECIDES: Final = {
-    Reason.UNSAFE: "unsafe",
-    Reason.NO_SAFE_ACTION: "unsafe",
-    Reason.TOO_RISKY: "risk",
-    Reason.LEAST_RISK: "risk",
-    Reason.NOT_APPLICABLE: "failed",
-    Reason.LOW_REWARD: "reward",
+    Reason.UNSAFE: ("unsafe",),
+    Reason.NO_SAFE_ACTION: ("unsafe", "risk"),
+    Reason.TOO_RISKY: ("risk",),
+    Reason.LEAST_RISK: ("risk", "unsafe"),
+    Reason.NOT_APPLICABLE: ("failed",),
+    Reason.LOW_REWARD: ("reward",),
 }
-"""Reason → kind of the cause that it is about."""
+"""Reason → kinds of causes that it is about."""
 
 
 def veto_table(recording: Recording, actions: list[str]) -> dict[str, Any]:
@@ -137,11 +137,11 @@ def unsafe_ahead_by(read: RunModel, recording: Recording, positions: list[int]) 
 
 def _decisive(causes: CauseTable, step: int, action: int, reason: Reason) -> int:
     """Return the cause that a veto is about; -1 if it is not known."""
-    kind = _DECIDES.get(reason)
+    kinds = _DECIDES.get(reason, ())
     found = [
         (amount, cause)
         for cause, amount in causes.of(step, action)
-        if causes.causes[cause].what == kind
+        if causes.causes[cause].what in kinds
     ]
     return min(found)[1] if found else -1
 
