@@ -93,9 +93,13 @@ class Entry:
     def number(self) -> float:
         """Return a finite number."""
         value = self._value
-        if type(value) not in (int, float) or not math.isfinite(value):  # type: ignore[arg-type]
+        try:
+            found = float(value) if type(value) in (int, float) else math.nan  # type: ignore[arg-type]
+        except OverflowError:
+            found = math.inf
+        if not math.isfinite(found):
             raise self.wrong("it must be a finite number")
-        return float(value)  # type: ignore[arg-type]
+        return found
 
 
 class Arrays:

@@ -66,8 +66,8 @@ def planner_baseline(run: Run, episodes: int) -> dict[str, Any] | None:
     """
     found: dict[str, list[float]] = {}
     for name in evaluations_of(run.path):
-        if name.startswith("planner-"):
-            recording = open_recording(run.path, name)
+        recording = open_recording(run.path, name)
+        if recording.layout.policy == "planner":
             rewards = recording.columns("env_reward")["env_reward"]
             found[name] = [float(rewards[own].sum()) for own in recording.episodes.values()]
     best = max(found, key=lambda name: len(found[name]), default="")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +16,7 @@ from serp.report.page import Content, page
 from serp.report.recorded_steps import chosen_steps, recorded_episodes
 from serp.report.scene import drawn_scenes
 from serp.review.run_model import RunModel
+from serp.runs.recording import Recording
 from serp.runs.recording_format import Layout
 from serp.training.rollout import evaluation_seed, training_seed
 from serp.training.run import Run
@@ -58,13 +60,15 @@ def write_report(
     recording = read.recording(evaluation)
     episodes = recorded_episodes(recording)
     shown = chosen_steps(recording, episodes, _limit(steps, recording.layout))
-    seed_of = functools.partial(training_seed, run.config["seed"])
-    if evaluation is not None:
-        seed_of = functools.partial(evaluation_seed, int(evaluation.rpartition("-seed")[2]))
     count = min(pictures, len(shown) + len(shown.episodes))
     with bar("drawing", max(1, count), quiet=quiet) as advance:
         scenes = drawn_scenes(
-            run, shown, seed_of, most=pictures, most_bytes=_PICTURE_BYTES, on_picture=advance
+            run,
+            shown,
+            _seeds(run, recording, evaluation),
+            most=pictures,
+            most_bytes=_PICTURE_BYTES,
+            on_picture=advance,
         )
     content = Content(
         read=read,
@@ -78,6 +82,14 @@ def write_report(
         baseline=planner_baseline(run, baseline),
     )
     write_durably(path, page(content))
+
+
+def _seeds(run: Run, recording: Recording, evaluation: str | None) -> Callable[[int], int] | None:
+    """Return number of an episode, from 0 → its seed; None if the seed was not recorded."""
+    if evaluation is None:
+        return functools.partial(training_seed, run.config["seed"])
+    seed = recording.layout.seed
+    return None if seed is None else functools.partial(evaluation_seed, seed)
 
 
 def _limit(steps: int, layout: Layout) -> int:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.errors import SerpError
+from serp.errors import RunError, SerpError
 from serp.report.recorded_steps import RecordedSteps, by_interest
 from serp.report.tiles import TileSheets
 from serp.tasks.bound_task import BoundTask
@@ -57,7 +57,7 @@ class DrawnScenes:
 def drawn_scenes(
     run: Run,
     steps: RecordedSteps,
-    seed_of: Callable[[int], int],
+    seed_of: Callable[[int], int] | None,
     *,
     most: int,
     most_bytes: int,
@@ -68,7 +68,7 @@ def drawn_scenes(
     Args:
         run: The run.
         steps: The steps that the report shows.
-        seed_of: Number of an episode, from 0 → seed of the environment.
+        seed_of: Number of an episode, from 0 → seed of the environment; None if it is not known.
         most: Most pictures.
         most_bytes: Bytes of the sheets beyond which nothing more is drawn.
         on_picture: Called after each picture.
@@ -78,9 +78,14 @@ def drawn_scenes(
     if not most:
         scenes.note = "This report was made without pictures."
         return scenes
+    if seed_of is None:
+        scenes.note = "No pictures: the recording does not say which seed it was made with."
+        return scenes
     rows = dict(zip((each.number for each in steps.episodes), steps.rows, strict=True))
     try:
         with run.environment(RGB_ARRAY) as task:
+            if steps["value"].shape[1] != task.actions.size:
+                raise RunError("the recording has other actions than the environment")
             for episode in by_interest(steps.episodes):
                 number, first = episode.number, len(sheets)
                 states, actions = (steps[name][rows[number]] for name in ("state", "action"))

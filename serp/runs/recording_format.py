@@ -15,14 +15,14 @@ import json
 import re
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from serp._util.files import read_regular
 from serp._util.json_files import json_text, read_json
@@ -94,8 +94,12 @@ class Layout(BaseModel):
     """Names of the ground actions."""
     control_period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     """Seconds between two decisions."""
-    block: Annotated[int, Field(ge=1, le=1 << 20)]
+    block: Annotated[int, Field(ge=1)]
     """Steps of a block; the last one may have fewer."""
+    policy: str | None = None
+    """What acted, of an evaluation."""
+    seed: Annotated[int, Field(ge=0)] | None = None
+    """Seed of an evaluation, from which those of its episodes follow."""
     actors: tuple[str, ...] = tuple(map(str, ACTORS))
     """What the numbers of `executed_by` and `proposed_by` mean."""
     reasons: tuple[str, ...] = tuple(map(str, REASONS))
@@ -103,21 +107,32 @@ class Layout(BaseModel):
     bounds: tuple[str, ...] = tuple(bound.name.lower() for bound in Bound)
     """What the numbers of `bound` mean."""
 
+    @model_validator(mode="after")
+    def _require_small_blocks(self) -> Self:
+        if self.block > (most := _steps_of_block(self.fluents, self.actions)):
+            raise ValueError(f"block must be at most {most}")
+        return self
+
     @classmethod
-    def of(cls, model: TransitionModel, actions: ActionMap) -> Layout:
-        """Return the layout for the steps of a task."""
+    def of(
+        cls,
+        model: TransitionModel,
+        actions: ActionMap,
+        *,
+        policy: str | None = None,
+        seed: int | None = None,
+    ) -> Layout:
+        """Return the layout for the steps of a task; policy and seed are those of an evaluation."""
         names = tuple(actions.name(k) for k in range(actions.size))
         fluents = tuple(fluent.name for fluent in model.fluents)
-        size = sum(
-            np.dtype(kind).itemsize * {"F": len(fluents), "E": len(names), "": 1}[per]
-            for kind, per in _COLUMNS.values()
-        )
         return cls(
             fluents=fluents,
             actions=names,
             ground_actions=tuple(action.name for action in model.actions),
             control_period=model.dt,
-            block=min(1024, max(16, _BLOCK_BYTES // size)),
+            block=_steps_of_block(fluents, names),
+            policy=policy,
+            seed=seed,
         )
 
     @classmethod
@@ -133,10 +148,9 @@ class Layout(BaseModel):
             found = cls.model_validate_json(json.dumps(content))
         except ValidationError as error:
             wrong = error.errors(include_url=False)[0]
-            name = ".".join(map(str, wrong["loc"]))
+            what = ": ".join([*map(str, wrong["loc"]), wrong["msg"]])
             raise RunError(
-                f"{file} was written by another version of serp, or is damaged: {name}: "
-                f"{wrong['msg']}. {_AGAIN}"
+                f"{file} was written by another version of serp, or is damaged: {what}. {_AGAIN}"
             ) from None
         tables: dict[str, tuple[str, ...]] = {}
         for name in ("actors", "reasons", "bounds"):
@@ -150,7 +164,7 @@ class Layout(BaseModel):
 
     def text(self) -> str:
         """Return the content of the header."""
-        return json_text(self.model_dump())
+        return json_text(self.model_dump(exclude_none=True))
 
     def shape(self, name: str, steps: int) -> tuple[int, ...]:
         """Return the shape of a column of so many steps."""
@@ -160,6 +174,13 @@ class Layout(BaseModel):
     def empty(self, steps: int) -> Columns:
         """Return columns of zeros."""
         return {name: np.zeros(self.shape(name, steps), dtype_of(name)) for name in COLUMNS}
+
+
+def _steps_of_block(fluents: Sequence[str], actions: Sequence[str]) -> int:
+    """Return of how many steps a block is, so that its columns take about `_BLOCK_BYTES`."""
+    width = {"F": len(fluents), "E": len(actions), "": 1}
+    size = sum(np.dtype(kind).itemsize * width[per] for kind, per in _COLUMNS.values())
+    return min(1024, max(16, _BLOCK_BYTES // size))
 
 
 def dtype_of(name: str) -> np.dtype[Any]:
@@ -231,12 +252,17 @@ def _column(
     most = int(np.prod(shape)) * dtype.itemsize + 256  # a header has 128 bytes
     if info.file_size > most:
         raise ValueError(f"{name} is too large")
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{name} is compressed in another way")
     with archive.open(info) as member:
         data = io.BytesIO(member.read(most))
     if npy.read_magic(data) != (1, 0):
         raise ValueError(f"{name} is no array of format 1.0")
-    found, fortran, kind = npy.read_array_header_1_0(data)
-    fits = found == shape if exact else len(found) == 1 and found[0] <= steps
+    try:
+        found, fortran, kind = npy.read_array_header_1_0(data)
+    except Exception as error:  # of half a dozen kinds: NumPy reads the header as Python
+        raise ValueError(f"{name} has no header of an array") from error
+    fits = found == shape if exact else len(found) == 1 and 0 < found[0] <= steps
     if not fits or kind != dtype:
         raise ValueError(f"{name} has shape {found} and type {kind}")
     values = np.frombuffer(data.getvalue()[data.tell() :], dtype)
@@ -263,6 +289,8 @@ def _out_of_range(name: str, values: NDArray[Any], layout: Layout) -> str | None
         "flags": (0, 1 << 40),
         "path_risk": (0.0, 1.0),
         "rho": (0.0, 1.0),
+        "env_reward": (-_SUMMED, _SUMMED),
+        "domain_reward": (-_SUMMED, _SUMMED),
         "state": (-_HUGE, _HUGE),
         _FINAL: (-_HUGE, _HUGE),
     }.get(name, (-np.inf, np.inf))
@@ -276,3 +304,5 @@ def _out_of_range(name: str, values: NDArray[Any], layout: Layout) -> str | None
 
 
 _HUGE: Final = float(np.finfo(np.float64).max)
+_SUMMED: Final = 1e280
+"""Most of what is summed over a recording: the sum is finite, too."""

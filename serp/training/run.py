@@ -220,7 +220,8 @@ class Run:
         """Return the recorder of an evaluation of the run; see `recorded_evaluation`."""
         check_policy(policy)
         seed = seed_of(seed)
-        layout = Layout.of(self.agent.arbiter.model, self.agent.arbiter.actions)
+        arbiter = self.agent.arbiter
+        layout = Layout.of(arbiter.model, arbiter.actions, policy=policy, seed=seed)
         return recorded_evaluation(self.path, f"{policy}-seed{seed}", layout)
 
     @contextlib.contextmanager

@@ -22,6 +22,7 @@ from serp.report.recorded_steps import chosen_steps, recorded_episodes
 from serp.report.scene import drawn_scenes
 from serp.review.run_model import RunModel
 from serp.runs.reading import read_metrics
+from serp.runs.recording_format import Layout, blocks_in, decode, encode
 from serp.training.rollout import training_seed
 from serp.training.run import load_run
 from tests.serp.cli.conftest import QUICK, Run, train
@@ -126,6 +127,34 @@ def test_episodes_are_chosen_by_interest_and_cut_only_alone(trained: Path) -> No
     assert (one.number, len(one), one.cut) == (episodes[-1].number, 3, len(episodes[-1]) - 3)
     causes = CauseTable(RunModel(trained).model, dataclasses.replace(steps))
     assert len(causes.at) == len(steps) + 1
+
+
+def test_an_evaluation_is_drawn_by_its_recorded_seed(
+    run: Run, trained: Path, tmp_path: Path
+) -> None:
+    run("evaluate", str(trained), "--policy=planner", "--episodes=1", "--seed=3")
+    folder = trained / "evaluations" / "before"
+    (trained / "evaluations" / "planner-seed3").rename(folder)
+    header = json.loads((folder / "recording.json").read_text())
+
+    def pictures(**changes: Any) -> tuple[int, str]:
+        (folder / "recording.json").write_text(json.dumps({**header, **changes}))
+        done = run("report", str(trained), "--evaluation=before", "-o", f"{tmp_path}/x.html",
+                   "--baseline=0", "--pictures=3")  # fmt: skip
+        assert done.exit_code == 0
+        (episode,) = data_of(tmp_path / "x.html")[0]["episodes"]
+        return episode["frames"], episode["note"] + data_of(tmp_path / "x.html")[0]["sceneNote"]
+
+    assert pictures()[0] == 3
+    assert "another state" in pictures(seed=4)[1]
+    assert "does not say which seed" in pictures(seed=None)[1]
+    for file in blocks_in(folder).values():
+        columns = decode(file, Layout.read(folder))
+        wider = {name: np.hstack([v, v[:, :1]]) for name, v in columns.items()
+                 if v.ndim == 2 and v.shape[1] == len(header["actions"])}  # fmt: skip
+        assert wider.keys() >= {"value", "ground"}
+        file.write_bytes(encode(columns | wider))
+    assert "other actions" in pictures(actions=[*header["actions"], "jump"])[1]
 
 
 def test_mistakes_are_told(run: Run, trained: Path) -> None:

@@ -231,6 +231,8 @@ def rewrite(folder: Path, change: Callable[[Any], Any]) -> None:
             0, ["set", ["at", "out", 99], 1.0])), "out has no entry 99"),
         (lambda f: rewrite(f, lambda d: d["programs"]["drift"].insert(
             0, ["set", ["at", "theta", 0], 1.0])), "cannot be changed"),
+        (lambda f: rewrite(f, lambda d: d["planner"].update(discount=10**400)),
+         "planner.discount is .*: it must be a finite number"),
         (lambda f: rewrite(f, lambda d: d["actions"]["groups"].pop()),
          "actions.groups is .*: it must have 2 entries"),
     ],

@@ -20,7 +20,7 @@ from serp.planning.forecast import SAFE
 from serp.planning.limits import Bound
 from serp.runs.recorder import Recorder
 from serp.runs.recording import Recording
-from serp.runs.recording_format import COLUMNS, HEADER, Layout, decode, encode
+from serp.runs.recording_format import COLUMNS, HEADER, Columns, Layout, decode, encode
 from tests.serp.control.records import step_record
 
 LAYOUT = Layout(
@@ -173,6 +173,20 @@ def huge(folder: Path) -> None:
         archive.writestr("number.npy", array.getvalue() + bytes(1 << 22))
 
 
+def last_block(columns: Columns) -> Callable[[Path], object]:
+    return lambda folder: (folder / "block-000006.npz").write_bytes(encode(columns))
+
+
+def otherwise_compressed(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "block-000001.npz", "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("number.npy", bytes(100))
+
+
+def no_header(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "block-000001.npz", "w") as archive:
+        archive.writestr("number.npy", b"\x93NUMPY\1\0\6\0{[]:1}")
+
+
 def header(**values: Any) -> Callable[[Path], None]:
     def forge(folder: Path) -> None:
         found = json.loads((folder / HEADER).read_text())
@@ -195,14 +209,19 @@ def header(**values: Any) -> Callable[[Path], None]:
         (cut, "block-000001.npz is damaged"),
         (huge, "block-000001.npz is damaged"),
         (lambda folder: (folder / "block-000001.npz").unlink(), "no block 1"),
+        (last_block({name: v[:0] for name, v in LAYOUT.empty(1).items()}), "number has shape"),
+        (otherwise_compressed, "compressed in another way"),
+        (no_header, "no header of an array"),
+        (changed("env_reward", put(np.inf)), "env_reward holds inf"),
         (header(format=2), "another version"),
         (header(block=0), "another version"),
+        (header(block=1 << 20), "block must be at most 1024"),
         (header(actors=["me"]), "another version"),
         (header(fluents=["x"]), "damaged"),
     ],
 )
 def test_what_was_not_recorded_is_refused(
-    forge: Callable[[Path], None], message: str, tmp_path: Path
+    forge: Callable[[Path], object], message: str, tmp_path: Path
 ) -> None:
     folder = record(tmp_path / "r", made_up())
     forge(folder)
