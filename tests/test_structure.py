@@ -38,11 +38,8 @@ LAYERS = (
 own, not from its neighbours."""
 CONTROLLER = PACKAGES["serp"] / "controller"
 """Imports nothing else of `serp`: robots have it without the rest."""
-COMMANDS = PACKAGES["serp"] / "cli" / "commands"
-"""One file a command, so it may hold more of them than other folders."""
 MOST_LINES = 350
 MOST_FILES = 16
-MOST_COMMANDS = 20
 MOST_PARAMETERS = 10
 CIRCLES = [{"serp.tasks.task", "serp.tasks.bound_task"}]
 """Files that import one another and are known: `Task.bind` returns a `BoundTask`."""
@@ -137,7 +134,6 @@ def test_files_and_folders_are_small(package: str) -> None:
     lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in modules(package)}
     folders = Counter(path.parent for path in lines if path.name != "__init__.py")
     large = {path for path, count in lines.items() if count > MOST_LINES}
-    folders[COMMANDS] -= MOST_COMMANDS - MOST_FILES
     large |= {folder for folder, count in folders.items() if count > MOST_FILES}
     assert {str(path.relative_to(ROOT)) for path in large} == set()
 

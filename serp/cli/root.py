@@ -13,29 +13,50 @@ from serp._util.text import did_you_mean
 from serp.cli.failures import exit_with
 from serp.cli.output import examples
 
-COMMANDS = {
-    "new": "Write the first files of a task of your own.",
-    "play": "Step through the world of a domain file, or train in it.",
-    "plan-and-learn": "Train: the planner acts first, the learner takes over.",
-    "plan": "Show one decision of the planner, as a table or a picture.",
-    "why": "Explain a recorded step of a run, in the words of its file.",
-    "evaluate": "Measure a trained policy.",
-    "compare": "Compare algorithms on one task, under one protocol.",
-    "tune": "Search settings by the returns of whole trainings.",
-    "report": "Write what happened in a run as one page for the browser.",
-    "diagnose": "Report what is wrong or missing in a run's domain file.",
-    "repair": "Write a run's domain file, corrected by what it observed.",
-    "watch": "Show a trained policy in a window or as a film.",
-    "export": "Write a trained policy for a robot without serp.",
-    "test": "Check that a domain file leads to what you expect.",
-    "studio": "Edit a domain file in the browser and see what it means, live.",
-    "check": "Check domain files and say what to fix.",
-    "format": "Lay domain files out regularly.",
-    "lsp": "Check and complete domain files in an editor.",
-    "list": "List what is installed: tasks, algorithms, strategies.",
+SECTIONS = {
+    "files": (
+        "Your domain file",
+        {
+            "new": "Write the first files of a task of your own.",
+            "check": "Check domain files and say what to fix.",
+            "format": "Lay domain files out regularly.",
+            "lsp": "Check and complete domain files in an editor.",
+            "plan": "Show one decision of the planner, as a table or a picture.",
+            "play": "Step through the world of a domain file, or train in it.",
+            "test": "Check that a domain file leads to what you expect.",
+            "studio": "Edit a domain file in the browser and see what it means.",
+        },
+    ),
+    "training": (
+        "Training",
+        {
+            "plan-and-learn": "Train: the planner acts first, the learner takes over.",
+            "compare": "Compare algorithms on one task, under one protocol.",
+            "tune": "Search settings by the returns of whole trainings.",
+            "list": "List what is installed: tasks, algorithms, strategies.",
+        },
+    ),
+    "runs": (
+        "After a training",
+        {
+            "why": "Explain a recorded step of a run, in the words of its file.",
+            "report": "Write what happened in a run as one page for the browser.",
+            "evaluate": "Measure a trained policy.",
+            "watch": "Show a trained policy in a window or as a film.",
+            "diagnose": "Report what is wrong or missing in a run's domain file.",
+            "repair": "Write a run's domain file, corrected by what it observed.",
+            "export": "Write a trained policy for a robot without serp.",
+        },
+    ),
 }
-"""Command, in the order of use → one line of help. The command `a-b` is the attribute `command`
-of the module `serp.cli.commands.a_b`."""
+"""Folder of `serp.cli.commands` → what its commands are about, and command → one line of help, in
+the order of use. The command `a-b` is the attribute `command` of the module `a_b` there."""
+COMMANDS = {
+    name: f"serp.cli.commands.{folder}.{name.replace('-', '_')}"
+    for folder, (_, commands) in SECTIONS.items()
+    for name in commands
+}
+"""Command → its module, which is imported when the command is used."""
 
 
 class LazyGroup(click.Group):
@@ -49,8 +70,7 @@ class LazyGroup(click.Group):
         """Import and return a command; None where there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
-        module = import_module(f"serp.cli.commands.{cmd_name.replace('-', '_')}")
-        command: click.Command = module.command
+        command: click.Command = import_module(COMMANDS[cmd_name]).command
         return command
 
     def resolve_command(
@@ -63,9 +83,11 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the table of commands."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+        """Write a table of commands for each section."""
+        width = max(map(len, COMMANDS))
+        for head, commands in SECTIONS.values():
+            with formatter.section(head):
+                formatter.write_dl([(name.ljust(width), line) for name, line in commands.items()])
 
     def main(self, *arguments: Any, standalone_mode: bool = True, **options: Any) -> Any:
         """Run a command; in standalone mode errors become messages, and the process exits."""
