@@ -12,7 +12,7 @@ from serp._util.number_format import percent, readable
 from serp._util.text import plural
 from serp.model.transition_model import TransitionModel, Vector
 from serp.report.recorded_steps import RecordedSteps
-from serp.sysid.regression_data import predicted_steps
+from serp.review.predictions import error_units, in_units, predicted_states
 
 _LARGE: Final = 0.05
 """Share of the steps whose largest errors are called large."""
@@ -57,18 +57,10 @@ def model_errors(model: TransitionModel, steps: RecordedSteps, usual: Vector) ->
             it is predicted to change by.
     """
     model, states = model.written, steps["state"]
-    predicted = np.full_like(states, np.nan)
-    known = steps.ground >= 0
-    if known.any():
-        ahead = predicted_steps(model, states[known], steps.ground[known])
-        predicted[known] = ahead[:, : states.shape[1]]
+    predicted = predicted_states(model, states, steps.ground)
     said = np.nan_to_num(predicted - states)
-    numeric = np.array([fluent.numeric for fluent in model.fluents], np.bool_)
-    units = np.where(usual > 0.0, usual, np.sqrt(np.mean(said**2, axis=0)) if len(said) else 1.0)
-    units = np.where(numeric & (units > 0.0), units, 1.0)
-    errors = np.abs(predicted - steps.next_states) / units
-    # Rounding is no error.
-    errors[errors < 1e-6] = 0.0
+    units = error_units(model, usual, np.sqrt(np.square(said).sum(axis=0) / max(1, len(said))))
+    errors = in_units(predicted - steps.next_states, units)
     largest = np.nan_to_num(errors).max(axis=1, initial=0.0)
     limit = float(np.quantile(largest, 1.0 - _LARGE)) if len(largest) else 0.0
     return ModelErrors(predicted, units, errors, largest, max(1.0, limit))

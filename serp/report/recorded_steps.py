@@ -9,10 +9,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.control.decision import Actor, Reason
+from serp.control.decision import Reason
 from serp.model.transition_model import Vector
-from serp.runs.recording import Recording
-from serp.runs.recording_format import ACTORS, REASONS
+from serp.runs.recording import (
+    NEXT_STATE_COLUMNS,
+    VETO_COLUMNS,
+    Recording,
+    next_states,
+    vetoed,
+)
+from serp.runs.recording_format import REASONS
 
 NO_SAFE: Final = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
 _SHOWN: Final = (
@@ -93,17 +99,10 @@ class RecordedSteps:
         raise IndexError(step)
 
 
-def vetoed_in(columns: dict[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """Return in which steps a proposal was refused, see `Decision.vetoed`."""
-    others = columns["proposed_by"] != ACTORS.index(Actor.PLANNER)
-    refused: NDArray[np.bool_] = others & (columns["reason"] != REASONS.index(Reason.ACCEPTED))
-    return refused
-
-
 def recorded_episodes(recording: Recording) -> list[RecordedEpisode]:
     """Return all episodes of a recording, in the order in which they begin."""
-    found = recording.columns("env_reward", "proposed_by", "reason", "terminated", "truncated")
-    vetoed = vetoed_in(found)
+    found = recording.columns("env_reward", *VETO_COLUMNS, "terminated", "truncated")
+    refused = vetoed(found)
     unsafe = np.isin(found["reason"], [REASONS.index(reason) for reason in NO_SAFE])
     episodes = []
     for number, steps in sorted(recording.episodes.items()):
@@ -114,7 +113,7 @@ def recorded_episodes(recording: Recording) -> list[RecordedEpisode]:
                 number=number,
                 positions=steps,
                 return_=float(found["env_reward"][steps].sum()),
-                vetoes=int(vetoed[steps].sum()),
+                vetoes=int(refused[steps].sum()),
                 no_safe_action=int(unsafe[steps].sum()),
                 end=ends[0] if ends else "unfinished",
             )
@@ -162,21 +161,15 @@ def chosen_steps(
 
 
 def _steps_of(recording: Recording, episodes: list[RecordedEpisode]) -> RecordedSteps:
-    everything = recording.columns(*_SHOWN, "terminated", "truncated", "final_state")
-    ends = everything.pop("terminated") | everything.pop("truncated")
-    final = everything.pop("final_state")
-    nexts = np.full_like(everything["state"], np.nan)
-    for steps in recording.episodes.values():
-        nexts[steps[:-1]] = everything["state"][steps[1:]]
-    nexts[ends] = final
+    everything = recording.columns(*dict.fromkeys((*_SHOWN, *NEXT_STATE_COLUMNS)))
     rows = np.concatenate([np.zeros(0, np.int64), *(each.positions for each in episodes)])
-    columns = {name: values[rows] for name, values in everything.items()}
+    columns = {name: everything[name][rows] for name in _SHOWN}
     chosen = columns["action"][:, None]
     return RecordedSteps(
         episodes=tuple(episodes),
         columns=columns,
-        next_states=nexts[rows],
+        next_states=next_states(everything)[rows],
         ground=np.take_along_axis(columns["ground"], chosen, 1)[:, 0].astype(np.int64),
-        vetoed=vetoed_in(columns),
+        vetoed=vetoed(columns),
         no_safe=np.isin(columns["reason"], [REASONS.index(reason) for reason in NO_SAFE]),
     )

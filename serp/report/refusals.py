@@ -12,10 +12,10 @@ from serp.control.decision import Reason
 from serp.explanation.causes import Cause
 from serp.explanation.decision import causes_ahead
 from serp.report.causes import CauseTable
-from serp.report.recorded_steps import RecordedSteps, vetoed_in
+from serp.report.recorded_steps import RecordedSteps
 from serp.review.agreeing import agreeing_planner
 from serp.review.run_model import RunModel
-from serp.runs.recording import Recording
+from serp.runs.recording import VETO_COLUMNS, Recording, vetoed
 from serp.runs.recording_format import REASONS
 
 _MOST: Final = 20
@@ -38,8 +38,8 @@ _DECIDES: Final = {
 
 def veto_table(recording: Recording, actions: list[str]) -> dict[str, Any]:
     """Return the refused proposals of a whole recording by action and reason, for the page."""
-    columns = recording.columns("proposed", "proposed_by", "reason")
-    refused = vetoed_in(columns)
+    columns = recording.columns("proposed", *VETO_COLUMNS)
+    refused = vetoed(columns)
     counts: Counter[tuple[int, int]] = Counter(
         zip(columns["proposed"][refused].tolist(), columns["reason"][refused].tolist(), strict=True)
     )

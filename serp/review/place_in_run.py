@@ -7,10 +7,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from serp.control.decision import Actor, Reason
 from serp.errors import RunError
-from serp.runs.recording import Recording
-from serp.runs.recording_format import ACTORS, REASONS
+from serp.runs.recording import VETO_COLUMNS, Recording, vetoed
 
 _TIME: Final = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d+)?)")
 _LARGEST: Final = 1e12
@@ -29,10 +27,8 @@ def most_telling(recording: Recording) -> FoundStep:
     Raises:
         RunError: There is no step yet.
     """
-    columns = recording.columns("proposed_by", "reason", "unsafe")
-    learner = columns["proposed_by"] != ACTORS.index(Actor.PLANNER)
-    vetoed = learner & (columns["reason"] != REASONS.index(Reason.ACCEPTED))
-    for what, steps in (("refused proposal", vetoed), ("unsafe step", columns["unsafe"])):
+    columns = recording.columns(*VETO_COLUMNS, "unsafe")
+    for what, steps in (("refused proposal", vetoed(columns)), ("unsafe step", columns["unsafe"])):
         if steps.any():
             return FoundStep(int(np.flatnonzero(steps)[-1]), f"the last {what}")
     if not len(recording):

@@ -1,14 +1,22 @@
-"""What a recorded step was predicted to lead to, and what it led to."""
+"""What recorded steps were predicted to lead to, and what they led to."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from serp.model.transition_model import TransitionModel, Vector
 from serp.review.run_model import RunModel
 from serp.runs.recording import Recording, StoredStep
+from serp.sysid.regression_data import predictions
+
+_ROUNDING: Final = 1e-6
+"""Error, in units, up to which a prediction is right."""
 
 
 @dataclass(frozen=True)
@@ -72,3 +80,37 @@ def _predicted(model: TransitionModel, state: Vector, ground: int) -> Vector | N
         return None
     step = model.step(state, ground)
     return step.state if step.applicable else None
+
+
+def predicted_states(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """Return the states `[n, F]` one step ahead; NaN where the model predicts none.
+
+    Args:
+        model: The model.
+        states: `[n, F]`.
+        actions: `[n]` ground actions; -1 where the model does not know the action.
+    """
+    found, known = np.full_like(states, np.nan), actions >= 0
+    if known.any():
+        found[known] = predictions(model, states[known], actions[known])
+    return found
+
+
+def error_units(model: TransitionModel, usual: Vector, predicted: Vector) -> Vector:
+    """Return the units `[F]` of errors one step ahead; those of predicates are 1.
+
+    Args:
+        model: The model.
+        usual: What each fluent usually changes by in a step (root mean square).
+        predicted: What it is predicted to change by, which counts where it never changes.
+    """
+    numeric = np.array([fluent.numeric for fluent in model.fluents], np.bool_)
+    units = np.where(usual > 0.0, usual, predicted)
+    return np.where(numeric & (units > 0.0), units, 1.0)
+
+
+def in_units(differences: Vector, units: Vector) -> Vector:
+    """Return the sizes of errors in units; rounding is no error."""
+    errors = np.abs(differences) / units
+    errors[errors < _ROUNDING] = 0.0
+    return errors

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.text import listed, plural
-from serp.control.decision import Decision
+from serp.control.decision import Actor, Decision, Reason
 from serp.errors import RunError
 from serp.model.transition_model import Vector
 from serp.planning.action_map import ActionForecast
@@ -28,6 +28,10 @@ from serp.runs.recording_format import (
     decode,
 )
 
+VETO_COLUMNS: Final = ("proposed_by", "reason")
+"""What `vetoed` is told by."""
+NEXT_STATE_COLUMNS: Final = ("episode", "state", "terminated", "truncated", "final_state")
+"""What `next_states` are among."""
 _BOUNDS: Final = tuple(Bound)
 _KEPT = 8
 """Blocks that are kept in memory."""
@@ -118,16 +122,20 @@ class Recording:
 
         Args:
             names: The columns.
-            since: The first step, from 0; blocks before it are not read. `final_state`, which has
-                no row a step, is for 0 alone.
+            since: The first step, from 0; blocks before it are not read.
         """
         parts = []
         first, skipped = divmod(since, self.layout.block)
+        wanted = dict.fromkeys(("number", "terminated", "truncated", *names))
         for number, file in enumerate(self._files[first:], first):
-            found = decode(file, self.layout, dict.fromkeys(("number", *names)))
+            found = decode(file, self.layout, wanted)
             self._require_full(number, found)
             if number == first and skipped:
-                found = {name: values[skipped:] for name, values in found.items()}
+                ended = int((found["terminated"] | found["truncated"])[:skipped].sum())
+                found = {
+                    name: values[ended if name == "final_state" else skipped :]
+                    for name, values in found.items()
+                }
             parts.append(found)
         empty = self.layout.empty(0)
         return {
@@ -268,6 +276,31 @@ class Recording:
                 f"{plural(len(steps), 'step')}, counted from 1."
             )
         return int(steps[number - 1])
+
+
+def vetoed(columns: Columns) -> NDArray[np.bool_]:
+    """Return `[n]` whether a proposal was refused in each step, see `Decision.vetoed`.
+
+    Args:
+        columns: Those of `VETO_COLUMNS`.
+    """
+    by_planner = columns["proposed_by"] == ACTORS.index(Actor.PLANNER)
+    accepted = columns["reason"] == REASONS.index(Reason.ACCEPTED)
+    return np.asarray(~(by_planner | accepted))
+
+
+def next_states(columns: Columns) -> Vector:
+    """Return the states `[n, F]` after steps; NaN where they are not among the columns.
+
+    Args:
+        columns: Those of `NEXT_STATE_COLUMNS`, in the order of a recording.
+    """
+    episodes, found = columns["episode"], np.full_like(columns["state"], np.nan)
+    order = np.argsort(episodes, kind="stable")  # episodes that run together interleave
+    goes_on = np.diff(episodes[order]) == 0
+    found[order[:-1][goes_on]] = columns["state"][order[1:][goes_on]]
+    found[columns["terminated"] | columns["truncated"]] = columns["final_state"]
+    return found
 
 
 def open_recording(run: Path, evaluation: str | None = None) -> Recording:

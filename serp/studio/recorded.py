@@ -8,11 +8,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from serp.control.decision import Actor, Reason
-from serp.runs.recording import Recording, open_recording
-from serp.runs.recording_format import Columns, Layout
+from serp.runs.recording import VETO_COLUMNS, Recording, open_recording, vetoed
 from serp.studio.played import PlayedEpisode, PlayedStep
 from serp.studio.reading import Version
 from serp.studio.shown_state import ShownState
@@ -40,8 +37,7 @@ class RecordedRun:
     @functools.cached_property
     def vetoes(self) -> list[int]:
         """Positions of the steps in which a proposal was refused."""
-        columns = self._recording.columns("reason", "proposed_by")
-        return np.flatnonzero(vetoed(columns, self._recording.layout)).tolist()
+        return np.flatnonzero(vetoed(self._recording.columns(*VETO_COLUMNS))).tolist()
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -98,15 +94,3 @@ class RecordedRun:
                 said += f" instead of {proposed}: {decision.reason}"
             values = dict(zip(layout.fluents, found.state.tolist(), strict=True))
             yield PlayedStep(values, said, bool(decision.forecast.indifferent), "")
-
-
-def vetoed(columns: Columns, layout: Layout) -> NDArray[np.bool_]:
-    """Return `[N]` whether a proposal of the learner was refused in each step.
-
-    Args:
-        columns: `reason` and `proposed_by` of the steps.
-        layout: That of the recording.
-    """
-    by_learner = columns["proposed_by"] != layout.actors.index(Actor.PLANNER)
-    accepted = columns["reason"] == layout.reasons.index(Reason.ACCEPTED)
-    return np.asarray(by_learner & ~accepted)

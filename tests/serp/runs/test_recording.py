@@ -19,7 +19,7 @@ from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
 from serp.planning.limits import Bound
 from serp.runs.recorder import Recorder
-from serp.runs.recording import Recording
+from serp.runs.recording import Recording, next_states, vetoed
 from serp.runs.recording_format import COLUMNS, HEADER, Columns, Layout, decode, encode
 from tests.serp.control.records import step_record
 
@@ -115,6 +115,15 @@ def test_a_recorded_step_is_the_step(tmp_path: Path) -> None:
     states = np.array([made.state for _, made in steps])
     assert same(found.ranges, (states.min(axis=0), states.max(axis=0)))
     assert same(found.columns("action")["action"], [made.decision.action for _, made in steps])
+    for since in (0, 5):  # the same of columns, whatever part of them
+        columns = found.columns(*COLUMNS, since=since)
+        read_steps = [found.step(k) for k in range(since, COUNT)]
+        assert vetoed(columns).tolist() == [each.decision.vetoed for each in read_steps]
+        for after, each in zip(next_states(columns), read_steps, strict=True):
+            nothing = np.full(2, np.nan)
+            np.testing.assert_array_equal(
+                after, nothing if each.next_state is None else each.next_state
+            )
     changes = [np.diff(states[at], axis=0) for at in places.values()]
     assert np.allclose(found.usual_change, np.sqrt(np.mean(np.concatenate(changes) ** 2, axis=0)))
 

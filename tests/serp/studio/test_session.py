@@ -324,11 +324,16 @@ def test_what_a_training_writes_is_read_while_it_goes_on(tmp_path: Path) -> None
     measured.read(recording)
     windows, errors = measured.errors()
     assert windows[-1] <= len(recording) < 2 * windows[-1]
-    everything = recording.columns(*COLUMNS[:-1])
+    everything = recording.columns(*COLUMNS)
+    ended = np.cumsum(everything["terminated"] | everything["truncated"])
     for begin, end in itertools.pairwise((0, 1, 7, 100, len(recording))):
-        since = recording.columns("state", since=begin)["state"]
-        np.testing.assert_array_equal(since, everything["state"][begin:])
-        pieces.take({name: each[begin:end] for name, each in everything.items()}, recording)
+        first, last = (int(ended[k - 1]) if k else 0 for k in (begin, end))
+        for name, each in recording.columns(*COLUMNS, since=begin).items():
+            skipped = first if name == "final_state" else begin
+            np.testing.assert_array_equal(each, everything[name][skipped:])
+        piece = {name: each[begin:end] for name, each in everything.items()}
+        piece["final_state"] = everything["final_state"][first:last]
+        pieces.take(piece, recording.layout.fluents)
     assert pieces.errors()[0] == windows and pieces.vetoes == measured.vetoes
     for name, found in pieces.errors()[1].items():
         np.testing.assert_allclose(found, errors[name])
