@@ -23,6 +23,7 @@
     (reward))
 
   ; What the robot can do. Nobody has measured what comes of it.
+
   (:action turn-left
     :parameters ()
     :precondition (and)

@@ -22,6 +22,7 @@
     (reward))
 
   ; What the robot can do: to the cart.
+
   (:action push-left
     :parameters ()
     :precondition (and)
@@ -35,6 +36,7 @@
       (increase (cart-velocity) 0.195)))
 
   ; What the world does by itself.
+
   (:process roll
     :parameters ()
     :precondition (and)
@@ -47,6 +49,7 @@
 
   ; What is good and what is bad: word for word as in cartpole.pddl, so that whoever learns with
   ; this file learns from the same rewards.
+
   (:event balance
     :parameters ()
     :precondition (and)

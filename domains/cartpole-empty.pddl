@@ -23,6 +23,7 @@
     (reward))
 
   ; What the robot can do. Nobody has measured what comes of it.
+
   (:action push-left
     :parameters ()
     :precondition (and)
@@ -35,6 +36,7 @@
 
   ; What is good and what is bad: word for word as in cartpole.pddl, so that whoever learns with
   ; this file learns from the same rewards.
+
   (:event balance
     :parameters ()
     :precondition (and)

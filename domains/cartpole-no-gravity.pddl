@@ -23,6 +23,7 @@
     (reward))
 
   ; What the robot can do, right as it is.
+
   (:action push-left
     :parameters ()
     :precondition (and)
@@ -38,6 +39,7 @@
       (decrease (pole-velocity) 0.29)))
 
   ; What the world does by itself: it moves on. But nothing pulls at the pole.
+
   (:process roll
     :parameters ()
     :precondition (and)
@@ -50,6 +52,7 @@
 
   ; What is good and what is bad: word for word as in cartpole.pddl, so that whoever learns with
   ; this file learns from the same rewards.
+
   (:event balance
     :parameters ()
     :precondition (and)

@@ -23,6 +23,7 @@
     (reward))
 
   ; What the robot can do. `assign` forgets what was there before; `increase` would not.
+
   (:action push-left
     :parameters ()
     :precondition (and)
@@ -38,6 +39,7 @@
       (assign (pole-velocity) -0.29)))
 
   ; What the world does by itself, right as it is.
+
   (:process roll
     :parameters ()
     :precondition (and)
@@ -55,6 +57,7 @@
 
   ; What is good and what is bad: word for word as in cartpole.pddl, so that whoever learns with
   ; this file learns from the same rewards.
+
   (:event balance
     :parameters ()
     :precondition (and)

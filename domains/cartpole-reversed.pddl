@@ -24,6 +24,7 @@
     (reward))
 
   ; What the robot can do: each has the effects of the other.
+
   (:action push-left
     :parameters ()
     :precondition (and)
@@ -39,6 +40,7 @@
       (increase (pole-velocity) 0.29)))
 
   ; What the world does by itself, right as it is.
+
   (:process roll
     :parameters ()
     :precondition (and)
@@ -56,6 +58,7 @@
 
   ; What is good and what is bad: word for word as in cartpole.pddl, so that whoever learns with
   ; this file learns from the same rewards.
+
   (:event balance
     :parameters ()
     :precondition (and)

@@ -30,6 +30,7 @@
 
   ; What the robot can do. A push lasts one control period (0.02 s) and changes both velocities at
   ; once: pushing the cart to the left makes the pole swing to the right.
+
   (:action push-left
     :parameters ()
     :precondition (and)
@@ -46,6 +47,7 @@
 
   ; What the world does by itself, all the time. #t is the time that passes, so (* #t rate) is a
   ; change of so much per second.
+
   (:process roll
     :parameters ()
     :precondition (and)
@@ -63,6 +65,7 @@
 
   ; What happens at certain points. An event is looked at after every step, once the world has moved
   ; on. Here they say what is good and what is bad about the place where the step has led.
+
   (:event balance              ; one point for every step ...
     :parameters ()
     :precondition (and)

@@ -20,6 +20,7 @@
     (reward))
 
   ; What the robot means to do. At the rim of the plateau a wall stops it.
+
   (:action up
     :parameters ()
     :precondition (and)

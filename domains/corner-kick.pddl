@@ -31,6 +31,7 @@
 
   ; What the robot can do. An action lasts 0.4 s, in which a robot walks 0.10 m (0.25 m/s).
   ; Between actions that promise the same, serp takes the first in this file.
+
   (:action intercept           ; go to where the rolling ball can be met
     :parameters ()
     :precondition (and)
@@ -77,12 +78,14 @@
       (when (and (< (robot-to-opponent) 0.40)) (decrease (reward) 10.0))))  ; one of them falls
 
   ; What the world does by itself: the opponent runs to the ball, turns and winds up for a shot.
+
   (:process opponent-gets-ready
     :parameters ()
     :precondition (and (> (shot-in) 0.0))
     :effect (and (decrease (shot-in) (* #t 1.0))))
 
   ; What happens at certain points, looked at after every step. First, what ends a movement.
+
   (:event robot-has-the-ball
     :parameters ()
     :precondition (and (< (ball-in) 0.0))
@@ -105,6 +108,7 @@
 
   ; Then, what it is worth. The rewards are those of the rules: 10 for a ball kicked away, -2 for
   ; one that goes out, -10 for a goal against us.
+
   (:event kick-clears          ; from the goal's side of the ball
     :parameters ()
     :precondition (and (kicked) (< (off-line) 1.6))

@@ -22,6 +22,7 @@
     (reward))
 
   ; What the robot can do. Nobody has measured what comes of it.
+
   (:action fall
     :parameters ()
     :precondition (and)

@@ -27,6 +27,7 @@
     (reward))
 
   ; What the robot can do, and the fuel that it takes. Nobody has measured what comes of it.
+
   (:action fall :parameters () :precondition (and) :effect (and))
   (:action push-left :parameters () :precondition (and) :effect (and (decrease (reward) 0.03)))
   (:action brake :parameters () :precondition (and) :effect (and (decrease (reward) 0.3)))

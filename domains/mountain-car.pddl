@@ -18,6 +18,7 @@
     (reward))
 
   ; What the robot can do. Nobody has measured what comes of it.
+
   (:action drive-left
     :parameters ()
     :precondition (and)

@@ -35,6 +35,7 @@
 
   ; What the robot can do. An action lasts 0.4 s, in which a robot walks 0.10 m (0.25 m/s).
   ; Between actions that promise the same, serp takes the first in this file.
+
   (:action cover-goal          ; step onto the line from the ball to the goal, and stay there
     :parameters ()
     :precondition (and)
@@ -67,12 +68,14 @@
       (when (and (< (robot-to-opponent) 0.40)) (decrease (reward) 10.0))))  ; one of them falls
 
   ; What the world does by itself, all the time: so much per second.
+
   (:process opponent-approaches
     :parameters ()
     :precondition (and (> (opponent-to-ball) 0.20))
     :effect (and (decrease (opponent-to-ball) (* #t 0.25))))
 
   ; What happens at certain points, looked at after every step. First, what ends a movement.
+
   (:event robot-touches
     :parameters ()
     :precondition (and (< (robot-to-ball) 0.20))
@@ -96,6 +99,7 @@
   ; Then, how the contest ends. The rewards are those of the rules: 10 for the ball, -10 for a goal
   ; against us, -4 for losing the ball. Being close earns nothing, or the robot would stay close.
   ; In the next two events, `(not (free ?s))` and `(free ?s)` stand in each other's place.
+
   (:event push-wins
     :parameters (?s - side)
     :precondition (and (pushed ?s) (not (free ?s)))

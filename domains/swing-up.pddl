@@ -20,6 +20,7 @@
     (reward))
 
   ; What the robot can do. Nobody has measured what comes of it.
+
   (:action turn-left
     :parameters ()
     :precondition (and)
@@ -37,6 +38,7 @@
 
   ; What is good about the place where a step has led. Upright and at rest is worth 0, all else
   ; costs.
+
   (:event low                 ; from 0 upright to 0.5 hanging
     :parameters ()
     :precondition (and)

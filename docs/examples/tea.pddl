@@ -19,6 +19,7 @@
     (reward))
 
   ; What the robot can do.
+
   (:action switch-on  ; the heater
     :parameters ()
     :precondition (and (not (heater-on)))
@@ -44,6 +45,7 @@
     :effect (and))
 
   ; What the world does by itself, all the time.
+
   (:process heating  ; a degree a second
     :parameters ()
     :precondition (and (heater-on))
@@ -55,6 +57,7 @@
     :effect (and (decrease (temperature) (* #t (* 0.002 (- (temperature) 20.0))))))
 
   ; What happens at certain points.
+
   (:event boiling  ; water becomes steam
     :parameters ()
     :precondition (and (> (temperature) 100.0))

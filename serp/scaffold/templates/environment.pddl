@@ -27,8 +27,10 @@ ${functions}
   ; What the robot can do. An effect says what changes, such as
   ;   :effect (and (increase (${first}) 0.1))
   ; and a precondition when it can be done, such as (and (< (${first}) 1)).
+
 ${actions}
   ; What the world does by itself, per unit of time. Remove the semicolons:
+
   ; (:process drift
   ;   :parameters ()
   ;   :precondition (and)
@@ -36,6 +38,7 @@ ${actions}
 
   ; What is good or bad about the place where a step has led. Without a reward in this file, the
   ; learner learns from that of the environment, and the planner has nothing to go by.
+
   ; (:event good
   ;   :parameters ()
   ;   :precondition (and (> (${first}) 0))

@@ -39,7 +39,7 @@ def test_the_text_says_who_acted_what_is_behind_it_and_what_came(run: Run, train
     for said in (
         "(the last ",
         "pole-angle = ",
-        "by event balance: one point for every step. [domain.pddl:69",
+        "by event balance: one point for every step. [domain.pddl:72",
         "The environment gave 1",
         "Each fluent was changed alone",
     ):
