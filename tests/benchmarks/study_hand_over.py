@@ -15,18 +15,19 @@ on as if it had not been: of `serp` the policies `planner`, `serp` and `learner`
 algorithms the greedy choice of the learner (of `mrp` the planner's). With `--out` every algorithm,
 seed and point is a JSON line; what the file has is not run again, and the table shows it too.
 
-A row of the table is a task and point: means over the seeds ± half the width of the 95 % interval
-(Student's t), in brackets the lowest. *hand-over* is serp − max(planner, learner), *others* serp −
-the best mean of the other algorithms, seed by seed, in per cent of the range from random actions
-to the best evaluation on the task and its variants; bold where its mean is below −5. *training* is
-the mean return of all training episodes so far, *steps/s* env steps per second of processor time of
-the training, *ms* the time of an evaluated step that the planner decides (medians over the seeds).
+The table is CSV. A row is a task and point: means over the seeds ± half the width of the 95 %
+interval (Student's t), in brackets the lowest. *hand-over* is serp − max(planner, learner),
+*others* serp − the best mean of the other algorithms, seed by seed, in per cent of the range from
+random actions to the best evaluation on the task and its variants. *training* is the mean return of
+all training episodes so far, *steps/s* env steps per second of processor time of the training, *ms*
+the time of an evaluated step that the planner decides (medians over the seeds).
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import csv
 import json
 import sys
 import time
@@ -167,17 +168,14 @@ def cell(values: Sequence[float], lowest: bool = True, digits: int = 4) -> str:
 def share(pairs: Iterable[tuple[float, float]], span: float) -> str:
     """Return the difference of pairs in per cent of a range."""
     percent = [100.0 * (own - other) / span for own, other in pairs]
-    text = cell(percent, lowest=False, digits=2)
-    return f"**{text}**" if percent and mean(percent) < -5.0 else text
+    return cell(percent, lowest=False, digits=2)
 
 
-def table(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield the lines of the Markdown table."""
+def table(rows: Sequence[Row]) -> Iterator[list[str]]:
+    """Yield the rows of the table, its head first."""
     beside = sorted({row["algorithm"] for row in rows} - {SERP})
     shown = ["planner", SERP, "learner", *beside]
-    heads = ["task", "env steps", "seeds", *shown, "hand-over", "others", "training", "steps/s"]
-    yield "| " + " | ".join([*heads, "ms"]) + " |"
-    yield "|---" * (len(heads) + 1) + "|"
+    yield ["task", "env steps", "seeds", *shown, "hand-over", "others", "training", "steps/s", "ms"]
     names = ("base", "task", "changes", "point")
     for group in sorted({tuple(row[k] for k in names) for row in rows if SERP in row}):
         base, task, changes, point = group
@@ -195,7 +193,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
         cells.append(share([(r[SERP], max(r["planner"], r["learner"])) for r in own], span))
         cells.append(share([(r[SERP], ahead[r["seed"]]) for r in own if r["seed"] in ahead], span))
         cells += [cell(training), f"{np.median([row['steps_per_second'] for row in own]):.0f}"]
-        yield "| " + " | ".join([*cells, f"{np.median([r['planner_ms'] for r in own]):.2g}"]) + " |"
+        yield [*cells, f"{np.median([row['planner_ms'] for row in own]):.2g}"]
 
 
 def asked(options: argparse.Namespace) -> Iterator[Training]:
@@ -242,7 +240,7 @@ def main() -> int:
                 if options.out is not None:
                     with options.out.open("a") as file:
                         file.writelines(json.dumps(row) + "\n" for row in job.result())
-    print("\n".join(table(rows)))
+    csv.writer(sys.stdout, lineterminator="\n").writerows(table(rows))
     return int(failed)
 
 
