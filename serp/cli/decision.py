@@ -10,7 +10,7 @@ from serp._util.text import plural
 from serp.cli.chosen_planner import ChosenPlanner
 from serp.cli.output import print_table
 from serp.explanation.decision import Alternative, Explanation, explain
-from serp.explanation.sentences import between, beyond_of, lines_of_causes
+from serp.explanation.sentences import between, beyond_of, lines_of_causes, special_about
 from serp.planning.limits import Bound
 
 if TYPE_CHECKING:
@@ -96,13 +96,7 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
             return ["The domain has no ground action: there is nothing to decide."]
         return ["No action is applicable here."]
     lines = [f"Chosen: {plan.name}, best return {readable(plan.reward)}."]
-    if plan.indifferent:
-        lines.append(
-            "All safe actions have the same best return (the planner is indifferent): what "
-            "matters lies beyond what it sees. The first in the file is taken."
-        )
-    if not plan.safe and plan.action is not None:
-        lines.append(_why_unsafe_chosen(plan, plan.action))
+    lines += special_about(plan.forecast)
     if isinstance(planner, ChosenPlanner):
         return [*lines, planner.sight(plan)]
     settings = planner.settings
@@ -118,20 +112,6 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
         f"discount {settings.discount:g}.{ended[plan.bound]}"
     )
     return lines
-
-
-def _why_unsafe_chosen(plan: Plan, action: int) -> str:
-    forecast = plan.forecast
-    steps, risk = int(forecast.safe_steps[action]), float(forecast.path_risk[action])
-    if forecast.unsafe[action]:
-        return "Every action is predicted unsafe. The one with the best return is taken."
-    if risk < 1.0:
-        where = "Every action is" if steps == 0 else "Every path leads to something"
-        return f"{where} too risky. The one whose path has the least, {percent(risk)}, is taken."
-    return (
-        "Every path leads to something unsafe. The one that stays safe the longest, for "
-        f"{plural(steps, 'control period')}, is taken."
-    )
 
 
 def print_state(console: Console, account: Explanation) -> None:

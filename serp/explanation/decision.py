@@ -1,13 +1,15 @@
 """The one account of a decision, in the words of the file.
 
 `explain` makes it of what a planner predicts in a state, whoever decided: `serp plan` and
-`serp why` print it, and whatever else shows a decision renders it, too.
+`serp why` print it, and whatever else shows a decision renders it, too. What of the file is behind
+an action is traced when it is asked for: of thousands of actions a few are shown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -52,8 +54,29 @@ class Predicted(Protocol):
 
 
 @dataclass(frozen=True)
+class Behind:
+    """What of the file is behind the prediction for an action.
+
+    Attributes:
+        remark: What is special, in one line that quotes the file; may be empty.
+        causes: What is behind one control period. The amounts of its rewards add up to `reward`.
+        next_state: Fluent → value predicted after one control period; None where not applicable.
+        ahead: What follows on the best path, as far as it is known, in its order.
+        beyond: Best return less the discounted sum of the rewards in `causes` and `ahead`: what
+            later steps bring, and other outcomes. 0 where that is hardly anything or the path is
+            not known.
+    """
+
+    remark: str
+    causes: tuple[Cause, ...]
+    next_state: dict[str, float | bool] | None
+    ahead: tuple[Cause, ...] = ()
+    beyond: float = 0.0
+
+
+@dataclass(frozen=True)
 class Alternative:
-    """What is predicted for one action.
+    """What is predicted for one action, and what is behind that, see `Behind`.
 
     Attributes:
         action: Its position.
@@ -68,13 +91,7 @@ class Alternative:
             applicable.
         path_risk: Probability of an unsafe step on that path.
         safe_steps: Control periods on that path before the first risk; None where there is none.
-        remark: What is special, in one line that quotes the file; may be empty.
-        causes: What is behind one control period. The amounts of its rewards add up to `reward`.
-        next_state: Fluent → value predicted after one control period; None where not applicable.
-        ahead: What follows on the best path, as far as it is known, in its order.
-        beyond: Best return less the discounted sum of the rewards in `causes` and `ahead`: what
-            later steps bring, and other outcomes. 0 where that is hardly anything or the path is
-            not known.
+        trace: Called once, when it is asked what is behind the prediction.
     """
 
     action: int
@@ -87,11 +104,42 @@ class Alternative:
     best_return: float
     path_risk: float
     safe_steps: int | None
-    remark: str
-    causes: tuple[Cause, ...]
-    next_state: dict[str, float | bool] | None
-    ahead: tuple[Cause, ...] = ()
-    beyond: float = 0.0
+    trace: Callable[[], Behind] = field(repr=False, compare=False)
+
+    @functools.cached_property
+    def behind(self) -> Behind:
+        """What of the file is behind it."""
+        return self.trace()
+
+    @property
+    def remark(self) -> str:
+        """See `Behind`."""
+        return self.behind.remark
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """See `Behind`."""
+        return self.behind.causes
+
+    @property
+    def next_state(self) -> dict[str, float | bool] | None:
+        """See `Behind`."""
+        return self.behind.next_state
+
+    @property
+    def ahead(self) -> tuple[Cause, ...]:
+        """See `Behind`."""
+        return self.behind.ahead
+
+    @property
+    def beyond(self) -> float:
+        """See `Behind`."""
+        return self.behind.beyond
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values (infinities among them)."""
+        told = {each.name: getattr(self, each.name) for each in fields(self)[:-1]}
+        return {**told, **asdict(self.behind)}
 
 
 @dataclass(frozen=True)
@@ -117,7 +165,13 @@ class Explanation:
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values (infinities among them)."""
-        return asdict(self)
+        other = self.runner_up
+        return {
+            "state": dict(self.state),
+            "alternatives": [each.as_dict() for each in self.alternatives],
+            "chosen": self.chosen,
+            "runner_up": None if other is None else asdict(other),
+        }
 
 
 def explain(
@@ -150,11 +204,11 @@ def explain(
     if names is None:
         names = [action.name for action in model.actions]
     alternatives = tuple(
-        _alternative(model, state, predicted, k, names[k], g, paths[k] if paths else ())
+        _alternative(
+            model, state, predicted, k, names[k], g, None if paths is None else paths[k], discount
+        )
         for k, g in enumerate(ground)
     )
-    if paths is not None:
-        alternatives = tuple(replace(a, beyond=_beyond(a, discount)) for a in alternatives)
     values = model.values(state)
     return Explanation(values, alternatives, chosen, runner_up_of(predicted, names, chosen))
 
@@ -166,41 +220,44 @@ def _alternative(
     k: int,
     name: str,
     ground: int,
-    path: Sequence[int],
+    path: Sequence[int] | None,
+    discount: float,
 ) -> Alternative:
     flags, steps = int(predicted.flags[k]), int(predicted.safe_steps[k])
-    applicable = bool(flags & APPLICABLE)
-    reward = float(predicted.reward[k]) if applicable else None
-    causes: tuple[Cause, ...] = ()
-    after = None
-    if ground >= 0:
-        causes = tuple(step_causes(model, state, ground, flags, reward))
-        if applicable:
-            after = model.values(model.step(state, ground).state)
+    reward = float(predicted.reward[k]) if flags & APPLICABLE else None
+    best, risk = float(predicted.value[k]), float(predicted.path_risk[k])
+
+    def trace() -> Behind:
+        causes, after = tuple[Cause, ...](), None
+        if ground >= 0:
+            causes = tuple(step_causes(model, state, ground, flags, reward))
+            if flags & APPLICABLE:
+                after = model.values(model.step(state, ground).state)
+        ahead = tuple(causes_ahead(model, state, path or ()))
+        beyond = 0.0
+        if path is not None and flags & APPLICABLE:
+            beyond = _beyond(best, (*causes, *ahead), discount)
+        return Behind(_remark(causes, ground, flags, steps, risk), causes, after, ahead, beyond)
+
     return Alternative(
         action=k,
         name=name,
-        applicable=applicable,
+        applicable=bool(flags & APPLICABLE),
         unsafe=bool(flags & UNSAFE),
         risk=risk_of(flags),
         terminal=bool(flags & TERMINAL),
         reward=reward,
-        best_return=float(predicted.value[k]),
-        path_risk=float(predicted.path_risk[k]),
+        best_return=best,
+        path_risk=risk,
         safe_steps=None if steps == SAFE else steps,
-        remark=_remark(causes, ground, flags, steps, float(predicted.path_risk[k])),
-        causes=causes,
-        next_state=after,
-        ahead=tuple(causes_ahead(model, state, path)),
+        trace=trace,
     )
 
 
-def _beyond(alternative: Alternative, discount: float) -> float:
+def _beyond(best: float, causes: Sequence[Cause], discount: float) -> float:
     """Return what the rewards that are listed of an action leave of its best return."""
-    if not alternative.applicable:
-        return 0.0
-    best, listed = alternative.best_return, 0.0
-    for cause in (*alternative.causes, *alternative.ahead):
+    listed = 0.0
+    for cause in causes:
         if cause.what == "reward":
             listed += discount**cause.after * (cause.amount or 0.0)
     noise = _NOTICEABLE * max(abs(best), abs(listed))

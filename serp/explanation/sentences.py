@@ -13,6 +13,7 @@ from serp.explanation.decision import Alternative
 from serp.explanation.flips import Flip, Flips
 from serp.explanation.refusals import schema_of, what_fails
 from serp.explanation.runner_up import RunnerUp
+from serp.planning.forecast import Forecast
 
 TO_THE_UNKNOWN: Final = (
     "Nothing that the planner knows farther ahead is worth more than going on, so the plan leads "
@@ -85,6 +86,32 @@ def lesser(other: RunnerUp) -> str:
 def _risks(other: RunnerUp) -> str:
     taken, own = map(percent, other.path_risks)
     return f" ({own} against {taken})"
+
+
+def special_about(forecast: Forecast) -> list[str]:
+    """Say what is special about the planner's choice: that all is the same, or nothing safe."""
+    chosen, said = forecast.choice, []
+    if forecast.indifferent:
+        said.append(
+            "All safe actions have the same best return (the planner is indifferent): what "
+            "matters lies beyond what it sees. The first in the file is taken."
+        )
+    if chosen < 0 or forecast.safe:
+        return said
+    steps, risk = int(forecast.safe_steps[chosen]), float(forecast.path_risk[chosen])
+    if forecast.unsafe[chosen]:
+        said.append("Every action is predicted unsafe. The one with the best return is taken.")
+    elif risk < 1.0:
+        where = "Every action is" if steps == 0 else "Every path leads to something"
+        said.append(
+            f"{where} too risky. The one whose path has the least, {percent(risk)}, is taken."
+        )
+    else:
+        said.append(
+            "Every path leads to something unsafe. The one that stays safe the longest, for "
+            f"{plural(steps, 'control period')}, is taken."
+        )
+    return said
 
 
 def lines_of_flips(flips: Flips, outcome: str = "") -> list[str]:

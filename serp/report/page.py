@@ -145,6 +145,7 @@ def _data(content: Content) -> tuple[dict[str, Any], str]:
     card = np.zeros(len(steps), np.uint16)
     for number, each in enumerate(content.cards, 1):
         card[each["steps"]] = number
+    risk_arrays, risks = step_data.risk_data(steps, content.causes)
     grids = {"grids": scenes.sheets.grids()} if scenes.frames else {}
     arrays, order = packed(
         {
@@ -152,6 +153,7 @@ def _data(content: Content) -> tuple[dict[str, Any], str]:
             **step_data.step_arrays(steps, content.errors, scenes.drawn(steps)),
             "card": card,
             **step_data.cause_arrays(content.causes),
+            **risk_arrays,
             **step_data.told_of(steps, content.actions),
             **grids,
         }
@@ -167,6 +169,7 @@ def _data(content: Content) -> tuple[dict[str, Any], str]:
             {"name": visible(fluent.name), "numeric": fluent.numeric, "unit": float(unit)}
             for fluent, unit in zip(model.fluents, content.errors.units, strict=True)
         ],
+        "risks": risks,
         "largeError": content.errors.limit,
         "baseline": content.baseline,
         "episodes": step_data.episode_data(steps, scenes),

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.number_format import percent
 from serp._util.terminal import visible
 from serp.control.decision import Reason
 from serp.explanation.causes import Cause, Location
@@ -72,7 +73,6 @@ def step_arrays(steps: RecordedSteps, errors: ModelErrors, drawn: NDArray[np.boo
         "errors": errors.errors.T,
         "value": steps["value"].T,
         "reward": steps["reward"].T,
-        "risk": steps["path_risk"].T,
         "safe": safe.T.astype(np.uint16),
         "flags": flags.T.astype(np.uint8),
     }
@@ -86,6 +86,22 @@ def cause_arrays(causes: CauseTable) -> Arrays:
         "cause": causes.cause,
         "amount": causes.amount,
     }
+
+
+def risk_data(steps: RecordedSteps, causes: CauseTable) -> tuple[Arrays, list[str]]:
+    """Return all risks as texts, and the arrays that hold their positions among these.
+
+    `risk` is that of the path by each alternative, and `causeRisk` that of each entry of a cause.
+    """
+    texts: dict[str, int] = {}
+    arrays = {}
+    risky = np.array([cause.what == "risk" for cause in causes.causes], np.bool_)[causes.cause]
+    own = np.where(risky, causes.amount, 0.0)
+    for name, shares in (("risk", steps["path_risk"].T), ("causeRisk", own)):
+        distinct, at = np.unique(shares, return_inverse=True)
+        numbers = [texts.setdefault(percent(each), len(texts)) for each in distinct.tolist()]
+        arrays[name] = np.array(numbers, np.uint16)[at].reshape(shares.shape)
+    return arrays, list(texts)
 
 
 def cause_data(causes: CauseTable, sources: tuple[Source, ...]) -> list[dict[str, str]]:

@@ -87,40 +87,27 @@ def who_decided(
         bound: What ended the planner's sight.
         why: What is behind a refusal, see `why_refused`.
     """
-    beyond = [TO_THE_UNKNOWN] if bound is Bound.UNKNOWN else []
-    return [*_who_decided(reason, proposed, executed, rho, indifferent, why), *beyond]
-
-
-def _who_decided(
-    reason: Reason,
-    proposed: tuple[str, Actor],
-    executed: tuple[str, Actor],
-    rho: float,
-    indifferent: bool,
-    why: str,
-) -> list[str]:
     (proposal, proposer), (action, actor) = proposed, executed
-    who = _WHO[proposer]
-    if reason is Reason.PLANNER_TURN:
-        return [f"It was the planner's turn: {action} was executed."]
-    if reason is Reason.LITTLE_TRIED:
-        return [f"It was the planner's turn: {action} was executed, for it was rarely tried."]
-    if reason is Reason.ACCEPTED:
+    if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
+        rarely = ", for it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
+        lines = [f"It was the planner's turn: {action} was executed{rarely}."]
+    elif reason is Reason.ACCEPTED:
         lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
         if indifferent:
             lead = ", for all plans were worth the same to the planner"
-        return [f"{who} chose {action}{lead}. Nothing refused it."]
-    lines = [f"{who} proposed {proposal}."] if proposal else []
-    if reason in _OF_ALL and why and proposal:  # what is behind it is that of the proposal alone
-        why = f"; {proposal}{why}"
-    lines.append(f"{_REFUSED[reason]}{why}.")
-    whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
-    lines.append(
-        f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
-        if action != proposal
-        else f"{action} was executed all the same: nothing better was left."
-    )
-    return lines
+        lines = [f"{_WHO[proposer]} chose {action}{lead}. Nothing refused it."]
+    else:
+        lines = [f"{_WHO[proposer]} proposed {proposal}."] if proposal else []
+        if reason in _OF_ALL and why and proposal:  # what is behind it is its alone
+            why = f"; {proposal}{why}"
+        lines.append(f"{_REFUSED[reason]}{why}.")
+        whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
+        lines.append(
+            f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
+            if action != proposal
+            else f"{action} was executed all the same: nothing better was left."
+        )
+    return [*lines, TO_THE_UNKNOWN] if bound is Bound.UNKNOWN else lines
 
 
 def why_refused(

@@ -8,7 +8,7 @@ the same choice in this state, see `serp.review.agreeing`. Where none does, it i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 from serp.control.decision import Actor, Reason
@@ -91,9 +91,10 @@ class StepAccount:
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values (infinities and NaN among them)."""
-        told = asdict(self)
+        told = asdict(replace(self, account=None))  # type: ignore[arg-type]
         return {
             **told,
+            "account": self.account.as_dict(),
             **{name: str(told[name]) for name in ("executed_by", "proposed_by", "reason")},
         }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -14,6 +15,8 @@ from serp.settings import PlannerSettings
 
 _SECONDS: Final = 2.0
 """Most time of one lookahead."""
+_KEPT: Final = 2
+"""Readings that are kept: of the text, while its states change, and of what it is compared with."""
 
 
 class Version(NamedTuple):
@@ -65,6 +68,7 @@ class Reading:
     planner: MonitorReplanner | None
 
 
+@functools.lru_cache(_KEPT)
 def read(version: Version, surroundings: Surroundings) -> Reading:
     """Read a version; whatever is wrong in it becomes findings.
 

@@ -9,7 +9,7 @@ from typing import Final
 from serp._util.text import plural
 from serp.errors import SerpError
 from serp.explanation.decision import Explanation, explain
-from serp.explanation.sentences import between
+from serp.explanation.sentences import between, special_about
 from serp.lint.findings import Finding
 from serp.model.transition_model import Vector
 from serp.planning.replanner import MonitorReplanner, Plan
@@ -18,7 +18,7 @@ from serp.studio.shown_state import Control, ShownState, controls
 from serp.tasks.task import Draw
 from serp.viz.plan_svg import plan_svg
 
-_MOST_ACTIONS: Final = 200
+_MOST_ACTIONS: Final = 60
 
 
 @dataclass(frozen=True)
@@ -101,14 +101,20 @@ def decide(
 ) -> DecisionView:
     """Return what is shown of the planner's decision in a state `[F]`."""
     plan = planner.plan(state)
-    account = explain(planner.model, state, plan.forecast, plan.action, paths=plan.paths)
+    discount = planner.settings.discount
+    account = explain(
+        planner.model, state, plan.forecast, plan.action, paths=plan.paths, discount=discount
+    )
     there = plan.forecast.applicable
     order = sorted(range(len(there)), key=lambda k: not there[k])
     if len(order) > _MOST_ACTIONS:
         order.sort(key=lambda k: (k != plan.action, -plan.forecast.value[k]))
+    shown = tuple(order[:_MOST_ACTIONS])
+    for k in shown:
+        account.alternatives[k].behind  # noqa: B018  (traced now, in this thread)
     return DecisionView(
         account,
-        tuple(order[:_MOST_ACTIONS]),
+        shown,
         tuple(_verdict(plan, account)),
         plan_svg(plan, planner),
         tuple(controls(planner.model, state, seen)),
@@ -118,12 +124,8 @@ def decide(
 def _verdict(plan: Plan, account: Explanation) -> list[str]:
     if plan.name is None:
         return ["No action is applicable here."]
-    said = []
-    if plan.indifferent:
-        said.append("All safe actions promise the same: the first in the file is taken.")
-    elif account.runner_up is not None:
-        said.append(between(account.runner_up, plan.name))
-    if not plan.safe:
-        said.append("Every path leads to something unsafe: the least risk is taken.")
+    said = special_about(plan.forecast)
+    if account.runner_up is not None and not plan.indifferent:
+        said.insert(0, between(account.runner_up, plan.name))
     looked = f"{plural(plan.depth, 'action')} ahead, {plural(plan.nodes, 'state')}"
     return [*said, f"Looked {looked}."]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from serp._util.figures import colour, style_sheet
 from serp._util.number_format import readable
+from serp.explanation.sentences import special_about
 from serp.planning.limits import Bound
 from serp.viz.plan_svg import CHARACTER, DASHES, ENDS, HARMS, SIZE, PlanPicture, draw_plan, end_mark
 
@@ -100,10 +101,7 @@ def _foot(picture: PlanPicture, plan: Plan, planner: MonitorReplanner, wide: int
         sentences.append(f"Lookahead: {actions}; discount {settings.discount:g}{ended}.")
     if plan.path:
         sentences.append("A number beside a first action is its best return.")
-    if plan.indifferent:
-        sentences.append("All first actions promise the same: the first in the file is taken.")
-    if plan.path and not plan.safe:
-        sentences.append("Every path leads to something unsafe: the least risk is taken.")
+    sentences += special_about(plan.forecast)
     edges = plan.graph.number_of_edges()
     if len(layout.branches) < edges:
         sentences.append(

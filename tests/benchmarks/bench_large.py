@@ -1,80 +1,103 @@
-"""What a replan costs in classical domains of about 16 objects: blocks, gripper, logistics.
+"""How long the studio computes a view of a file with many ground actions.
 
-    python -m tests.benchmarks.bench_large [--rounds N] [--depth D]
+    python -m tests.benchmarks.bench_large [--trucks N] [--places N] [--packages N]
 
-Seconds from the text to the model, to the first decision of a new lookahead (loops are compiled
-before), and of each replan along a walk through the domain; and the same of the planner
-`far-sight`. Nothing is asserted. Run it with the code before and after a change, by turns.
+The domain is one of logistics: a truck drives between any two places, and takes in and puts down
+any package at any place. Printed are seconds of this process (the best of three) for a view after
+the text has changed, for one after the state has changed, and for the account of a decision.
 """
 
 from __future__ import annotations
 
 import argparse
-import statistics
-import warnings
-from time import perf_counter
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
 
-import numpy as np
+from serp.explanation.decision import explain
+from serp.studio.opening import open_session
+from serp.studio.reading import read
+from serp.studio.session import Session
 
-from serp.control.registry import make_planner
-from serp.model.loading import Domain
-from serp.model.transition_model import Vector
-from serp.settings import PlannerSettings, resolve
-from tests.generated import load_texts
-from tests.generated.classical import blocks, gripper, logistics
+_DOMAIN = """(define (domain logistics)
+  (:requirements :strips :typing :numeric-fluents)
+  (:types truck place package)
+  (:predicates (at ?t - truck ?l - place) (lies ?p - package ?l - place)
+    (in ?p - package ?t - truck))
+  (:functions (reward))
+  (:action drive :parameters (?t - truck ?a - place ?b - place)
+    :precondition (and (at ?t ?a) (not (= ?a ?b)))
+    :effect (and (not (at ?t ?a)) (at ?t ?b) (decrease (reward) 1.0)))
+  (:action load :parameters (?p - package ?t - truck ?l - place)
+    :precondition (and (at ?t ?l) (lies ?p ?l))
+    :effect (and (not (lies ?p ?l)) (in ?p ?t) (decrease (reward) 0.1)))
+  (:action unload :parameters (?p - package ?t - truck ?l - place)
+    :precondition (and (at ?t ?l) (in ?p ?t))
+    :effect (and (lies ?p ?l) (not (in ?p ?t)) (increase (reward) 2.0))))
+"""
 
 
-def walk(domain: Domain, steps: int) -> list[Vector]:
-    """Return the states on a random walk."""
-    model, random = domain.model, np.random.default_rng(0)
-    assert model.initial_state is not None
-    states = [model.initial_state]
-    while len(states) < steps:
-        action = int(random.integers(len(model.actions)))
-        target, flags = model.transition(states[-1].tolist(), action)
-        if flags & 1:
-            states.append(np.array(target[:-1]))
-    return states
+def logistics(folder: Path, trucks: int, places: int, packages: int) -> Path:
+    """Write a domain and its problem; return the domain."""
+    names = {
+        kind: [f"{kind[0]}{k}" for k in range(count)]
+        for kind, count in (("truck", trucks), ("lot", places), ("package", packages))
+    }
+    facts = [f"(at {name} l{k % places})" for k, name in enumerate(names["truck"])]
+    facts += [f"(lies {name} l{3 * k % places})" for k, name in enumerate(names["package"])]
+    (folder / "logistics.pddl").write_text(_DOMAIN)
+    (folder / "logistics-problem.pddl").write_text(
+        f"""(define (problem many) (:domain logistics)
+  (:objects {" ".join(names["truck"])} - truck {" ".join(names["lot"])} - place
+    {" ".join(names["package"])} - package)
+  (:init {" ".join(facts)} (= (reward) 0.0)))
+"""
+    )
+    return folder / "logistics.pddl"
+
+
+def seconds(call: Callable[[], object]) -> float:
+    taken = []
+    for _ in range(3):
+        begin = time.process_time()
+        call()
+        taken.append(time.process_time() - begin)
+    return min(taken)
+
+
+def after_edit(session: Session) -> None:
+    session.edit("domain", session.documents["domain"].text + "\n")
+    session.request().view()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--depth", type=int, default=3)
-    options = parser.parse_args()
-    warnings.simplefilter("ignore")
-    near = PlannerSettings(depth=options.depth)
-    far = resolve("default").planner.replace(name="far-sight")
-    small = load_texts(blocks(1))
-    for settings in (near, far):
-        make_planner(small.model, settings).forecast(np.zeros(len(small.model.fluents)))
-    for name, texts in {
-        "blocks": blocks(16), "gripper": gripper(12), "logistics": logistics(4, 8),
-    }.items():  # fmt: skip
-        start = perf_counter()
-        domain = load_texts(texts, limit=50_000)
-        model = domain.model
-        loading = perf_counter() - start
-        states = walk(domain, options.rounds + 1)
-        start = perf_counter()
-        planner = make_planner(model, near)
-        planner.forecast(states[0])
-        first = perf_counter() - start
-        times = []
-        for state in states[1:]:
-            start = perf_counter()
-            planner.forecast(state)
-            times.append(perf_counter() - start)
-        start = perf_counter()
-        seeing = make_planner(model, far)
-        seeing.forecast(states[0])
-        whole = perf_counter() - start
-        print(
-            f"{name:<10}{len(model.actions):>5} actions{len(model.fluents):>5} fluents"
-            f"  load {loading:.3f} s  first {first:.3f} s"
-            f"  replan {1e3 * statistics.median(times):.2f} ms  first decision {whole:.2f} s",
-            flush=True,
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trucks", type=int, default=5)
+    parser.add_argument("--places", type=int, default=12)
+    parser.add_argument("--packages", type=int, default=25)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        file = logistics(folder, given.trucks, given.places, given.packages)
+        session = open_session(str(file), folder)
+        session.request().view()  # compiled now
+        edited, state = (
+            seconds(lambda: after_edit(session)),
+            seconds(lambda: session.request().view()),
         )
+        planner = read(session.version, session.surroundings).planner
+        assert planner is not None
+        model = planner.model
+        shown = session.shown.state(model)
+        plan = planner.plan(shown)
+        account = seconds(
+            lambda: explain(model, shown, plan.forecast, plan.action, paths=plan.paths)
+        )
+    print(
+        f"{len(model.actions):,} ground actions: a view after an edit {edited:.2f} s, of another "
+        f"state {state:.2f} s; an account {account:.3f} s"
+    )
 
 
 if __name__ == "__main__":

@@ -52,11 +52,6 @@ function compact(value) {
   return size < 0.1 ? readable(Number(value.toPrecision(3))) : readable(value);
 }
 
-function percent(share) {
-  if (share > 0 && share < 1e-4) return "< 0.01 %";
-  return `${readable(Number((100 * share).toPrecision(share < 0.1 ? 2 : 3)))} %`;
-}
-
 function element(tag, attributes = {}, text = null) {
   const made = tag.startsWith("svg:")
     ? document.createElementNS("http://www.w3.org/2000/svg", tag.slice(4))

@@ -117,7 +117,7 @@ function fillAlternative(cells, row, a) {
   cells[0].title = meta.actions[a];
   say(cells[1], applicable ? compact(steps.value[at]) : "–");
   say(cells[2], applicable ? compact(steps.reward[at]) : "–");
-  say(cells[3], applicable ? percent(steps.risk[at]) : "–");
+  say(cells[3], applicable ? meta.risks[steps.risk[at]] : "–");
   say(cells[4], safe === SAFE ? "all" : safe === NONE ? "–" : readable(safe));
   say(cells[5], remarks.join(", "));
   const executed = a === steps.executed[now], proposed = a === steps.proposed[now];
@@ -137,17 +137,18 @@ function paintCauses() {
   if (list.dataset.key === key) return;
   list.dataset.key = key;
   say(byId("causes-of"), `What the file says of ${meta.actions[chosen]}, one step ahead`);
-  list.replaceChildren(...found.map((k) => causeItem(meta.causes[steps.cause[k]], steps.amount[k])));
+  list.replaceChildren(...found.map(causeItem));
   if (!found.length) list.append(element("li", { class: "quiet" }, "Nothing but the changes of the state."));
   const lines = new Set(found.map((k) => meta.causes[steps.cause[k]].line));
   for (const old of document.querySelectorAll(".file li.used")) old.classList.remove("used");
   for (const id of lines) if (id) byId(id).classList.add("used");
 }
 
-function causeItem(cause, amount) {
+function causeItem(k) {
+  const cause = meta.causes[steps.cause[k]], amount = steps.amount[k];
   const item = element("li", { class: `cause ${cause.kind}` });
   const what = cause.kind === "reward" ? `${amount > 0 ? "+" : ""}${readable(amount)}`
-    : cause.kind === "risk" ? `${percent(amount)} risk` : cause.label;
+    : cause.kind === "risk" ? `${meta.risks[steps.causeRisk[k]]} risk` : cause.label;
   item.append(element("b", {}, what), ` ${cause.by}`);
   if (cause.line) {
     const go = element("button", { class: "line", type: "button" }, cause.place);

@@ -78,6 +78,21 @@ def test_a_view_says_what_the_planner_of_the_text_decides(session: Session) -> N
     assert heat.value == 70.0
 
 
+def test_of_many_actions_those_that_are_shown_are_traced(tmp_path: Path) -> None:
+    file, rooms = tmp_path / "rooms.pddl", [f"r{k}" for k in range(80)]
+    file.write_text(f"""(define (domain rooms) (:requirements :strips :typing) (:types room)
+      (:constants {" ".join(rooms)} - room) (:predicates (in ?r - room) (unsafe))
+      (:action leave :parameters (?r - room) :precondition (and (in ?r))
+        :effect (and (not (in ?r)))))""")
+    session = open_session(str(file), tmp_path)
+    session.show(ShownState({"in r70": True}))
+    decision = session.request().view().decision
+    assert decision is not None and len(decision.account.alternatives) == len(rooms)
+    assert decision.order[0] == decision.account.chosen == 70
+    traced = {each.action for each in decision.account.alternatives if "behind" in vars(each)}
+    assert traced == set(decision.order) and len(traced) < len(rooms)
+
+
 def test_a_mistake_is_placed_and_leaves_what_was_edited(session: Session) -> None:
     session.edit("domain", SWITCH.replace("(heat) 10.0", "(heet) 10.0"))
     view = session.request().view()

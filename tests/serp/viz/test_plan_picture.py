@@ -211,9 +211,9 @@ def dashed(picture: ET.Element) -> int:
 
 
 def test_what_is_special_about_a_decision_is_said(tmp_path: Path) -> None:
-    assert "Every path leads to something unsafe" in said(*cartpole(FALLING))
+    assert "Every action is predicted unsafe." in said(*cartpole(FALLING))
     plan, planner = planned(GRID, tmp_path, [-9.0, 0.0], 2)
-    assert plan.indifferent and "All first actions promise the same" in said(plan, planner)
+    assert plan.indifferent and "All safe actions have the same best return" in said(plan, planner)
     few = planned(GRID, tmp_path, [0.0, 8.5], 2)
     assert "Not applicable here: south, east, west" in said(*few)
     none = planned(GRID, tmp_path, [0.0, 9.0], 2)
