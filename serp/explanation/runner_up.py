@@ -15,9 +15,12 @@ if TYPE_CHECKING:
     from serp.explanation.decision import Predicted
     from serp.planning.preference import PathScore
 
-By = Literal["rank", "risk", "safe steps", "value", "order"]
+By = Literal["rank", "risk", "safe steps", "value", "delay", "order"]
 _BY: Final[tuple[By, ...]] = ("rank", "risk", "safe steps", "value")
 """What decides, in this order: see `serp.planning.preference`."""
+_ALIKE: Final = 1e-12
+"""Share of two values up to which they are alike: what is put off is worth the same at discount 1,
+and a planner that sees this tells the two apart by the least number that there is."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,8 @@ class RunnerUp:
         ahead: Whether the planner prefers the action taken to it; False where somebody else than
             the planner had the choice.
         by: What decides between the two: `rank` (safe before risky before unsafe), the `risk` of
-            the path, its `safe steps`, its `value`, or the `order` in the file.
+            the path, its `safe steps`, its `value`, the `delay` (both are worth the same, but one
+            only puts it off), or the `order` in the file.
         gap: Best return of the action taken less that of this one, in units of the reward.
         path_risks: Probability of an unsafe step on the path of the action taken, and on its own.
     """
@@ -64,6 +68,8 @@ def compared(predicted: Predicted, names: Sequence[str], chosen: int, other: int
         own = path_score(3, 1.0, -1, -np.inf)
     by: By = next((by for by, a, b in zip(_BY, own, others, strict=True) if a != b), "order")
     gap = float(predicted.value[chosen] - predicted.value[other])
+    if by == "value" and abs(gap) <= _ALIKE * abs(float(predicted.value[chosen])):
+        by = "delay"
     risks = float(predicted.path_risk[chosen]), float(predicted.path_risk[other])
     return RunnerUp(other, names[other], (own, -chosen) > (others, -other), by, gap, risks)
 

@@ -65,6 +65,7 @@ def between(runner_up: RunnerUp, name: str) -> str:
         return f"To the planner {other} is worth the same and comes first in the file."
     better = {
         "value": f"its best return is larger by {readable(abs(runner_up.gap))}",
+        "delay": "it is worth as much, and does not put that off",
         "rank": "it is safer one step ahead",
         "risk": f"its path has less risk{_risks(runner_up)}",
         "safe steps": "its path stays safe for longer",
@@ -77,6 +78,7 @@ def lesser(other: RunnerUp) -> str:
     return {
         "order": "which is worth the same and comes later in the file",
         "value": f"whose best return is smaller by {readable(abs(other.gap))} (units of reward)",
+        "delay": "which is worth as much, but puts that off",
         "rank": "which is less safe one step ahead, whatever it gains",
         "risk": f"whose path has more risk{_risks(other)}, whatever it gains",
         "safe steps": "whose path stays safe for less long, whatever it gains",

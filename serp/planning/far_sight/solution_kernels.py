@@ -27,8 +27,31 @@ _NODES, _EXPANDED, _EDGES, _ = Counters()
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _risk_through(graph, edge, node, discount):
+def _risk_of(graph, edge, discount):
     """Return the discounted risk of an edge and what follows it."""
+    danger, following = graph.hazard[edge], 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        if graph.target[k] >= 0:
+            following += graph.chance[k] * graph.risk[graph.target[k]]
+    return danger + (1.0 - danger) * discount * following
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _value_of(graph, edge, discount):
+    """Return the value of an edge and what follows it."""
+    following = 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        if graph.target[k] >= 0:
+            following += graph.chance[k] * graph.value[graph.target[k]]
+    return graph.reward[edge] + discount * following
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _lasting_risk(graph, edge, node, discount):
+    """Return the discounted risk of an edge that is taken again while it leads back to its node.
+
+    The best edge has the least, as it has of `_risk_of`.
+    """
     danger, following, own = graph.hazard[edge], 0.0, 0.0
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
         target = graph.target[k]
@@ -41,8 +64,13 @@ def _risk_through(graph, edge, node, discount):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _value_through(graph, edge, node, discount):
-    """Return the value of an edge and what follows it."""
+def _lasting_value(graph, edge, node, discount):
+    """Return the value of an edge that is taken again while it leads back to its node.
+
+    It is the value to choose by. That of `_value_of` is the same for the best edge, and less for
+    any other; but to wait for nothing, at discount 1, would be worth what can be done afterwards,
+    and so might be done for ever.
+    """
     following, own = 0.0, 0.0
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
         target = graph.target[k]
@@ -53,7 +81,7 @@ def _value_through(graph, edge, node, discount):
     total = graph.reward[edge] + discount * following
     if discount * own < 1.0 - _TINY:
         return total / (1.0 - discount * own)
-    return total + graph.value[node]
+    return total + graph.value[node] if total != 0.0 else 0.0
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -134,7 +162,7 @@ def _solve_risks(graph, expanded, discount, allowed):
             least = 2.0
             for edge in range(start, end):
                 if allowed[edge]:
-                    least = min(least, _risk_through(graph, edge, node, discount))
+                    least = min(least, _lasting_risk(graph, edge, node, discount))
             change = max(change, abs(least - graph.risk[node]))
             graph.risk[node] = least
         if change <= _EXACT:
@@ -142,7 +170,7 @@ def _solve_risks(graph, expanded, discount, allowed):
     for node in range(expanded):
         for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
             if allowed[edge]:
-                danger = _risk_through(graph, edge, node, discount)
+                danger = _lasting_risk(graph, edge, node, discount)
                 allowed[edge] = danger <= graph.risk[node] + ALIKE
         if graph.risk[node] <= ALIKE:
             graph.risk[node] = 0.0
@@ -176,7 +204,7 @@ def _solve_values(graph, expanded, discount, allowed):
             most = -np.inf
             for edge in range(start, end):
                 if allowed[edge]:
-                    most = max(most, _value_through(graph, edge, node, discount))
+                    most = max(most, _lasting_value(graph, edge, node, discount))
             change = max(change, abs(most - graph.value[node]))
             largest = max(largest, abs(most))
             graph.value[node] = most
@@ -187,7 +215,7 @@ def _solve_values(graph, expanded, discount, allowed):
         most, best = -np.inf, np.int64(-1)
         for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
             if allowed[edge]:
-                value = _value_through(graph, edge, node, discount)
+                value = _lasting_value(graph, edge, node, discount)
                 if best < 0 or value > most + unit:
                     most, best = value, np.int64(edge)
         graph.best[node] = best
@@ -212,9 +240,35 @@ def _mark_inside(graph, expanded):
                     break
 
 
+@cached_njit(nogil=True, forceinline=True)
+def _rounded(number, unit):
+    return np.round(number / unit) * unit if unit > 0.0 else number
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _score(graph, edge, node, discount, unit):
+    """Return the score that an edge is chosen by, see `serp.planning.preference`."""
+    danger = _lasting_risk(graph, edge, node, discount)
+    danger = 0.0 if danger <= ALIKE else _rounded(danger, ALIKE)
+    steps = _steps_through(graph, edge) if danger > 0.0 else np.int64(SAFE)
+    value = _rounded(_lasting_value(graph, edge, node, discount), unit)
+    return compiled_path_score(np.int64(compiled_rank_of(graph.flags[edge])), danger, steps, value)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _told_risk(graph, edge, discount, score):
+    """Return the risk of an edge that is taken once; 0 only if it is 0 in the score."""
+    return 0.0 if score[1] == 0.0 else max(ALIKE, _rounded(_risk_of(graph, edge, discount), ALIKE))
+
+
 @cached_njit(nogil=True)
 def look_up(arrays, node, discount, unit, found):
     """Write the forecast for one expanded node; return the chosen action.
+
+    The choice is made as in `solve`. What is written is of an action that is taken once, with the
+    best policy from then on. In that an action that leads back to the node may come so close to
+    the choice that rounding hides the difference: it is then told apart by the least number that
+    there is, so that the order of what is written never contradicts the choice.
 
     Args:
         arrays: Values of `GraphArrays`, solved.
@@ -231,23 +285,29 @@ def look_up(arrays, node, discount, unit, found):
         first.safe_steps[action] = -1
         first.reward[action] = 0.0
         first.flags[action] = 0
-    choice = np.int64(-1)
+    choice, chosen = np.int64(-1), np.int64(-1)
     best = compiled_path_score(0, 0.0, SAFE, 0.0)
     for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
-        action = graph.action[edge]
-        value = _value_through(graph, edge, node, discount)
-        if unit > 0.0:
-            value = np.round(value / unit) * unit
-        danger = _risk_through(graph, edge, node, discount)
-        danger = 0.0 if danger <= ALIKE else np.round(danger / ALIKE) * ALIKE
-        steps = _steps_through(graph, edge) if danger > 0.0 else np.int64(SAFE)
-        flags = graph.flags[edge]
-        first.value[action], first.path_risk[action] = value, danger
-        first.safe_steps[action], first.flags[action] = steps, flags
-        first.reward[action] = graph.reward[edge]
-        score = compiled_path_score(np.int64(compiled_rank_of(flags)), danger, steps, value)
+        score = _score(graph, edge, node, discount, unit)
         if choice < 0 or score > best:
-            choice, best = np.int64(action), score
+            choice, chosen, best = np.int64(graph.action[edge]), np.int64(edge), score
+    if choice < 0:
+        return choice
+    most = _rounded(_value_of(graph, chosen, discount), unit)
+    least = _told_risk(graph, chosen, discount, best)
+    for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+        action, score = graph.action[edge], _score(graph, edge, node, discount, unit)
+        value = _rounded(_value_of(graph, edge, discount), unit)
+        danger = _told_risk(graph, edge, discount, score)
+        if score[:2] == best[:2]:
+            danger = least
+            if score[2] == best[2]:
+                value = most if score[3] == best[3] else min(value, np.nextafter(most, -np.inf))
+        elif score[0] == best[0]:
+            danger = max(danger, np.nextafter(least, np.inf))
+        first.value[action], first.path_risk[action] = value, danger
+        first.safe_steps[action], first.flags[action] = score[2], graph.flags[edge]
+        first.reward[action] = graph.reward[edge]
     return choice
 
 

@@ -184,6 +184,17 @@ def test_a_risk_that_decides_is_that_of_the_path(hall: TransitionModel) -> None:
     assert found.taken.remark.endswith("risk of its path 10 %")
 
 
+def test_an_action_that_only_puts_off_is_told_from_one_that_is_worth_less(
+    hall: TransitionModel,
+) -> None:
+    state = np.array([1.0, 0.5])
+    for less, by in ((np.nextafter(4.0, 0.0), "delay"), (3.999, "value")):
+        predicted = one_step(hall, state)._replace(value=np.array([less, 4.0]))
+        ahead, behind = (explain(hall, state, predicted, chosen).runner_up for chosen in (1, 0))
+        assert ahead is not None and ahead.ahead and ahead.by == by
+        assert behind is not None and not behind.ahead and behind.by == by
+
+
 def test_the_smallest_change_that_tips_the_choice_is_found(hall: TransitionModel) -> None:
     planner = Lookahead(hall, PlannerSettings(depth=1))
     state = np.array([1.0, 0.5])  # leaping costs less than walking
