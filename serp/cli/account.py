@@ -6,10 +6,21 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from serp._util.number_format import percent, readable
+from serp._util.text import plural
 from serp.cli.output import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+
+def unsafe_text(counts: Mapping[str, Any]) -> str:
+    """Return how often a run, or an evaluation, was unsafe: by prediction, and by observation."""
+    said = f"{plural(counts['unsafe_executed'], 'action')} executed that the domain file flags"
+    if counts["avoidable_unsafe"]:
+        said += f", {counts['avoidable_unsafe']:,} of them while another one was not flagged"
+    if counts["unsafe_observed"] is not None:
+        said += f"; {plural(counts['unsafe_observed'], 'step')} came out unsafe, foreseen or not"
+    return said
 
 
 def print_account(

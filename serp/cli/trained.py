@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from serp._util.number_format import readable
 from serp._util.text import plural
-from serp.cli.account import print_account
+from serp.cli.account import print_account, unsafe_text
 from serp.cli.failures import say, stopped_by
 from serp.cli.options import own_task_name
 from serp.cli.output import open_console, print_result, print_table
@@ -73,7 +73,6 @@ def _print_results(run: Run) -> None:
     if returns["last_20"] is not None:
         said += f", {readable(returns['first_10'])} in the first 10 episodes, "
         said += f"{readable(returns['last_20'])} in the last 20"
-    unsafe = plural(summary["unsafe_executed"], "action")
     quoted = shlex.quote(str(run.path))
     console = open_console()
     console.print("")
@@ -87,7 +86,7 @@ def _print_results(run: Run) -> None:
             ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
                            "(a fall, a crash, the goal)"),
             ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
-            ("unsafe", f"{unsafe} executed that the domain file flags unsafe"),
+            ("unsafe", unsafe_text(summary)),
         ],
     )  # fmt: skip
     console.print("")

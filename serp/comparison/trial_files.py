@@ -20,6 +20,7 @@ import numpy as np
 from serp._util.files import cannot_write, make_inside, write_durably
 from serp._util.json_files import finite, json_text, read_json
 from serp.comparison.trial_records import (
+    ADDED,
     EPISODE_COLUMNS,
     EVALUATION_COLUMNS,
     Columns,
@@ -131,12 +132,21 @@ def _named(counters: Sequence[str]) -> list[str]:
 
 def _read(path: Path, columns: Sequence[str], row: Any) -> Columns:
     hints = {name.removesuffix("_"): kind for name, kind in get_type_hints(row).items()}
+    hints |= {name: _or_nothing for name in ADDED}
     kinds = {name: hints.get(name, float) for name in columns}
     cells: dict[str, list[Any]] = {name: [] for name in columns}
-    for number, values in read_rows(path, columns):
+    for number, values in read_rows(path, columns, ADDED):
         for (name, kind), text in zip(kinds.items(), values, strict=True):
             try:
                 cells[name].append(bool(int(text)) if kind is bool else kind(text))
             except ValueError:
                 raise RunError(f"{path}:{number}: {name} is {text!r}. {_ADVICE}") from None
-    return {name: np.array(values, dtype=kinds[name]) for name, values in cells.items()}
+    return {
+        name: np.array(values, dtype=float if kinds[name] is _or_nothing else kinds[name])
+        for name, values in cells.items()
+    }
+
+
+def _or_nothing(text: str) -> float:
+    """Return a number, NaN for an empty cell."""
+    return float(text or "nan")

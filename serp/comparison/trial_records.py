@@ -35,6 +35,8 @@ class EpisodeRow(NamedTuple):
         outcome: The entry `outcome` of the environment's info; empty if there is none.
         unsafe: Executed actions that the domain file flags unsafe.
         avoidable_unsafe: Those of them that were executed while another action was not flagged.
+        unsafe_observed: Steps that came out unsafe, foreseen or not; None, and NaN where it is
+            read, in trials of earlier versions.
         vetoes: Refused proposals.
         planner_steps: Steps in which the planner's action was executed.
         seconds: Seconds of training so far, without compilation and evaluations.
@@ -49,6 +51,7 @@ class EpisodeRow(NamedTuple):
     outcome: str
     unsafe: int
     avoidable_unsafe: int
+    unsafe_observed: int | None
     vetoes: int
     planner_steps: int
     seconds: float
@@ -64,6 +67,7 @@ class EvaluationRow(NamedTuple):
             evaluated only at the end of training.
         unsafe: Executed actions that the model predicts unsafe; 0 for `learner` at checkpoints
             before the last, which do not use the model.
+        unsafe_observed: As in `EpisodeRow`; at those checkpoints without the actions' own effects.
     """
 
     env_steps: int
@@ -74,10 +78,13 @@ class EvaluationRow(NamedTuple):
     terminated: bool
     outcome: str
     unsafe: int
+    unsafe_observed: int | None
 
 
 EPISODE_COLUMNS: Final = tuple(name.removesuffix("_") for name in EpisodeRow._fields)
 EVALUATION_COLUMNS: Final = tuple(name.removesuffix("_") for name in EvaluationRow._fields)
+ADDED: Final = ("unsafe_observed",)
+"""Columns of both that files of earlier versions lack."""
 
 
 @dataclass(frozen=True)

@@ -116,6 +116,18 @@ class Decision(NamedTuple):
         return self.forecast.bound.name.lower()
 
     @property
+    def avoidable_unsafe(self) -> bool:
+        """Whether the executed action is flagged unsafe, and another possible one is not.
+
+        It breaks the guarantee of `serp.Arbiter`, so it is False for whatever decides within the
+        vetoes. An action that the model does not know is possible unless it is refused.
+        """
+        if not self.unsafe:
+            return False
+        forecast = self.forecast
+        return bool((forecast.unflagged | (self.admissible & (forecast.ground < 0))).any())
+
+    @property
     def vetoed(self) -> bool:
         """Whether a proposal of the learner was refused."""
         return self.proposed_by is not Actor.PLANNER and self.reason is not Reason.ACCEPTED

@@ -13,7 +13,11 @@ from serp.model.transition_model import Vector
 
 @dataclass(slots=True)
 class EpisodeTotals:
-    """The totals of an episode: sums of rewards by their source, and counts of the decisions."""
+    """The totals of an episode: sums of rewards by their source, and counts of its steps.
+
+    `unsafe_observed` and `avoidable_unsafe` count the steps for which `StepRecord.unsafe_observed`
+    and `Decision.avoidable_unsafe` hold.
+    """
 
     length: int = 0
     return_: float = 0.0
@@ -21,6 +25,8 @@ class EpisodeTotals:
     learner_return: float = 0.0
     terminated: bool = False
     truncated: bool = False
+    unsafe_observed: int = 0
+    avoidable_unsafe: int = 0
     decisions: DecisionCounts = field(default_factory=DecisionCounts)
 
     def add(self, step: StepRecord) -> None:
@@ -30,6 +36,8 @@ class EpisodeTotals:
         self.domain_return += step.domain_reward
         self.learner_return += step.reward
         self.terminated, self.truncated = step.terminated, step.truncated
+        self.unsafe_observed += step.unsafe_observed
+        self.avoidable_unsafe += step.decision.avoidable_unsafe
         self.decisions.count(step.decision)
 
 
@@ -44,10 +52,12 @@ class StepRecord(NamedTuple):
         state: State `[F]` that the observation was grounded to.
         x: The learner's input before the step.
         decision: The decision.
-        reward: The reward that is learned from; without a judge the environment's.
-        domain_reward: R(s′) of the domain file; 0 if it gives none, or without a judge.
+        reward: The reward that is learned from; the environment's in an evaluation.
+        domain_reward: R(s′) of the domain file; 0 if it gives none.
         env_reward: The environment's reward.
         unsafe: Whether the observed step is unsafe by the domain file.
+        unsafe_observed: Whether it came out unsafe, by the domain file or by the environment, whose
+            info may have `unsafe` as true: harm that no observation need show.
         next_state: State `[F]` after the step.
         next_x: The learner's input after the step.
         terminated: Whether the environment ended the episode.
@@ -66,6 +76,7 @@ class StepRecord(NamedTuple):
     domain_reward: float
     env_reward: float
     unsafe: bool
+    unsafe_observed: bool
     next_state: Vector
     next_x: Vector
     terminated: bool

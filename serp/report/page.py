@@ -196,8 +196,8 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
     )  # fmt: skip
     steps, unsafe = summary["env_steps"], summary["unsafe_executed"]
     safety = f"{plural(summary['no_safe_action'], 'step')} without a safe action"
-    if not content.evaluation:
-        came = int(content.recording.columns("unsafe")["unsafe"].sum())
+    came = summary["unsafe_observed"]
+    if came is not None:
         safety += f", {plural(came, 'step')} came out unsafe"
     acted = [f"{name} {percent(share)}" for name, share in shares.items() if share]
     learner = (shares["learner"] or 0.0) + (shares["exploration"] or 0.0)

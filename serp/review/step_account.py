@@ -190,4 +190,4 @@ def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], 
         causes, judged = observed_causes(run.model, step.state, ground, step.next_state)
     except StateError:
         return [], None, step.unsafe
-    return causes, judged.reward, judged.unsafe
+    return causes, judged.reward, judged.unsafe or step.unsafe

@@ -35,14 +35,14 @@ from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_
 from serp.runs.config import CONFIG, config_text, read_config
 from serp.runs.lock import RunLock
 from serp.runs.new_folder import make_empty, occupied
-from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_ADDED, METRICS_COLUMNS
 from serp.runs.tables import Position, Table
 
 METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
 _COPY: Final = re.compile(r"(domain|problem|planner-[0-9]+(-problem)?)\.pddl")
-_TABLES: Final = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
+_TABLES: Final = {METRICS: (METRICS_COLUMNS, METRICS_ADDED), DECISIONS: (DECISIONS_COLUMNS, ())}
 _POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
 Texts = Sequence[tuple[str, str]]
 """Name and text of a domain file and, if there is one, of its problem file."""
@@ -79,8 +79,8 @@ class RunFolder(Closing):
         self._tables: dict[str, Table] = {}
         if lock is not None:
             try:
-                for name, columns in _TABLES.items():
-                    self._tables[name] = Table(path / name, columns)
+                for name, (columns, added) in _TABLES.items():
+                    self._tables[name] = Table(path / name, columns, added)
             except BaseException:
                 self.close()
                 raise

@@ -15,16 +15,25 @@ import numpy as np
 from serp._util.files import open_regular
 from serp.control.decision_counts import DecisionCounts
 from serp.errors import RunError
-from serp.runs.rows import DECISIONS_COLUMNS, LONGEST, METRICS_COLUMNS, MetricsRow
+from serp.runs.rows import (
+    DECISIONS_COLUMNS,
+    LONGEST,
+    METRICS_ADDED,
+    METRICS_COLUMNS,
+    MetricsRow,
+)
 
 
-def read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+def read_rows(
+    path: Path, columns: Sequence[str], added: Sequence[str] = ()
+) -> Iterator[tuple[int, list[str]]]:
     """Yield line number (from 1; the header is line 1) and cells of every complete row.
 
     A last line without a line break is incomplete (the run was killed, or is writing) and is left
-    out.
+    out. A file that lacks the columns `added`, which earlier versions did not write, has empty
+    cells there.
     """
-    number = 0
+    number, found = 0, list(columns)
     try:
         with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
             for number, line in enumerate(iter(lambda: file.readline(LONGEST), b""), start=1):
@@ -34,16 +43,20 @@ def read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, list[st
                     break
                 cells = _cells(path, number, line)
                 if number == 1:
-                    if cells != list(columns):
+                    found = cells
+                    if found not in (list(columns), [c for c in columns if c not in added]):
                         raise RunError(
                             f"{path}:1: the columns are not {', '.join(columns)}. Was this file "
                             "written by serp, of this version?"
                         )
-                elif len(cells) != len(columns):
+                elif len(cells) != len(found):
                     raise _malformed(
-                        path, number, f"{len(cells)} cells where the header has {len(columns)}"
+                        path, number, f"{len(cells)} cells where the header has {len(found)}"
                     )
                 else:
+                    if len(found) < len(columns):
+                        row = dict(zip(found, cells, strict=True))
+                        cells = [row.get(name, "") for name in columns]
                     yield number, cells
     except OSError as error:
         raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
@@ -59,7 +72,7 @@ def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     hints = get_type_hints(MetricsRow)
     kinds = {field.rstrip("_"): hints[field] for field in MetricsRow._fields}
     columns: dict[str, list[float]] = {name: [] for name in METRICS_COLUMNS}
-    for number, cells in read_rows(path, METRICS_COLUMNS):
+    for number, cells in read_rows(path, METRICS_COLUMNS, METRICS_ADDED):
         for name, cell in zip(METRICS_COLUMNS, cells, strict=True):
             columns[name].append(_parse(path, number, name, kinds[name], cell))
     return {

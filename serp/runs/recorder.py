@@ -144,7 +144,7 @@ class Recorder(Closing):
         columns["admissible"][row] = decision.admissible
         columns["env_reward"][row] = step.env_reward
         columns["domain_reward"][row] = step.domain_reward
-        columns["unsafe"][row] = step.unsafe
+        columns["unsafe"][row] = step.unsafe_observed
         columns["terminated"][row] = step.terminated
         columns["truncated"][row] = step.truncated
         if step.last:

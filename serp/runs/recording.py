@@ -49,8 +49,8 @@ class StoredStep:
         next_state: State `[F]` after it; None where the recording was stopped in the episode.
         decision: The decision, with all that was predicted.
         env_reward: The environment's reward.
-        domain_reward: R(s′) of the domain file; 0 in an evaluation.
-        unsafe: Whether the observed step is unsafe by the file; False in an evaluation.
+        domain_reward: R(s′) of the domain file.
+        unsafe: Whether the step came out unsafe, see `serp.StepRecord.unsafe_observed`.
         terminated, truncated: Whether the episode ended, and how.
     """
 

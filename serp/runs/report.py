@@ -25,6 +25,8 @@ _SAFETY: Final = {
     "vetoes": "proposals vetoed",
     "unsafe_predicted": "proposals flagged unsafe or too risky",
     "unsafe_executed": "executed actions flagged unsafe",
+    "avoidable_unsafe": "of them while another action was not flagged",
+    "unsafe_observed": "steps that came out unsafe, foreseen or not",
     "no_safe_action": "no safe action was left to choose",
 }
 _SIGHT: Final = {
@@ -45,7 +47,10 @@ def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bo
     if "learned_from" in summary:
         source = describe_source(summary["learned_from"], in_file=bool(summary["file_rewards"]))
         sections.append(f"The learner learns from {source}.")
-    safety = [(what, f"{summary[name]:,}") for name, what in _SAFETY.items()]
+    safety = [
+        (what, "–" if summary[name] is None else f"{summary[name]:,}")
+        for name, what in _SAFETY.items()
+    ]
     vetoes = [(plain(why), f"{count:,}") for why, count in summary["vetoes_by_reason"].items()]
     sections += [
         "## Result",
@@ -120,10 +125,13 @@ def lead(summary: Mapping[str, Any]) -> str:
     if returns["last_20"] is not None:
         came = f"went from {readable(returns['first_10'])} (first {FIRST} episodes) to "
         came += f"{readable(returns['last_20'])} (last {WINDOW})"
+    unsafe = f"Unsafe actions executed: {summary['unsafe_executed']:,}."
+    if summary["unsafe_observed"] is not None:
+        unsafe += f" Steps that came out unsafe: {summary['unsafe_observed']:,}."
     return (
         f"{plural(summary['episodes'], 'episode')}, "
         f"{plural(summary['env_steps'], 'environment step')} in {duration(summary['wall_time'])}. "
-        f"The mean return {came}. Unsafe actions executed: {summary['unsafe_executed']:,}."
+        f"The mean return {came}. {unsafe}"
     )
 
 

@@ -39,6 +39,8 @@ class MetricsRow(NamedTuple):
     vetoes: int
     unsafe_predicted: int
     unsafe_executed: int
+    avoidable_unsafe: int | None
+    unsafe_observed: int | None
     no_safe_action: int
     saw_all: int
     by_cells: int
@@ -94,6 +96,8 @@ def metrics_row(
         length=totals.length,
         terminated=totals.terminated,
         truncated=totals.truncated,
+        avoidable_unsafe=totals.avoidable_unsafe,
+        unsafe_observed=totals.unsafe_observed,
         rho=rho,
         epsilon=epsilon,
         loss=float(np.mean(losses)) if losses else None,
@@ -134,4 +138,6 @@ def _columns(row: type[NamedTuple]) -> tuple[str, ...]:
 
 
 METRICS_COLUMNS = _columns(MetricsRow)
+METRICS_ADDED: Final = ("avoidable_unsafe", "unsafe_observed")
+"""Columns that runs of earlier versions lack; their cells are empty."""
 DECISIONS_COLUMNS = _columns(DecisionRow)

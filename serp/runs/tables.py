@@ -40,13 +40,20 @@ class Table(Closing):
 
     A missing or empty file is created with its header. Opening an existing one checks its header
     and drops an incomplete last line.
+
+    Args:
+        path: The file.
+        columns: The names of its columns.
+        added: Those that earlier versions did not write. A file of theirs goes on without them.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(self, path: Path, columns: Sequence[str], added: Sequence[str] = ()) -> None:
         self._path = path
         self._columns = tuple(columns)
+        self._added = tuple(added)
         self._rows: list[Sequence[Any]] = []
         self._header = _lines([columns])
+        self._written: list[int] | None = None  # positions of the columns; None: all of them
         try:
             file = open_regular(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
             self._file = os.fdopen(file, "r+b", buffering=0)
@@ -72,7 +79,7 @@ class Table(Closing):
             raise ValueError(
                 f"{len(row)} values for the {len(self._columns)} columns of {self._path}"
             )
-        self._rows.append(row)
+        self._rows.append(row if self._written is None else [row[k] for k in self._written])
         if len(self._rows) >= _ROWS_HELD:
             self.flush()
 
@@ -127,7 +134,11 @@ class Table(Closing):
     def _open_rows(self) -> int:
         """Check the header, drop an incomplete last line, and return the end of the last row."""
         size = os.fstat(self._file.fileno()).st_size
+        earlier = [k for k, name in enumerate(self._columns) if name not in self._added]
+        header = _lines([[self._columns[k] for k in earlier]])
         found = self._file.read(len(self._header))
+        if not self._header.startswith(found) and found.startswith(header):
+            self._header, self._written, found = header, earlier, header
         if not self._header.startswith(found):
             raise RunError(
                 f"{self._path}:1: has other columns than this serp writes "

@@ -61,7 +61,7 @@ class EventWriter(Closing):
             "env_reward": step.env_reward,
             "domain_reward": step.domain_reward,
             "predicted_reward": decision.predicted_reward,
-            "unsafe": step.unsafe,
+            "unsafe": step.unsafe_observed,
             "vetoed": decision.vetoed,
             "planner": decision.executed_by is Actor.PLANNER,
             "rho": decision.rho,

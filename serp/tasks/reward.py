@@ -29,12 +29,19 @@ class Judged(NamedTuple):
 class Judge:
     """Judges the observed steps of a task; the setting `training.reward` chooses the reward.
 
+    Args:
+        task: The task.
+        settings: All settings; None where nothing is learned from the steps: the reward is then the
+            environment's.
+
     Raises:
         SettingsError: The domain's rewards are to be learned from, but it gives none.
     """
 
-    def __init__(self, task: BoundTask, settings: Settings) -> None:
-        self.source = reward_source(task.rewarded_by, settings)
+    def __init__(self, task: BoundTask, settings: Settings | None = None) -> None:
+        self.source: Source = "environment"
+        if settings is not None:
+            self.source = reward_source(task.rewarded_by, settings)
         self._model = task.model
         if self.source != "environment" and not task.model.rewarding:
             raise SettingsError(

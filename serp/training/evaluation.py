@@ -18,6 +18,7 @@ from serp.errors import SettingsError
 from serp.runs.recorder import Recorder
 from serp.runs.summary import WINDOW
 from serp.tasks.bound_task import BoundTask
+from serp.tasks.reward import Judge
 from serp.training.agent import Agent
 from serp.training.policies import Policy
 from serp.training.rollout import Decide, Rollout, evaluation_seed
@@ -41,6 +42,8 @@ class EvaluationResult:
         lengths: Steps of each episode.
         terminated: Number of episodes that the environment ended; the others reached a limit.
         unsafe_executed: Number of executed actions that the domain file flags unsafe.
+        avoidable_unsafe: Number of those that were executed while another one was not flagged.
+        unsafe_observed: Number of steps that came out unsafe, foreseen or not.
         vetoes: Number of proposals refused.
         sight: How far the planner saw, see `serp.control.decision_counts.sight_of`.
     """
@@ -51,6 +54,8 @@ class EvaluationResult:
     lengths: tuple[int, ...]
     terminated: int
     unsafe_executed: int
+    avoidable_unsafe: int
+    unsafe_observed: int
     vetoes: int
     sight: Mapping[str, float | None]
 
@@ -142,12 +147,11 @@ def play(
         raise SettingsError(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
         )
-    limit = agent.settings.training.episode_steps
+    limit, judge = agent.settings.training.episode_steps, Judge(task)
     with agent.undisturbed():
         for episode in range(count):
-            rollout = Rollout(
-                task, agent.perceive, seed=evaluation_seed(seed, episode), limit=limit
-            )
+            begun = evaluation_seed(seed, episode)
+            rollout = Rollout(task, agent.perceive, seed=begun, limit=limit, judge=judge)
             draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
             decide = _decisions(agent, policy, draws)
             steps = rollout.steps(decide)
@@ -207,6 +211,8 @@ def evaluate(
         lengths=tuple(total.length for total in totals),
         terminated=sum(total.terminated for total in totals),
         unsafe_executed=counts["unsafe_executed"],
+        avoidable_unsafe=sum(total.avoidable_unsafe for total in totals),
+        unsafe_observed=sum(total.unsafe_observed for total in totals),
         vetoes=counts["vetoes"],
         sight=sight_of(counts, sum(total.length for total in totals)),
     )

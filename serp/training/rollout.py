@@ -16,7 +16,7 @@ from serp.model.transition_model import Vector
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.env_checks import single
 from serp.tasks.remote_task import RemoteTask
-from serp.tasks.reward import Judge, Judged
+from serp.tasks.reward import Judge
 
 _TRAINING: Final = 1
 _EVALUATION: Final = 2
@@ -61,8 +61,7 @@ class Rollout:
 
     It counts steps and truncates the episode after `limit` itself: Gymnasium's `TimeLimit` and
     `RecordEpisodeStatistics` would add layers to the wrapper state of every checkpoint, mark
-    terminated steps as truncated, and write into `info`, which belongs to the task. Without a
-    judge, only the environment's reward is used.
+    terminated steps as truncated, and write into `info`, which belongs to the task.
 
     Attributes:
         state: Current state `[F]`.
@@ -78,7 +77,7 @@ class Rollout:
         *,
         seed: int,
         limit: int,
-        judge: Judge | None = None,
+        judge: Judge,
     ) -> None:
         self._task = task
         self._perceive = perceive
@@ -103,11 +102,8 @@ class Rollout:
         """
         observation, env_reward, terminated, truncated, info = self._task.step(decision.action)
         next_state, next_x = self._perceive(observation, info, self._task.env)
-        if self._judge is None:
-            judged = Judged(env_reward, 0.0, False)
-        else:
-            ground = int(decision.forecast.ground[decision.action])
-            judged = self._judge(self.state, ground, next_state, env_reward)
+        ground = int(decision.forecast.ground[decision.action])
+        judged = self._judge(self.state, ground, next_state, env_reward)
         number = self.totals.length + 1
         record = StepRecord(
             number=number,
@@ -119,6 +115,7 @@ class Rollout:
             domain_reward=judged.domain_reward,
             env_reward=env_reward,
             unsafe=judged.unsafe,
+            unsafe_observed=judged.unsafe or single(info.get("unsafe")) is True,
             next_state=next_state,
             next_x=next_x,
             terminated=terminated,

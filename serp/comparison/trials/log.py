@@ -6,9 +6,6 @@ from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from serp._util.compile_time import working_time
 from serp._util.numbers import real
 from serp.comparison.trial_records import EpisodeRow
@@ -22,7 +19,6 @@ class Log:
     """Collects the rows of the episodes of one training.
 
     Args:
-        available: `[E]` actions that the model does not know and that may be executed.
         counters: Names of the counters that are logged as `info.<name>`.
         clock: Monotonic clock, seconds; by default without compilation.
 
@@ -35,18 +31,15 @@ class Log:
 
     def __init__(
         self,
-        available: NDArray[np.bool_],
         counters: Sequence[str],
         clock: Callable[[], float] = working_time,
     ) -> None:
-        self._available = available
         self.counters = tuple(counters)
         self._clock = clock
         self._begin = clock()
         self.pauses = 0.0
         self.env_steps = 0
         self.rows: list[tuple[EpisodeRow, tuple[float, ...]]] = []
-        self._avoidable = 0
 
     @property
     def seconds(self) -> float:
@@ -65,10 +58,6 @@ class Log:
     def step(self, step: StepRecord) -> None:
         """Log an env step."""
         self.env_steps += 1
-        decision = step.decision
-        if decision.unsafe:
-            # The same condition as in the guarantee of the arbiter.
-            self._avoidable += bool((decision.forecast.unflagged | self._available).any())
         if step.last:
             self._end_episode(step)
 
@@ -84,13 +73,13 @@ class Log:
             terminated=totals.terminated,
             outcome=outcome_of(info),
             unsafe=counts["unsafe_executed"],
-            avoidable_unsafe=self._avoidable,
+            avoidable_unsafe=totals.avoidable_unsafe,
+            unsafe_observed=totals.unsafe_observed,
             vetoes=counts["vetoes"],
             planner_steps=counts["planner_steps"],
             seconds=self.seconds,
         )
         self.rows.append((row, tuple(_counted(info, name) for name in self.counters)))
-        self._avoidable = 0
 
 
 def _counted(info: dict[str, Any], name: str) -> float:

@@ -97,7 +97,7 @@ class _Trial:
         self._on_progress = on_progress
         self._next_progress = 0.0
         self._evaluations: list[EvaluationRow] = []
-        self._log = Log(self._guarded.vetoes.available, bound.task.counters)
+        self._log = Log(bound.task.counters)
         self._watchdog = Watchdog(
             bound,
             contestant.agent.settings.training.slow_step_seconds,

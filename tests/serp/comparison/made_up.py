@@ -38,6 +38,7 @@ def record(
         "outcome": np.array([""] * count if outcomes is None else outcomes, dtype=np.str_),
         "unsafe": np.array(first, int),
         "avoidable_unsafe": np.array(first, int),
+        "unsafe_observed": np.array(first, int),
         "vetoes": np.zeros(count, int),
         "planner_steps": np.array(lengths, int) // 2,
         "seconds": ends / 1000,
@@ -45,10 +46,10 @@ def record(
     assert tuple(columns) == EPISODE_COLUMNS
     columns |= {f"info.{name}": np.array(values, float) for name, values in (info or {}).items()}
     rows = [
-        (steps, policy, number + 1, value, 10, True, "", 0)
+        (steps, policy, number + 1, value, 10, True, "", 0, 0)
         for number, (steps, policy, value) in enumerate(evaluations)
     ]
-    kinds = (int, np.str_, int, float, int, bool, np.str_, int)
+    kinds = (int, np.str_, int, float, int, bool, np.str_, int, int)
     cells = list(zip(*rows, strict=True)) or [()] * len(kinds)
     found = {
         name: np.array(values, dtype=kind)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from serp.comparison.analysis.measures import measure
 from serp.comparison.trial_files import is_complete, read_trial, trial_folder, write_trial
 from serp.comparison.trial_records import EPISODE_COLUMNS, EVALUATION_COLUMNS, Trial
 from serp.comparison.trials.trial import Measured
@@ -57,6 +59,21 @@ def test_a_trial_is_complete_with_its_last_file_and_replaces_half_a_trial(
     assert not is_complete(tmp_path, TRIAL)
 
 
+def test_a_trial_of_an_earlier_version_lacks_what_was_not_counted(
+    tmp_path: Path, found: Measured
+) -> None:
+    write_trial(tmp_path, TRIAL, found, METADATA)
+    for name in ("episodes.csv", "evaluations.csv"):
+        path = trial_folder(tmp_path, TRIAL) / name
+        lines = [line.split(",") for line in path.read_text().splitlines()]
+        at = lines[0].index("unsafe_observed")
+        path.write_text("".join(",".join(line[:at] + line[at + 1 :]) + "\n" for line in lines))
+    record = read_trial(tmp_path, TRIAL)
+    values = measure(record, 100, None)
+    assert values["unsafe"] == sum(row.unsafe for row, _ in found.log.rows)
+    assert np.isnan(values["unsafe_observed"])
+
+
 @pytest.mark.parametrize(
     ("file", "content", "message"),
     [
@@ -65,9 +82,9 @@ def test_a_trial_is_complete_with_its_last_file_and_replaces_half_a_trial(
         ("trial.json", "{}", "trial.json is damaged: counters is not a list"),
         ("episodes.csv", None, "episodes.csv"),
         ("episodes.csv", "episode\n1\n", "episodes.csv"),
-        ("evaluations.csv", ",".join(EVALUATION_COLUMNS) + "\n1,learner,1,good,2,1,,0\n",
+        ("evaluations.csv", ",".join(EVALUATION_COLUMNS) + "\n1,learner,1,good,2,1,,0,0\n",
          "evaluations.csv:2: return is 'good'"),
-        ("evaluations.csv", ",".join(EVALUATION_COLUMNS) + "\n1,learner,1,1.0,2,x,,0\n",
+        ("evaluations.csv", ",".join(EVALUATION_COLUMNS) + "\n1,learner,1,1.0,2,x,,0,0\n",
          "evaluations.csv:2: terminated is 'x'"),
     ],
 )  # fmt: skip

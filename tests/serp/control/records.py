@@ -48,6 +48,7 @@ def step_record(decision: Decision = DECISION, **given: Any) -> StepRecord:
         domain_reward=reward,
         env_reward=reward,
         unsafe=False,
+        unsafe_observed=False,
         next_state=following,
         next_x=following,
         terminated=False,

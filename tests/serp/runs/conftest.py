@@ -25,7 +25,8 @@ def make_rows():
             row = MetricsRow(
                 episode, env_steps, float(length), 0.9 * length, length, not whole, whole, rho,
                 0.1, length - learned - explored, learned, explored, 0, vetoes, vetoes // 2, 0,
-                0, length // 2, length // 8, length // 4, 3 * (length - length // 2), length // 8,
+                0, 0, 0, length // 2, length // 8, length // 4, 3 * (length - length // 2),
+                length // 8,
                 None if episode == 1 else 1 / episode, env_steps / 2000,
             )  # fmt: skip
             rows.append(row)

@@ -29,8 +29,8 @@ NOW = datetime.datetime(2026, 11, 21, 4, 5, 6)
 
 def metrics_row(episode):
     return MetricsRow(
-        episode, 10 * episode, 10.0, 9.0, 10, True, False, 0.1, 0.2, 5, 3, 1, 1, 1, 1, 0, 0,
-        4, 0, 2, 18, 1, 0.5, 1,
+        episode, 10 * episode, 10.0, 9.0, 10, True, False, 0.1, 0.2, 5, 3, 1, 1, 1, 1, 0, 0, 0,
+        0, 4, 0, 2, 18, 1, 0.5, 1,
     )  # fmt: skip
 
 

@@ -69,7 +69,7 @@ def made_up() -> list[tuple[int, StepRecord]]:
             state=state,
             next_state=following,
             reward=float(random.normal()),
-            unsafe=k % 5 == 0,
+            unsafe_observed=k % 5 == 0,
             terminated=last and k % 2 == 0,
             truncated=last and k % 2 == 1,
         )
@@ -109,8 +109,9 @@ def test_a_recorded_step_is_the_step(tmp_path: Path) -> None:
         assert found.find(episode, made.number) == k
         goes_on = made.last or any(e == episode for e, _ in steps[k + 1 :])
         assert same(read.next_state, made.next_state) if goes_on else read.next_state is None
-        for name in ("env_reward", "domain_reward", "unsafe", "terminated", "truncated"):
+        for name in ("env_reward", "domain_reward", "terminated", "truncated"):
             assert getattr(read, name) == getattr(made, name)
+        assert read.unsafe == made.unsafe_observed
     assert {e: s.tolist() for e, s in found.episodes.items()} == places
     states = np.array([made.state for _, made in steps])
     assert same(found.ranges, (states.min(axis=0), states.max(axis=0)))

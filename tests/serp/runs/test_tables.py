@@ -16,13 +16,15 @@ from hypothesis import strategies as st
 
 from serp.errors import RunError
 from serp.runs.reading import count_decisions, read_metrics, read_rows
-from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
+from serp.runs.report import lead
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_ADDED, METRICS_COLUMNS, MetricsRow
+from serp.runs.summary import summarize
 from serp.runs.tables import Position, Table
 
 COLUMNS = ("a", "b", "c")
 ROW = MetricsRow(
-    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 5, 1, 2, 54, 3, None,
-    0.25,
+    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 2, 0, 5, 1, 2, 54, 3,
+    None, 0.25,
 )  # fmt: skip
 
 
@@ -200,6 +202,28 @@ def test_header_that_was_cut_is_written_anew_and_another_one_is_left_alone(tmp_p
     assert path.read_bytes() == b"a,b\n1,2\n"
 
 
+def test_a_table_of_an_earlier_version_goes_on_and_is_read_without_the_added_columns(tmp_path):
+    path = tmp_path / "t"
+    write(path, [(1, 3)], ("a", "c"))
+    with Table(path, COLUMNS, ["b"]) as table:
+        position = table.position()
+        table.append((4, 5, 6))
+    with Table(path, COLUMNS, ["b"]) as table:
+        table.truncate(position)
+        table.append((7, 8, 9))
+    assert path.read_text() == "a,c\n1,3\n7,9\n"
+    assert [row for _, row in read_rows(path, COLUMNS, ["b"])] == [["1", "", "3"], ["7", "", "9"]]
+    write(tmp_path / "m", [ROW], METRICS_COLUMNS)
+    lines = [line.split(",") for line in (tmp_path / "m").read_text().splitlines()]
+    kept = [k for k, name in enumerate(METRICS_COLUMNS) if name not in METRICS_ADDED]
+    (tmp_path / "m").write_text("".join(",".join(r[k] for k in kept) + "\n" for r in lines))
+    metrics = read_metrics(tmp_path / "m")
+    assert metrics["unsafe_executed"].tolist() == [ROW.unsafe_executed]
+    assert np.isnan(metrics["unsafe_observed"]).all()
+    assert summarize(metrics)["unsafe_observed"] is None
+    assert "came out unsafe" not in lead(summarize(metrics))
+
+
 # Reading -----------------------------------------------------------------------------------------
 
 
@@ -236,7 +260,7 @@ def test_wherever_the_file_is_cut_all_whole_rows_are_read_whatever_the_line_ends
     [
         (b"\n2,", b"\n,", r"m:3: episode is ''; it must be a whole number"),
         (b"\n2,", b"\n99999999999999999999,", r"m:3: episode is .* of 64 bits"),
-        (b"\n2,", b"\n2,2,", r"m:3: 25 cells where the header has 24"),
+        (b"\n2,", b"\n2,2,", r"m:3: 27 cells where the header has 26"),
         (b"\n2,23,", b'\n2,"23,', r"m:3: unexpected end of data"),
         (b"\n2,23,", b"\n2,\xff,", r"m:3: not UTF-8"),
         (b",1,0,0.01,", b",yes,0,0.01,", r"m:2: terminated is 'yes'; it must be 0 or 1"),

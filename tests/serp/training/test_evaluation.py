@@ -84,15 +84,16 @@ def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None
     learner.load_state_dict(arrays, meta)
     alone = evaluate(agent, corridor(tmp_path).bind(), "learner", episodes=5)
     mixed = evaluate(agent, corridor(tmp_path).bind(), "serp", episodes=5)
-    assert alone.unsafe_executed >= 5
+    assert alone.unsafe_executed == alone.avoidable_unsafe >= 5
+    assert alone.unsafe_observed == 5  # one an episode: the last step into the pit may slip
     assert alone.vetoes == 0
     assert all(value < -4 for value in alone.returns)
-    assert mixed.unsafe_executed == 0
+    assert mixed.unsafe_executed == mixed.avoidable_unsafe == mixed.unsafe_observed == 0
     assert mixed.vetoes > 0
 
 
 def result_of(*returns: float) -> EvaluationResult:
-    return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0, {})
+    return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0, 0, 0, {})
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from serp.runs.tables import Table
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
 from serp.training.agent import Agent
+from serp.training.evaluation import evaluate
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import Corridor, corridor
 from tests.serp.training.runs import CHANGES
@@ -121,6 +122,30 @@ def test_the_learner_sees_what_it_is_set_to_see_and_only_that_has_to_fit_into_fl
         return
     with pytest.raises(TaskError, match="fluent `x` is 1e.39, too large for the learner"):
         far.perceive(seen)
+
+
+class Gusty(Corridor):
+    """A gust blows into the pit in the fourth step; the second one did harm that nobody sees."""
+
+    def step(self, action: int) -> Any:
+        self.x -= 8 * (self.steps == 3)
+        return super().step(action)
+
+    def info(self) -> dict[str, Any]:
+        return {**super().info(), "unsafe": np.bool_(self.steps == 2)}
+
+
+def test_steps_are_unsafe_by_what_was_observed_and_by_what_the_environment_says(
+    tmp_path: Path,
+) -> None:
+    task = corridor(tmp_path, Gusty)
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    rows = [trainer.run_episode() for _ in range(10)]
+    assert {(row.length, row.unsafe_observed) for row in rows} >= {(4, 2)}
+    assert all(row.unsafe_observed == (row.length > 1) + (row.length == 4) for row in rows)
+    assert sum(row.unsafe_executed for row in rows) == 0  # no prediction says so
+    found = evaluate(trainer.agent, task.bind(), episodes=5)
+    assert found.unsafe_observed == sum((n > 1) + (n == 4) for n in found.lengths)
 
 
 def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: Path) -> None:

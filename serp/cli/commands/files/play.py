@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp._util.terminal import visible
-from serp._util.text import plural
 from serp.cli.options import max_ground_schemas_option, settings_option
 from serp.cli.output import examples
 
 if TYPE_CHECKING:
     from serp.cli.player import Player
     from serp.cli.playground import Playground
-    from serp.control.step_record import StepRecord
     from serp.model.loading import Domain
     from serp.tasks.task import Task
     from serp.tasks.worlds.options import WorldOptions
@@ -169,18 +167,7 @@ def _train(
             if "planner" in values
         }
         own = dataclasses.replace(own, settings=changes, planners=task.planners)
-    observed = []
-
-    def count(step: StepRecord) -> None:
-        if step.unsafe or step.info["unsafe"]:  # by what came, by what was done
-            observed.append(step.number)
-
-    status = train(own, settings=settings, on_step=count, **options)
-    if status is None and not options["quiet"]:
-        click.echo(
-            f"\n{plural(len(observed), 'step')} turned out unsafe by the file, foreseen or not."
-        )
-    return status
+    return train(own, settings=settings, **options)
 
 
 def _play(

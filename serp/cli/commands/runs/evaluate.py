@@ -8,7 +8,7 @@ import click
 
 from serp._util.number_format import readable
 from serp._util.text import plural
-from serp.cli.account import print_account
+from serp.cli.account import print_account, unsafe_text
 from serp.cli.asked import open_run
 from serp.cli.options import policy_of_run
 from serp.cli.output import examples, open_console, print_json, print_table
@@ -62,8 +62,7 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
                        f"{readable(result['min'])} to {readable(result['max'])}, "
                        f"median {readable(result['median'])}"),
             ("terminated", f"{result['terminated']} of {episodes} episodes"),
-            ("unsafe", f"{plural(result['unsafe_executed'], 'action')} executed that the domain "
-                       f"file flags unsafe, in {plural(steps, 'step')}"),
+            ("unsafe", f"{unsafe_text(result)}; {plural(steps, 'step')} in all"),
             ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
         ],
     )  # fmt: skip

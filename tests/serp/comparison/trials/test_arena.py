@@ -58,6 +58,7 @@ def test_it_is_the_evaluation_of_a_run(tmp_path: Path, policy: Any) -> None:
     assert tuple(row.length for row in rows) == expected.lengths
     assert sum(row.terminated for row in rows) == expected.terminated
     assert sum(row.unsafe for row in rows) == expected.unsafe_executed
+    assert sum(row.unsafe_observed or 0 for row in rows) == expected.unsafe_observed
     assert [row.episode for row in rows] == list(range(1, episodes + 1))
     assert {(row.policy, row.env_steps) for row in rows} == {(policy, 7)}
 

@@ -63,27 +63,29 @@ def decisions(folder: Path) -> dict[str, Decision]:
 
 @pytest.mark.parametrize("slips", [2, np.float32(2)])
 def test_counters_may_be_any_numbers(tmp_path: Path, slips: Any) -> None:
-    log, done = Log(np.zeros(4, bool), ("slips",)), decisions(tmp_path)["planner"]
+    log, done = Log(("slips",)), decisions(tmp_path)["planner"]
     tell(log, [stepped(done, last=True, slips=slips)])
     assert {counted for _, counted in log.rows} == {(float(np.sum(slips)),)}
 
 
 @pytest.mark.parametrize("slips", ["2", float("nan"), np.zeros(2)])
 def test_a_counter_that_is_no_number_is_named(tmp_path: Path, slips: Any) -> None:
-    log, done = Log(np.zeros(4, bool), ("slips",)), decisions(tmp_path)["planner"]
+    log, done = Log(("slips",)), decisions(tmp_path)["planner"]
     with pytest.raises(TaskError, match="the task counts `slips`, but .*a finite number is wanted"):
         tell(log, [stepped(done, last=True, slips=slips)])
 
 
 def test_an_episode_is_the_sum_of_its_steps(tmp_path: Path) -> None:
     now, seen = 100.0, decisions(tmp_path)
-    log = Log(arbiter(tmp_path).vetoes.available, ["slips"], lambda: now)
+    log = Log(["slips"], lambda: now)
 
     def steps() -> Iterator[StepRecord]:
         nonlocal now
         for k, name in enumerate(("planner", "learner", "vetoed", "unsafe")):
             now += 2.0
-            yield stepped(seen[name], k + 1.0, last=k == 3, slips=7 + k, outcome="pit")
+            yield stepped(seen[name], k + 1.0, last=k == 3, slips=7 + k, outcome="pit")._replace(
+                unsafe_observed=k > 1
+            )
         with log.paused():
             now += 50.0
         now += 1.0
@@ -91,7 +93,7 @@ def test_an_episode_is_the_sum_of_its_steps(tmp_path: Path) -> None:
 
     tell(log, steps())
     (first, slips), (second, none) = log.rows
-    assert first == (1, 4, 10.0, 100.0, 4, True, "pit", 1, 1, 1, 2, 8.0)
+    assert first == (1, 4, 10.0, 100.0, 4, True, "pit", 1, 1, 2, 1, 2, 8.0)
     assert slips == (10.0,)
     assert (second.episode, second.env_steps, second.length) == (2, 5, 1)
     assert (second.return_, second.outcome) == (1.0, "")
@@ -102,24 +104,21 @@ def test_an_episode_is_the_sum_of_its_steps(tmp_path: Path) -> None:
 
 def test_unsafe_counts_as_avoidable_while_there_was_something_else(tmp_path: Path) -> None:
     made = decisions(tmp_path)["unsafe"]
+    assert made.avoidable_unsafe
     only = made.forecast._replace(flags=np.array([made.forecast.flags[0]] * 3 + [0]))
-    actions = arbiter(tmp_path).actions
-    for forecast, avoidable in ((made.forecast, 1), (only, 1)):  # `dance` is not predicted
-        log = Log(~actions.modelled, ())
-        tell(log, [stepped(made._replace(forecast=forecast), last=True)])
-        assert log.rows[0][0].avoidable_unsafe == avoidable
-    known = type(actions)(actions.model, 3)  # in this environment there is no such action
-    log = Log(~known.modelled, ())
-    lost = only._replace(flags=only.flags[:3])
-    tell(log, [stepped(made._replace(forecast=lost), last=True)])
-    assert (log.rows[0][0].unsafe, log.rows[0][0].avoidable_unsafe) == (1, 0)
+    lost = made._replace(forecast=only)
+    assert lost.avoidable_unsafe  # `dance` is not predicted
+    assert not lost._replace(admissible=np.zeros(4, bool)).avoidable_unsafe  # and is refused
+    known = only._replace(flags=only.flags[:3], ground=only.ground[:3])
+    assert not lost._replace(forecast=known, admissible=np.ones(3, bool)).avoidable_unsafe
+    assert not decisions(tmp_path)["learner"].avoidable_unsafe  # nothing unsafe was executed
 
 
 def test_an_episode_that_is_cut_short_ends_too_and_one_that_runs_is_not_written(
     tmp_path: Path,
 ) -> None:
     made = decisions(tmp_path)["learner"]
-    log = Log(arbiter(tmp_path).vetoes.available, ())
+    log = Log(())
     tell(log, [stepped(made)._replace(truncated=True)])
     tell(log, [stepped(made)])
     ((row, _),) = log.rows
