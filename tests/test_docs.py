@@ -15,6 +15,7 @@ Comments in the Markdown tell what a fenced block or a table is:
 `<!-- messages -->`        the first column quotes messages of the code, `…` for what varies
 `<!-- scenarios: X -->`    the first column of the table is a statement of a scenario file
 `<!-- names of: X -->`     the first column lists exactly what the code has under X
+`<!-- row of: X -->`       the table has the columns of that file, and a value for each
 
 Python blocks run in the order of their page and share their names. A `text` block right after
 one of them, or after commands that are run, is what it prints.
@@ -39,6 +40,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
+from urllib.request import urlopen
 
 import click
 import numpy as np
@@ -58,6 +60,7 @@ from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.scenarios.reading import read_scenarios
 from serp.tasks.registry import task_entries
 from serp.training.policies import Policy
+from tests.serp.studio.browser import served
 from tests.serp.training.runs import without_pictures
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -143,6 +146,10 @@ def run_commands(block: Block) -> str:
     assert commands(block)
     output = io.StringIO()
     for words in commands(block):
+        if words[1] == "studio":  # it serves until it is ended
+            with served(words[2], Path.cwd()) as address, urlopen(address, timeout=60) as page:
+                assert page.status == 200
+            continue
         with pytest.raises(SystemExit) as end, contextlib.redirect_stdout(output):
             main(words[1:] + added)
         assert end.value.code == 0, words
@@ -320,8 +327,7 @@ def test_commands_and_options_that_are_shown_exist(page: Path) -> None:
 
 def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
     page = ROOT / "docs" / "how-to" / "read-a-run.md"
-    (example,) = (b for b in blocks(page) if b.language == "csv")
-    (row,) = csv.DictReader(example.text.splitlines())
+    row = {code(name): value for name, value in table_after(page, "row of: decisions.csv")}
     assert tuple(row) == DECISIONS_COLUMNS
     assert {row["proposed_by"], row["executed_by"]} <= {*Actor}
     assert row["reason"] in {*Reason}
