@@ -24,7 +24,7 @@ not-there = my_strategies:Nothing
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A package whose strategies cannot be used; `test_docs` installs one that can."""
+    """A package whose strategies cannot be used; `tests.docs` installs one that can."""
     (tmp_path / "my_strategies.py").write_text(PACKAGE)
     info = tmp_path / "my_strategies-1.0.dist-info"
     info.mkdir()

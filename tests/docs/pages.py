@@ -1,0 +1,93 @@
+"""The pages of the documentation: their blocks, tables and marks.
+
+The site is built by `.ci/run` with warnings as errors, which checks its links and references.
+
+Comments in the Markdown tell what a fenced block or a table is:
+
+`<!-- file: NAME -->`      the block is a file that the examples of the page read
+`<!-- from: FILE -->`      the block is a part of that file of the repository
+`<!-- run -->`             the `serp` commands of the block succeed
+`<!-- run with: ... -->`   the same, with these options added
+`<!-- as in: PAGE -->`     the `serp` commands of the block are among those that are run on a page
+`<!-- accepted in: X -->`  the first column of the table is valid PDDL there
+`<!-- refused in: X -->`   it is refused, with the message of the second column
+`<!-- one step: X -->`     the table tells what `docs/examples/tea.pddl` does with it in one step
+`<!-- messages -->`        the first column quotes messages of the code, `…` for what varies
+`<!-- scenarios: X -->`    the first column of the table is a statement of a scenario file
+`<!-- names of: X -->`     the first column lists exactly what the code has under X
+`<!-- row of: X -->`       the table has the columns of that file, and a value for each
+
+Python blocks run in the order of their page and share their names. A `text` block right after
+one of them, or after commands that are run, is what it prints.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "docs" / "examples"
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+FENCE = re.compile(r"^```([\w{}-]*)[^\n]*\n(.*?)^```$", re.M | re.S)
+MARK = re.compile(r"<!-- (.+?) -->\n\Z")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block; `follows` is the number of characters between it and the block before it."""
+
+    language: str
+    text: str
+    mark: str
+    line: int
+    follows: int
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    found, end = [], 0
+    for match in FENCE.finditer(text):
+        mark = MARK.search(text[: match.start()])
+        line = text.count("\n", 0, match.start()) + 1
+        found.append(Block(match[1], match[2], mark[1] if mark else "", line, match.start() - end))
+        end = match.end()
+    return found
+
+
+def prose(page: Path) -> str:
+    return FENCE.sub("", page.read_text(encoding="utf-8"))
+
+
+def table_after(page: Path, mark: str) -> list[list[str]]:
+    """The rows of the table under a mark, without its head; `\\|` is a bar inside a cell."""
+    rest = page.read_text(encoding="utf-8").partition(f"<!-- {mark} -->\n")[2]
+    lines = list(itertools.takewhile(lambda line: line.startswith("|"), rest.splitlines()))
+    assert len(lines) > 2
+    rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in lines[2:]]
+    return [[cell.strip().replace("\\|", "|") for cell in row] for row in rows]
+
+
+def code(cell: str) -> str:
+    """What stands in the first pair of backquotes."""
+    match = re.match(r"`([^`]+)`", cell)
+    assert match, f"no code in {cell!r}"
+    return match[1]
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def marks(kind: str) -> list[Any]:
+    """Every mark of a kind, as (page, rest of the mark)."""
+    return [
+        pytest.param(page, found, id=f"{page.stem}-{found}")
+        for page in PAGES
+        for found in re.findall(rf"<!-- {kind}: (.+?) -->", page.read_text(encoding="utf-8"))
+    ]

@@ -1,0 +1,146 @@
+"""Blocks of the pages: commands succeed, Python runs and prints what is shown, domains load."""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import importlib
+import io
+import re
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import click
+import pytest
+
+import serp
+from serp.cli import main
+from serp.cli.root import serp as group
+from tests.docs.pages import EXAMPLES, PAGES, ROOT, Block, blocks, name_of, prose
+from tests.serp.studio.browser import served
+from tests.serp.training.runs import without_pictures
+
+PUBLIC = ("serp", "serp_envs", "serp_adapters.stable_baselines3")
+"""Packages that examples import from."""
+
+
+def is_run(block: Block) -> bool:
+    return re.match(r"run( with:|$)", block.mark) is not None
+
+
+def commands(*found: Block) -> list[list[str]]:
+    """The words of the `serp` commands of blocks."""
+    lines = [line for block in found for line in block.text.splitlines()]
+    return [shlex.split(line, comments=True) for line in lines if line.startswith("serp ")]
+
+
+def run_commands(block: Block) -> str:
+    """Run the `serp` commands of a block as its mark says; returns what they print."""
+    added = shlex.split(block.mark.partition("run with:")[2])
+    assert commands(block)
+    output = io.StringIO()
+    for words in commands(block):
+        if words[1] == "studio":  # it serves until it is ended
+            with served(words[2], Path.cwd()) as address, urlopen(address, timeout=60) as page:
+                assert page.status == 200
+            continue
+        with pytest.raises(SystemExit) as end, contextlib.redirect_stdout(output):
+            main(words[1:] + added)
+        assert end.value.code == 0, words
+    return output.getvalue()
+
+
+def pictures(name: str) -> contextlib.AbstractContextManager[None]:
+    """Pictures of runs are drawn for two pages: they take longer than the other trainings here."""
+    drawn = name in ("first-run", "diagnose")
+    return contextlib.nullcontext() if drawn else without_pictures()
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=name_of)
+def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)
+    with pictures(page.stem):
+        run_blocks(page)
+
+
+def run_blocks(page: Path) -> None:
+    names: dict[str, Any] = {"__name__": "__main__"}
+    printed: str | None = None
+    for block in blocks(page):
+        kind, _, argument = block.mark.partition(": ")
+        if kind == "from":
+            assert block.text.strip() in (ROOT / argument).read_text(encoding="utf-8")
+            continue
+        if kind == "as in":
+            there = commands(*filter(is_run, blocks(ROOT / argument)))
+            assert all(words in there for words in commands(block))
+        elif kind == "file":
+            Path(argument).write_text(block.text, encoding="utf-8")
+        elif block.language == "python":
+            output = io.StringIO()
+            # Blank lines before it, so that a traceback names the line of the page.
+            program = compile("\n" * block.line + block.text, str(page), "exec")
+            with contextlib.redirect_stdout(output):
+                exec(program, names)
+            printed = output.getvalue()
+            continue
+        elif is_run(block):
+            printed = run_commands(block)
+            continue
+        elif block.language == "text" and printed is not None and block.follows <= 2:
+            assert printed == block.text
+        printed = None
+
+
+def test_examples_import_only_public_names() -> None:
+    programs = [
+        (script.name, script.read_text(encoding="utf-8")) for script in EXAMPLES.rglob("*.py")
+    ]
+    programs += [(name_of(p), b.text) for p in PAGES for b in blocks(p) if b.language == "python"]
+    assert len(programs) > 5
+    for name, text in programs:
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Import):
+                assert not any(each.name.startswith("serp.") for each in node.names), name
+            elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("serp"):
+                assert node.module in PUBLIC, name
+                public = importlib.import_module(node.module).__all__
+                assert {each.name for each in node.names} <= set(public), name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_and_options_that_are_shown_exist(page: Path) -> None:
+    root = click.Context(group)
+    lines = [
+        line
+        for block in blocks(page)
+        if block.language == "sh"
+        for line in block.text.splitlines()
+        if line.startswith("serp ")
+    ]
+    for line in [*lines, *re.findall(r"`(serp [^`…]+)`", prose(page))]:
+        words = shlex.split(line, comments=True)[1:]
+        command = group.get_command(root, words[0])
+        assert command is not None, words
+        known = {option for parameter in command.get_params(root) for option in parameter.opts}
+        assert {word.split("=")[0] for word in words if word.startswith("--")} <= known, words
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        pytest.param(block, id=f"{page.stem}:{block.line}")
+        for page in PAGES
+        for block in blocks(page)
+        if block.language == "pddl" and "(define (domain " in block.text
+    ],
+)
+def test_complete_domains_load(block: Block, tmp_path: Path) -> None:
+    file = tmp_path / "shown.pddl"
+    file.write_text(block.text, encoding="utf-8")
+    with pytest.raises(serp.DomainError) if "broken" in block.mark else contextlib.nullcontext():
+        serp.load_domain(file)

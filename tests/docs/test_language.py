@@ -1,0 +1,130 @@
+"""What the pages say of the domain language and of scenarios is what these do."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import serp
+from serp.model.facts import InstantiationBudget
+from serp.model.program import MAX_NATIVE_SIZE
+from serp.pddl.source import Source
+from serp.scenarios.reading import read_scenarios
+from tests.docs.pages import EXAMPLES, ROOT, code, marks, table_after
+
+TEMPLATES = {
+    "condition": "(:action do :parameters (?x - gate) :precondition (and {}) :effect (and))",
+    **dict.fromkeys(
+        ("number", "function"),
+        "(:action do :parameters (?x - gate) :effect (and (assign (level) {})))",
+    ),
+    "effect": "(:action do :parameters (?x - gate) :effect (and {}))",
+    "process": "(:process do :parameters (?x - gate) :effect (and {}))",
+}
+SURROUNDINGS = {
+    ":types": "(:types gate side thing)",
+    ":constants": "(:constants door - gate)",
+    ":predicates": "(:predicates (open ?d - gate) (unsafe))",
+    ":functions": "(:functions (level) (weight ?d - gate) (reward))",
+}
+
+
+def load_fragment(where: str, fragment: str, folder: Path) -> serp.Domain:
+    """Load a domain around a fragment."""
+    sections = dict(SURROUNDINGS)
+    if where in ("section", "declaration"):
+        sections[fragment.split()[0].strip("(")] = fragment
+        if fragment.startswith("(:types"):
+            del sections[":constants"], sections[":predicates"], sections[":functions"]
+    else:
+        sections["schema"] = TEMPLATES[where].format(fragment)
+        sections[":requirements"] = "(:requirements :math-functions)" if where == "function" else ""
+    file = folder / "fragment.pddl"
+    file.write_text(f"(define (domain fragment) {' '.join(sections.values())})", encoding="utf-8")
+    return serp.load_domain(file)
+
+
+@pytest.mark.parametrize(("page", "where"), marks("accepted in"))
+def test_what_is_said_to_be_accepted_is_accepted(page: Path, where: str, tmp_path: Path) -> None:
+    for row in table_after(page, f"accepted in: {where}"):
+        domain = load_fragment(where, code(row[0]), tmp_path)
+        assert where == "declaration" or domain.model.actions or domain.model.ground.processes
+
+
+@pytest.mark.parametrize(("page", "where"), marks("refused in"))
+def test_what_is_said_to_be_refused_is_refused_so(page: Path, where: str, tmp_path: Path) -> None:
+    for fragment, message, _ in table_after(page, f"refused in: {where}"):
+        with pytest.raises(serp.DomainError) as error:
+            load_fragment(where, code(fragment), tmp_path)
+        assert message in str(error.value)
+
+
+STEPS = {
+    "condition": "(:action try :parameters () :precondition (and {}) :effect (and))",
+    "effect": "(:action try :parameters () :precondition (and) :effect (and {}))",
+    **dict.fromkeys(
+        ("process", "event", "flag"),
+        "{} (:action try :parameters () :precondition (and) :effect (and))",
+    ),
+}
+
+
+@pytest.mark.parametrize(("page", "kind"), marks("one step"))
+def test_the_guides_tell_what_happens_in_one_step(page: Path, kind: str, tmp_path: Path) -> None:
+    tea = (EXAMPLES / "tea.pddl").read_text(encoding="utf-8").partition("  (:action")[0]
+    problem = (EXAMPLES / "tea-problem.pddl").read_text(encoding="utf-8")
+    # Fluents may have any value, and the rows name cups, which belong to the domain then.
+    moved = re.compile(r"\(= \((temperature|water)\) .+\)\n|\(:objects .+\)\n")
+    (tmp_path / "tea-problem.pddl").write_text(moved.sub("", problem), encoding="utf-8")
+    tea += "(:constants red blue - cup)"
+    file = tmp_path / "tea.pddl"
+    for fragment, before, after, _ in table_after(page, f"one step: {kind}"):
+        file.write_text(f"{tea} {STEPS[kind].format(code(fragment))})", encoding="utf-8")
+        if "error: " in after:
+            with pytest.raises(serp.DomainError) as error:
+                serp.load_domain(file)
+            assert code(after.partition("error: ")[2]) in str(error.value)
+            continue
+        model = serp.load_domain(file, observed=True).model.replace(dt=1.0)
+        names = [fluent.name for fluent in model.fluents]
+        values = dict.fromkeys(names, 0.0) | told(before)
+        step = model.step([values[name] for name in names], "try")
+        assert step.applicable == (after != "not applicable"), fragment
+        assert step.unsafe == ("unsafe" in after.split(", ")), fragment
+        assert step.terminal == ("the task ends" in after), fragment
+        assert step.reward == pytest.approx(told(after).get("reward", 0.0)), fragment
+        expected = values | told(after)
+        assert list(step.state) == pytest.approx([expected[name] for name in names]), fragment
+
+
+def told(cell: str) -> dict[str, float]:
+    """The values of a cell such as "`temperature = 20`, `filled red`, `not heater-on`"."""
+    found = {}
+    for part in re.findall(r"`([^`]+)`", cell):
+        name, _, number = part.partition(" = ")
+        found[name.removeprefix("not ")] = float(number or not name.startswith("not "))
+    return found
+
+
+@pytest.mark.parametrize(("page", "kind"), marks("scenarios"))
+def test_statements_of_scenarios_are_read(page: Path, kind: str) -> None:
+    domain = serp.load_domain(ROOT / "domains" / "lunar-lander.pddl", observed=True)
+    lines = [code(row[0]) for row in table_after(page, f"scenarios: {kind}")]
+    text = "".join(
+        f"scenario {number}\n{line}\nallows fall\n"
+        if kind == "situation"
+        else f"scenario {number}\n{line}\n"
+        for number, line in enumerate(lines)
+    )
+    source = Source("page.scenarios", f"scenario a lean\n(lean) = 1\nallows fall\n{text}")
+    assert len(read_scenarios(source, domain, domain.model)) == len(lines) + 1
+
+
+def test_the_limits_are_those_of_the_code() -> None:
+    text = (ROOT / "docs" / "reference" / "domain-language.md").read_text(encoding="utf-8")
+    limits = text.partition("## Limits\n")[2]
+    most = InstantiationBudget()
+    for number in (most.ground_schemas, most.fluents, most.bindings, MAX_NATIVE_SIZE):
+        assert f"| {number:,} |" in limits

@@ -1,0 +1,150 @@
+"""Columns, files, messages and names of the code that the pages list are those of the code."""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import importlib
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+import serp
+from serp.comparison.algorithms import OWN, algorithm_entries
+from serp.comparison.compare import compare
+from serp.control.decision import Actor, Reason
+from serp.runs.recording_format import COLUMNS
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.tasks.registry import task_entries
+from serp.training.policies import Policy
+from tests.docs.pages import PAGES, ROOT, code, marks, prose, table_after
+
+
+def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
+    page = ROOT / "docs" / "how-to" / "read-a-run.md"
+    row = {code(name): value for name, value in table_after(page, "row of: decisions.csv")}
+    assert tuple(row) == DECISIONS_COLUMNS
+    assert {row["proposed_by"], row["executed_by"]} <= {*Actor}
+    assert row["reason"] in {*Reason}
+    quoted, line = re.findall(r"`(.+?)` \(line (\d+)\)", row["explanation"])[0]
+    domain = (ROOT / "domains" / "soccer.pddl").read_text(encoding="utf-8")
+    assert quoted in domain.splitlines()[int(line) - 1]
+
+
+def texts_of(node: ast.expr) -> str:
+    """A text in the code, with `…` for what is filled in."""
+    if isinstance(node, ast.JoinedStr):
+        return "".join(texts_of(value) for value in node.values)
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else "…"
+
+
+def test_messages_that_are_explained_are_those_of_the_code() -> None:
+    page = (ROOT / "docs" / "how-to" / "troubleshooting.md").read_text(encoding="utf-8")
+    quoted = re.findall(r"^\| `+ ?(.+?) ?`+ (?:\(.+\) )?\|", page, re.M)
+    assert len(quoted) == len(re.findall(r"^\| .*`.*\|$", page, re.M)) > 40
+    said = "\n".join(
+        {
+            texts_of(node)
+            for file in (ROOT / "serp").rglob("*.py")
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+            if isinstance(node, ast.JoinedStr | ast.Constant)
+        }
+    )
+    for message in quoted:
+        parts = [re.escape(part) for part in re.split(r"`?…`?", message) if part]
+        assert re.search(".*".join(parts), said), message
+
+
+def run_files() -> set[str]:
+    folder = Path("names")
+    serp.plan_and_learn("cartpole", env_steps=30, out=folder, quiet=True)
+    return {path.name + "/" * path.is_dir() for path in folder.iterdir()}
+
+
+def comparison_files() -> set[str]:
+    folder = Path("compared")
+    compare(
+        "cartpole", algorithms=["mrp"], seeds=1, env_steps=30, final_episodes=1, out=folder,
+        jobs=1, quiet=True,
+    )  # fmt: skip
+    return {path.name + "/" * path.is_dir() for path in folder.iterdir()}
+
+
+LISTS: dict[str, Callable[[], set[str]]] = {
+    "metrics.csv": lambda: set(METRICS_COLUMNS),
+    "decisions.csv": lambda: set(DECISIONS_COLUMNS),
+    "actors": lambda: {actor.value for actor in Actor},
+    "reasons": lambda: {reason.value for reason in Reason},
+    "policies": lambda: set(get_args(Policy)),
+    "run folder": run_files,
+    "recording": lambda: set(COLUMNS),
+    "algorithms": lambda: {*OWN, *algorithm_entries()},
+    "tasks": lambda: set(task_entries()),
+    "comparison folder": comparison_files,
+}
+NOT_IN_EVERY_RUN = {
+    "problem.pddl",
+    "planner-1.pddl",
+    "planner-1-problem.pddl",
+    "evaluations/",
+    "report.html",
+    "tensorboard/",
+    "checkpoint-damaged.safetensors",
+}
+
+
+@pytest.mark.parametrize(("page", "what"), marks("names of"))
+def test_lists_of_names_are_complete(
+    page: Path, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    named = [name for row in table_after(page, f"names of: {what}") for name in
+             re.findall(r"`([^`(]+)[^`]*`", row[0])]  # fmt: skip
+    assert len(named) == len(set(named))
+    expected = LISTS[what]()
+    assert set(named) - expected <= NOT_IN_EVERY_RUN
+    assert expected <= set(named)
+
+
+def test_the_reference_has_every_public_name() -> None:
+    text = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
+    named = re.findall(r"^\.\. auto\w+:: serp\.(\w+)$", text, re.M)
+    assert sorted(named) == sorted({*serp.__all__} - {"__version__"})
+
+
+def test_every_public_name_is_documented() -> None:
+    for name in {*serp.__all__} - {"__version__"}:
+        text = getattr(serp, name).__doc__
+        assert text, name
+        for dotted in re.findall(r"`(serp(?:\.\w+)+)`", text):
+            assert dotted in ENTRY_POINTS or dotted.split(".")[1] in serp.__all__, (name, dotted)
+
+
+def test_code_that_is_named_exists() -> None:
+    """Every `serp.module.name` in the pages."""
+    for page in PAGES:
+        if page.name == "CHANGELOG.md":
+            continue
+        for dotted in sorted(
+            set(re.findall(r"`(serp(?:_\w+)?(?:\.\w+)+)(?:\([^`]*\))?`", prose(page)))
+        ):
+            assert dotted in ENTRY_POINTS or resolves(dotted), f"{page.name}: {dotted}"
+
+
+ENTRY_POINTS = {
+    f"serp.{name}"
+    for name in ("tasks", "algorithms", "engines", "planners", "learners", "strategies")
+}
+
+
+def resolves(dotted: str) -> bool:
+    module, _, name = dotted.rpartition(".")
+    for path in (dotted, module):
+        with contextlib.suppress(ModuleNotFoundError):
+            found = importlib.import_module(path)
+            return path == dotted or hasattr(found, name)
+    owner, _, attribute = module.rpartition(".")
+    return hasattr(getattr(importlib.import_module(owner), attribute), name)
