@@ -26,11 +26,11 @@ LAYERS = (
     {"explanation"},
     {"tasks", "control"},
     {"lint", "runs", "sysid"},
-    {"adaptation", "language_server"},
+    {"adaptation"},
     {"training"},
     {"review"},
     {"diagnosis", "comparison", "viz", "export", "scenarios", "play", "scaffold"},
-    {"report", "studio", "tuning"},
+    {"report", "studio", "tuning", "language_server"},
     {"cli"},
     {"__main__"},
 )

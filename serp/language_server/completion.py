@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from serp.language_server import keywords
@@ -14,7 +14,6 @@ from serp.pddl.source import Source
 _BEFORE = re.compile(r"([^\s();]*)\Z")
 _VARIABLE = re.compile(r"\?[\w-]+")
 _SECTION = re.compile(r"\(\s*(:[\w-]+)", re.ASCII)
-_FIELD = re.compile(r":(?:parameters|precondition|effect)\b")
 
 
 class Choice(NamedTuple):
@@ -43,7 +42,7 @@ def choices(index: Index, source: Source, position: int) -> list[Choice]:
     word = _BEFORE.search(text)
     start = word.start() if word is not None else position
     typed, before = text[start:], text[:start].rstrip()
-    section, field = _surroundings(text[:start])
+    section, field, heads = _surroundings(text[:start])
     if typed.startswith("?"):
         found = _variables(text, section, start)
     elif before.endswith(" -") or before.endswith("\n-"):
@@ -51,38 +50,47 @@ def choices(index: Index, source: Source, position: int) -> list[Choice]:
     elif typed.startswith(":") or (before.endswith("(") and section == ""):
         found = _keywords_of(section, before, start)
     elif before.endswith("("):
-        found = _forms(index, field, start)
+        found = _forms(index, field, heads, start)
     else:
         found = _names(index, (NameKind.OBJECT,), start) + _variables(text, section, start)
     return [choice for choice in found if choice.text.startswith(typed.lower())]
 
 
-def _surroundings(text: str) -> tuple[str, str]:
-    """Return head of the section and name of the field before the end of a text; empty for none."""
-    section = ""
-    depth = 0
+def _surroundings(text: str) -> tuple[str, str, list[str]]:
+    """Return the section and the field that a text ends in, and the first words of open lists.
+
+    Section and field are empty where there is none; so is the first word of a list that has none.
+    """
+    section = field = ""
+    heads: list[str] = []
     for match in re.finditer(r";[^\n]*|[()]|[^\s();]+", text):
-        token = match[0]
+        token = match[0].lower()
         if token == "(":
-            depth += 1
+            heads.append("")
             head = _SECTION.match(text, match.start())
-            if depth <= 2 and head is not None:
-                section = head[1].lower()
+            if len(heads) <= 2 and head is not None:
+                section, field = head[1].lower(), ""
         elif token == ")":
-            depth -= 1
-            if depth <= 1:
-                section = ""
-    fields = _FIELD.findall(text[text.rfind(section) :]) if section else []
-    return section, fields[-1] if fields else ""
+            del heads[-1:]
+            if len(heads) <= 1:
+                section = field = ""
+        elif token in keywords.FIELDS:
+            field = token
+        elif heads and not heads[-1]:
+            heads[-1] = token
+    return section, field, heads
 
 
-def _forms(index: Index, field: str, start: int) -> list[Choice]:
-    """Return what a form can begin with."""
-    predicates = _names(index, (NameKind.PREDICATE,), start)
-    functions = _names(index, (NameKind.FUNCTION,), start)
+def _forms(index: Index, field: str, heads: Sequence[str], start: int) -> list[Choice]:
+    """Return what a list can begin with that stands in others with some first words."""
+    around = heads[-2] if len(heads) > 1 else ""
+    if around in keywords.OF_NUMBERS:
+        return _names(index, (NameKind.FUNCTION,), start) + _words(keywords.NUMBERS, start)
+    words: tuple[str, ...] = keywords.CONDITIONS
     if field == ":effect":
-        return [*predicates, *functions, *_words((*keywords.EFFECTS, *keywords.NUMBERS), start)]
-    return [*predicates, *functions, *_words((*keywords.CONDITIONS, *keywords.NUMBERS), start)]
+        words = keywords.EFFECTS + (keywords.CONDITIONS if "when" in heads else ())
+    words = tuple(dict.fromkeys(words))
+    return _names(index, (NameKind.PREDICATE,), start) + _words(words, start)
 
 
 def _keywords_of(section: str, before: str, start: int) -> list[Choice]:

@@ -12,8 +12,8 @@ from enum import Enum
 
 from serp.pddl import syntax as x
 from serp.pddl.declarations import is_name
-from serp.pddl.sexpr import Group, Node, Word, read_group
-from serp.pddl.source import DomainError, Place, Recovery, Source
+from serp.pddl.sexpr import Group, Node, Word, read_what_can_be
+from serp.pddl.source import Place, Source
 
 _CHANGES = frozenset(change.value for change in x.Change)
 _QUANTIFIERS = ("forall", "exists")
@@ -80,7 +80,7 @@ class Index:
 
     def __init__(self, *sources: Source) -> None:
         self.sources = sources
-        self.sections = [section for source in sources for section in _sections(source)]
+        self.sections = [section for source in sources for section in read_what_can_be(source)]
         self.occurrences = [o for section in self.sections for o in self._declared(section)]
         self._fluents = {o.name: o.kind for o in self.declared(*FLUENTS)}
         self._objects = {o.name for o in self.declared(NameKind.OBJECT)}
@@ -201,16 +201,6 @@ class Index:
             kind = NameKind.FUNCTION
         if kind is not None:
             yield _occurrence(word, kind, Use.READ, word.place, inside)
-
-
-def _sections(source: Source) -> Sequence[Group]:
-    """Return the sections of a file, those apart whose parentheses do not match."""
-    tolerant = Source(source.name, source.text, recovery=Recovery())
-    try:
-        top = read_group(tolerant)
-    except DomainError:
-        return []
-    return [item for item in top.items if isinstance(item, Group)]
 
 
 def _typed(items: Sequence[Node], kind: NameKind, inside: Place) -> Iterator[Occurrence]:

@@ -66,10 +66,13 @@ SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions"
             ":action", ":process", ":event", ":domain", ":objects", ":init", ":goal",
             ":metric")  # fmt: skip
 FIELDS = (":parameters", ":precondition", ":effect")
-CONDITIONS = ("and", "or", "not", "imply", "forall", "exists", "=", "<", "<=", ">", ">=")
-EFFECTS = ("and", "not", "when", "forall", "assign", "increase", "decrease", "scale-up",
-           "scale-down")  # fmt: skip
+COMPARISONS = ("=", "<", "<=", ">", ">=")
+CONDITIONS = ("and", "or", "not", "imply", "forall", "exists", *COMPARISONS)
+CHANGES = ("assign", "increase", "decrease", "scale-up", "scale-down")
+EFFECTS = ("and", "not", "when", "forall", *CHANGES)
 NUMBERS = ("+", "-", "*", "/")
+OF_NUMBERS = (*COMPARISONS, *CHANGES, *NUMBERS)
+"""What numbers stand behind."""
 REQUIREMENTS = (":strips", ":typing", ":equality", ":adl", ":conditional-effects",
                 ":negative-preconditions", ":disjunctive-preconditions", ":numeric-fluents",
                 ":time", ":math-functions")  # fmt: skip

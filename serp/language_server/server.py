@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 from pathlib import Path
 
 from lsprotocol import types
@@ -13,15 +14,19 @@ from pygls.lsp.server import LanguageServer
 from serp import __version__
 from serp.errors import SerpError
 from serp.language_server import actions, features
-from serp.language_server.documents import OpenPair, findings_in, pair_of
+from serp.language_server.documents import OpenPair, findings_in, pair_of, text_of
 from serp.language_server.index import Index
 from serp.language_server.positions import Positions
 from serp.lint.findings import Finding
 from serp.lint.formatting import formatted
 from serp.pddl.source import DomainError, Place, Source
+from serp.scenarios.line import SUFFIX
 
 _PAUSE = 0.15
 """Seconds without a key after which a file is checked."""
+_WATCHED = ("**/*.pddl", f"**/*{SUFFIX}")
+"""What the editor tells of where it is changed outside of it."""
+index_of = functools.lru_cache(maxsize=4)(Index)
 
 
 class PddlServer(LanguageServer):
@@ -32,6 +37,8 @@ class PddlServer(LanguageServer):
             "serp", __version__, text_document_sync_kind=types.TextDocumentSyncKind.Full
         )
         self._asked: dict[str, int] = {}
+        self._shown: dict[str, set[str]] = {}
+        self._checking = asyncio.Lock()
 
     @property
     def positions(self) -> Positions:
@@ -41,7 +48,7 @@ class PddlServer(LanguageServer):
     def source(self, uri: str) -> Source:
         """Return a file as it is in the editor."""
         document = self.workspace.get_text_document(uri)
-        return Source(uris.to_fs_path(uri) or uri, document.source)
+        return text_of(uris.to_fs_path(uri) or uri, document.source)
 
     def pair(self, uri: str) -> OpenPair:
         """Return a file with the one that belongs to it."""
@@ -51,33 +58,74 @@ class PddlServer(LanguageServer):
     def found(self, uri: str, position: types.Position) -> tuple[Index, Source, int]:
         """Return the index of a file and its other half, the file, and a position in it."""
         pair = self.pair(uri)
-        return Index(*pair.sources), pair.asked, self.positions.offset(pair.asked, position)
+        return index_of(*pair.sources), pair.asked, self.positions.offset(pair.asked, position)
 
-    def findings(self, uri: str) -> list[Finding]:
-        """Return the findings of one file."""
-        pair = self.pair(uri)
-        return findings_in(pair)[pair.asked.name]
+    def word(self, uri: str, position: types.Position) -> tuple[Index, Source, int]:
+        """Return what `found` does, for the word behind a parenthesis at the position."""
+        index, source, offset = self.found(uri, position)
+        return index, source, offset + source.text.startswith("(", offset)
+
+    async def findings(self, uri: str) -> dict[str, list[Finding]]:
+        """Return the name of each file that is read with one → its findings.
+
+        They come from another thread, so that the editor is answered meanwhile. One file is checked
+        at a time: two would take turns, and both be late.
+        """
+        async with self._checking:
+            return await asyncio.to_thread(findings_in, self.pair(uri))
 
     def location(self, place: Place) -> types.Location:
         """Return a place as the editor names it."""
         return types.Location(uri_of(place.source), self.positions.range(place))
 
     async def check(self, uri: str, pause: float = 0.0) -> None:
-        """Publish the findings of a file, unless it changes during the pause."""
+        """Publish the findings of a file and of those that it is read with.
+
+        Of these, what is open itself is checked again by itself.
+        """
+        opened = self.workspace.text_documents
+        name = self.source(uri).name
+        others = [other for other in opened if other != uri
+                  and any(source.name == name for source in self.pair(other).sources)]  # fmt: skip
+        await asyncio.gather(*(self._check(each, pause) for each in (uri, *others)))
+
+    async def _check(self, uri: str, pause: float) -> None:
+        """Publish findings, unless the file changes before there are any."""
         self._asked[uri] = asked = self._asked.get(uri, 0) + 1
+
+        def outdated() -> bool:
+            return self._asked[uri] != asked or uri not in self.workspace.text_documents
+
         await asyncio.sleep(pause)
-        if self._asked[uri] != asked or uri not in self.workspace.text_documents:
+        async with self._checking:
+            if not outdated():
+                found = await asyncio.to_thread(findings_in, self.pair(uri))
+        if outdated():
             return
-        found = await asyncio.to_thread(findings_in, self.pair(uri))
-        if self._asked[uri] != asked or uri not in self.workspace.text_documents:
-            return
-        for name, findings in found.items():
-            self.text_document_publish_diagnostics(
-                types.PublishDiagnosticsParams(
-                    uri if name == self.source(uri).name else uri_of(Source(name, "")),
-                    [features.diagnostic(finding, self.positions) for finding in findings],
-                )
-            )
+        own = self.source(uri).name
+        opened = {document.path for document in self.workspace.text_documents.values()}
+        shown = {
+            uri if name == own else uri_of(Source(name, "")): findings
+            for name, findings in found.items()
+            if name == own or name not in opened
+        }
+        self.show({**{old: [] for old in self._shown.get(uri, ())}, **shown})
+        self._shown[uri] = set(shown)
+
+    def show(self, found: dict[str, list[Finding]]) -> None:
+        """Publish the findings of files."""
+        for uri, findings in found.items():
+            diagnostics = [features.diagnostic(finding, self.positions) for finding in findings]
+            self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, diagnostics))
+
+    async def forget(self, uri: str) -> None:
+        """Take back what was published because a file was open, and check those it belongs to."""
+        self.show({old: [] for old in self._shown.pop(uri, ())})
+        await self.check_all()
+
+    async def check_all(self) -> None:
+        """Check all open files."""
+        await asyncio.gather(*(self._check(uri, 0.0) for uri in self.workspace.text_documents))
 
 
 def uri_of(source: Source) -> str:
@@ -110,9 +158,25 @@ def _add_checks(pddl: PddlServer) -> None:
         await ls.check(params.text_document.uri)
 
     @pddl.feature(types.TEXT_DOCUMENT_DID_CLOSE)
-    def closed(ls: PddlServer, params: types.DidCloseTextDocumentParams) -> None:
-        uri = params.text_document.uri
-        ls.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, []))
+    async def closed(ls: PddlServer, params: types.DidCloseTextDocumentParams) -> None:
+        await ls.forget(params.text_document.uri)
+
+    @pddl.feature(types.INITIALIZED)
+    async def begun(ls: PddlServer, params: types.InitializedParams) -> None:
+        asked = ls.client_capabilities.workspace
+        watching = asked.did_change_watched_files if asked is not None else None
+        if watching is not None and watching.dynamic_registration:
+            watchers = [types.FileSystemWatcher(pattern) for pattern in _WATCHED]
+            wish = types.Registration(
+                "files",
+                types.WORKSPACE_DID_CHANGE_WATCHED_FILES,
+                types.DidChangeWatchedFilesRegistrationOptions(watchers),
+            )
+            await ls.client_register_capability_async(types.RegistrationParams([wish]))
+
+    @pddl.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
+    async def changed_elsewhere(ls: PddlServer, params: types.DidChangeWatchedFilesParams) -> None:
+        await ls.check_all()
 
 
 def _add_reading(pddl: PddlServer) -> None:
@@ -122,30 +186,32 @@ def _add_reading(pddl: PddlServer) -> None:
     )
     def complete(ls: PddlServer, params: types.CompletionParams) -> list[types.CompletionItem]:
         index, source, position = ls.found(params.text_document.uri, params.position)
+        if source not in index.sources:  # scenarios
+            return []
         return features.completions(index, source, position, ls.positions)
 
     @pddl.feature(types.TEXT_DOCUMENT_HOVER)
     def hover(ls: PddlServer, params: types.HoverParams) -> types.Hover | None:
-        index, source, position = ls.found(params.text_document.uri, params.position)
+        index, source, position = ls.word(params.text_document.uri, params.position)
         return features.hover(index, source, position, ls.positions)
 
     @pddl.feature(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
     def symbols(ls: PddlServer, params: types.DocumentSymbolParams) -> list[types.DocumentSymbol]:
         source = ls.source(params.text_document.uri)
-        return features.symbols(Index(source), ls.positions)
+        return features.symbols(index_of(source), ls.positions)
 
 
 def _add_names(pddl: PddlServer) -> None:
     @pddl.feature(types.TEXT_DOCUMENT_DEFINITION)
     def definition(ls: PddlServer, params: types.DefinitionParams) -> types.Location | None:
-        index, source, position = ls.found(params.text_document.uri, params.position)
+        index, source, position = ls.word(params.text_document.uri, params.position)
         here = index.at(source, position)
         declared = index.declaration(here) if here is not None else None
         return ls.location(declared.place) if declared is not None else None
 
     @pddl.feature(types.TEXT_DOCUMENT_REFERENCES)
     def references(ls: PddlServer, params: types.ReferenceParams) -> list[types.Location]:
-        index, source, position = ls.found(params.text_document.uri, params.position)
+        index, source, position = ls.word(params.text_document.uri, params.position)
         here = index.at(source, position)
         return [ls.location(o.place) for o in index.same(here)] if here is not None else []
 
@@ -153,7 +219,7 @@ def _add_names(pddl: PddlServer) -> None:
     def highlight(
         ls: PddlServer, params: types.DocumentHighlightParams
     ) -> list[types.DocumentHighlight]:
-        index, source, position = ls.found(params.text_document.uri, params.position)
+        index, source, position = ls.word(params.text_document.uri, params.position)
         here = index.at(source, position)
         return [
             types.DocumentHighlight(ls.positions.range(o.place))
@@ -163,13 +229,13 @@ def _add_names(pddl: PddlServer) -> None:
 
     @pddl.feature(types.TEXT_DOCUMENT_PREPARE_RENAME)
     def prepare(ls: PddlServer, params: types.PrepareRenameParams) -> types.Range | None:
-        index, source, position = ls.found(params.text_document.uri, params.position)
+        index, source, position = ls.word(params.text_document.uri, params.position)
         here = actions.renamable(index, source, position)
         return ls.positions.range(here.place) if here is not None else None
 
     @pddl.feature(types.TEXT_DOCUMENT_RENAME, types.RenameOptions(prepare_provider=True))
     def rename(ls: PddlServer, params: types.RenameParams) -> types.WorkspaceEdit | None:
-        index, source, position = ls.found(params.text_document.uri, params.position)
+        index, source, position = ls.word(params.text_document.uri, params.position)
         try:
             places = actions.renamed(index, source, position, params.new_name)
         except SerpError as error:
@@ -198,6 +264,7 @@ def _add_edits(pddl: PddlServer) -> None:
         types.TEXT_DOCUMENT_CODE_ACTION,
         types.CodeActionOptions(code_action_kinds=[types.CodeActionKind.QuickFix]),
     )
-    def mend(ls: PddlServer, params: types.CodeActionParams) -> list[types.CodeAction]:
+    async def mend(ls: PddlServer, params: types.CodeActionParams) -> list[types.CodeAction]:
         uri = params.text_document.uri
-        return features.code_actions(ls.findings(uri), uri, params.range, ls.positions)
+        found = (await ls.findings(uri))[ls.source(uri).name]
+        return features.code_actions(found, uri, params.range, ls.positions)

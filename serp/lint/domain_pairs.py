@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from serp.errors import SerpError
-from serp.pddl.sexpr import Group, read_group
-from serp.pddl.source import DomainError, Recovery, Source
+from serp.pddl.sexpr import read_what_can_be
+from serp.pddl.source import DomainError, Source
 
 _SUFFIX = "-problem"
 
@@ -67,14 +67,10 @@ def _title_of_file(path: Path) -> Title:
 
 def title_of(source: Source) -> Title:
     """Return what a file is, as far as its first lines can be read."""
-    try:
-        top = read_group(Source(source.name, source.text, recovery=Recovery()))
-    except DomainError:
-        return Title("", "")
     named = {
         group.head: group.items[1].place.text.lower()
-        for group in top.items
-        if isinstance(group, Group) and len(group.items) > 1
+        for group in read_what_can_be(source)
+        if len(group.items) > 1
     }
     if "problem" in named:
         return Title("problem", named.get(":domain", ""))
@@ -83,9 +79,8 @@ def title_of(source: Source) -> Title:
 
 def domain_not_found(problem: Source) -> DomainError:
     """Return what is to be said of a problem file whose domain file is not known."""
-    top = read_group(Source(problem.name, problem.text, recovery=Recovery()))
-    groups = [group for group in top.items if isinstance(group, Group)]
-    named = next((group.place for group in groups if group.head == ":domain"), top.place.opening)
+    places = {group.head: group.place for group in read_what_can_be(problem)}
+    named = places.get(":domain", places["problem"])
     return DomainError(
         "this is a problem file, and its domain file is not known",
         problem.place(named.start, named.end),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from serp.pddl.balance import SECTIONS, Balance
 from serp.pddl.edits import line_end, line_start
-from serp.pddl.source import DomainError, Place, Source
+from serp.pddl.source import DomainError, Place, Recovery, Source
 
 _BLANK = re.compile(r"(?:[ \t\r\n\f\v]+|;[^\r\n]*)*")
 _TOKEN = re.compile(r"[()]|[^\s();]+")
@@ -56,6 +56,16 @@ def read_group(source: Source) -> Group:
         except DomainError as error:
             if source.recovery is None or not reader.resume(error):
                 raise
+
+
+@functools.lru_cache(maxsize=8)  # an editor asks several times of one text
+def read_what_can_be(source: Source) -> tuple[Group, ...]:
+    """Return the lists in the definition of a file that may be wrong, as far as it can be read."""
+    try:
+        top = read_group(Source(source.name, source.text, recovery=Recovery()))
+    except DomainError:
+        return ()
+    return tuple(item for item in top.items if isinstance(item, Group))
 
 
 class _Reader:

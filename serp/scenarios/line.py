@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from serp.pddl.source import DomainError, Place, Source
 
+SUFFIX: Final = ".scenarios"
+"""Ending of the name of a scenario file."""
 _TOKEN = re.compile(r"[(),=]|[^\s(),=]+")
 _NUMBER = re.compile(r"[-−+]?(\d+\.?\d*|\.\d+)(e[-+]?\d{1,3})?\Z")
 

@@ -30,10 +30,11 @@ _BEGINNINGS = {
 """How an expectation begins → an example."""
 
 
-def values_named(source: Source) -> list[str]:
-    """Return what stands in the parentheses of a file: candidates for observed fluents."""
+def observed_in(source: Source, domain: Domain) -> Domain:
+    """Return a domain that observes what stands in the parentheses of a scenario file."""
     inside = re.findall(r"\(([^()\r\n]*)\)", re.sub(r";[^\r\n]*", "", source.text))
-    return [" ".join(name.lower().split()) for name in inside]
+    named = (" ".join(name.lower().split()) for name in inside)
+    return domain.observed(name for name in named if domain.declared(name) is not None)
 
 
 def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scenario]:

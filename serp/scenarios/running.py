@@ -11,8 +11,9 @@ from serp.model.loading import Domain
 from serp.pddl.source import Source
 from serp.scenarios.checking import Recorded, Result, check
 from serp.scenarios.decider import Decider
-from serp.scenarios.reading import read_scenarios, values_named
-from serp.scenarios.syntax import SUFFIX, Scenario
+from serp.scenarios.line import SUFFIX
+from serp.scenarios.reading import observed_in, read_scenarios
+from serp.scenarios.syntax import Scenario
 from serp.settings import Settings
 from serp.tasks.task import Task
 
@@ -42,8 +43,7 @@ class ScenarioFile:
 
         What the scenarios give a value to is observed, even where no effect changes it.
         """
-        named = [name for name in values_named(source) if domain.declared(name) is not None]
-        return cls(source, Decider.of_domain(domain.observed(named), settings, dt, task))
+        return cls(source, Decider.of_domain(observed_in(source, domain), settings, dt, task))
 
     def scenarios(self) -> list[Scenario]:
         """Read the file.

@@ -10,8 +10,6 @@ from serp._util.number_format import readable
 from serp.control.decision import Reason
 from serp.pddl.source import Place
 
-SUFFIX: Final = ".scenarios"
-"""Ending of the name of a scenario file."""
 REASONS: Final = {
     "unsafe": Reason.UNSAFE,
     "unsafe ahead": Reason.UNSAFE_AHEAD,

@@ -9,7 +9,7 @@ from serp.model.loading import Domain, problem_beside
 from serp.pddl.source import Source
 from serp.runs.config import CONFIG
 from serp.runs.folder import RunFolder
-from serp.scenarios.syntax import SUFFIX
+from serp.scenarios.line import SUFFIX
 from serp.settings import Settings, resolve
 from serp.studio.document import Document
 from serp.studio.reading import Surroundings, Version

@@ -13,7 +13,7 @@ from serp.errors import SerpError
 from serp.lint.findings import Finding
 from serp.pddl.edits import edited
 from serp.pddl.source import Place, Source
-from serp.scenarios.syntax import SUFFIX
+from serp.scenarios.line import SUFFIX
 from serp.studio.document import Document, read_instead, save_together
 from serp.studio.expectations import Expectations
 from serp.studio.played import PlayedEpisode, play

@@ -54,6 +54,8 @@ def test_damaged_files_are_explained_as_far_as_they_can_be_read() -> None:
         (":parameters (?a - place ?b - place)\n    :precondition (and (at ?", ["?a", "?b"]),
         (":precondition (and (ro", ["road"]),
         (":effect (and (assign (wal", ["walked"]),
+        (":precondition (and (a", ["at", "and"]),
+        (":effect (and (when (and (> (", ["reward", "walked", "+", "-", "*", "/"]),
         (":parameters ()\n    :pre", [":precondition"]),
         ("(walked) 0) (sca", ["scale-up", "scale-down"]),
         ("; a comm", []),

@@ -57,10 +57,13 @@ class Editor:
         change = types.TextDocumentContentChangeWholeDocument(text)
         self.client.text_document_did_change(types.DidChangeTextDocumentParams(document, [change]))
 
-    async def findings(self, name: str) -> list[types.Diagnostic]:
-        """Wait for the next findings of a file."""
-        before = len(self.told.get(name, []))
-        while len(self.told.get(name, [])) == before:
+    def close(self, name: str) -> None:
+        document = types.TextDocumentIdentifier(self.uri(name))
+        self.client.text_document_did_close(types.DidCloseTextDocumentParams(document))
+
+    async def until(self, name: str, *codes: str) -> list[types.Diagnostic]:
+        """Wait until the findings of a file are of some codes."""
+        while name not in self.told or [d.code for d in self.told[name][-1]] != [*codes]:
             self.news.clear()
             await asyncio.wait_for(self.news.wait(), 20)
         return self.told[name][-1]
@@ -100,12 +103,12 @@ def test_an_editor_is_served_while_files_are_being_written(tmp_path: Path) -> No
     async def use(editor: Editor) -> None:
         client = editor.client
         editor.open("walk.pddl", text)
-        assert await editor.findings("walk.pddl") == []
+        await editor.until("walk.pddl")
         await completes_and_explains(editor)
         await finds_and_renames(editor)
         editor.type("walk.pddl", text.replace("(increase (walked) 1)", "(increase (walkd) 1)"))
-        (found,) = await editor.findings("walk.pddl")
-        assert (found.code, found.severity) == ("unknown-name", types.DiagnosticSeverity.Error)
+        (found,) = await editor.until("walk.pddl", "unknown-name")
+        assert found.severity == types.DiagnosticSeverity.Error
         assert (found.range.start.line, found.range.start.character) == (10, 50)
         params = types.CodeActionParams(
             types.TextDocumentIdentifier(editor.uri("walk.pddl")),
@@ -116,16 +119,47 @@ def test_an_editor_is_served_while_files_are_being_written(tmp_path: Path) -> No
         assert isinstance(action, types.CodeAction) and action.title == "Write `walked`"
         assert edits(action.edit) == {"walk.pddl": ["walked"]}
         editor.open("walk-problem.pddl", WALK_PROBLEM.replace("(at home)", "(at hom)"))
-        (found,) = await editor.findings("walk-problem.pddl")
-        assert found.code == "unknown-object"
+        await editor.until("walk-problem.pddl", "unknown-object")
         warned = text.replace("(assign (walked) 0)", "(increase (walked) 0)")
         editor.type("walk.pddl", warned)
-        found = (await editor.findings("walk.pddl"))[0]
-        assert found.code == "no-change"
+        (found,) = await editor.until("walk.pddl", "no-change")
         params.range = found.range
         (action,) = await client.text_document_code_action_async(params) or []
         assert isinstance(action, types.CodeAction)
         assert edits(action.edit) == {"walk.pddl": ["  ; serp: ignore[no-change]"]}
+
+    in_editor(tmp_path, use)
+
+
+def test_files_that_belong_together_are_checked_together(tmp_path: Path) -> None:
+    (tmp_path / "walk.pddl").write_text(WALK)
+    (tmp_path / "walk-problem.pddl").write_text(WALK_PROBLEM.replace("(at home)", "(at hom)"))
+    moved = WALK_PROBLEM.replace("(walked) 0", "(walked) 2")
+    scenarios = "scenario at home\n  (walked) = 3\n  allows rest\n  chooses go home shp\n"
+
+    async def use(editor: Editor) -> None:
+        editor.open("walk.pddl", WALK)
+        await editor.until("walk-problem.pddl", "unknown-object")  # as it is on the disk
+        editor.open("walk-problem.pddl", moved)
+        await editor.until("walk-problem.pddl")
+        editor.open("walk.scenarios", scenarios)
+        (found,) = await editor.until("walk.scenarios", "malformed")
+        assert (found.range.start.line, found.range.start.character) == (3, 10)
+        editor.type("walk-problem.pddl", moved.replace("(walked)", "(walkt)"))
+        await editor.until("walk-problem.pddl", "unknown-name")
+        await editor.until("walk.scenarios")  # nothing is said of them while the domain is wrong
+        editor.type("walk-problem.pddl", moved.replace("shop", "shp"))
+        await editor.until("walk-problem.pddl")
+        editor.type("walk.pddl", WALK.replace("(increase (walked) 1)", "(increase (walked) 0)"))
+        await editor.until("walk.pddl", "no-change")
+        editor.close("walk-problem.pddl")
+        await editor.until("walk-problem.pddl", "unknown-object")
+        (tmp_path / "walk-problem.pddl").unlink()
+        gone = types.FileEvent(editor.uri("walk-problem.pddl"), types.FileChangeType.Deleted)
+        editor.client.workspace_did_change_watched_files(types.DidChangeWatchedFilesParams([gone]))
+        await editor.until("walk-problem.pddl")
+        editor.close("walk.pddl")
+        await editor.until("walk.pddl")
 
     in_editor(tmp_path, use)
 

@@ -132,7 +132,7 @@ def _update(
 
 def _asked(names: tuple[str, ...]) -> list[str]:
     """Return the domains to be tested, by name or file."""
-    from serp.scenarios.syntax import SUFFIX
+    from serp.scenarios.line import SUFFIX
 
     if not names and asked_own_task() is not None:
         return [""]
