@@ -220,7 +220,7 @@ class PathSearch:
             here: list[tuple[float, int, float]] = []
             for edges, targets in zip(layers[depth], children[depth], strict=True):
                 chosen, best = -1, (0, 0.0, 0, 0.0)
-                top, undefined = (0.0, SAFE, 0.0), False
+                top, undefined, chance = (0.0, SAFE, 0.0), False, False
                 of_actions: list[tuple[float, float, int]] = []
                 for action, edge in enumerate(edges):
                     if not edge.flags & APPLICABLE:
@@ -240,6 +240,9 @@ class PathSearch:
                     score = -edge.rank, -danger, safe, total
                     if chosen < 0 or score > best:
                         chosen, best, top = action, score, (danger, safe, total)
+                    chance = chance or 0.0 < danger < 1.0
+                if chance and self._limits.accepted_risk > 0.0:
+                    chosen, top = self._counted(edges, of_actions, chosen)
                 if chosen < 0 and undefined:
                     top = (1.0, 0, 0.0)
                 here.append(top)
@@ -255,6 +258,21 @@ class PathSearch:
                     )
             below = here
         raise AssertionError("the first layer is always expanded")
+
+    def _counted(
+        self, edges: list[FollowedEdge], of_actions: list[tuple[float, float, int]], safest: int
+    ) -> tuple[int, tuple[float, int, float]]:
+        """Let accepted risks count as the least; return the best action and its path."""
+        most, least, steps = of_actions[safest]
+        chosen = safest
+        for action, edge in enumerate(edges):
+            value, danger, _ = of_actions[action]
+            same = edge.flags & APPLICABLE and edge.rank == edges[safest].rank
+            if same and danger < 1.0 and danger <= least + self._limits.accepted_risk:
+                of_actions[action] = value, least, steps
+                if value > most or (value == most and action < chosen):
+                    chosen, most = action, value
+        return chosen, (least, steps, most)
 
 
 def _distinct(edges: list[list[FollowedEdge]]) -> tuple[list[State], list[list[int]]]:

@@ -21,7 +21,7 @@ from serp.planning.forecast import SAFE
 from serp.planning.kernel_records import Rules
 from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
-from serp.planning.preference import PathScore, path_score
+from serp.planning.preference import PathScore, counted, path_score
 from serp.settings import PlannerSettings
 
 State = tuple[float, ...]
@@ -163,7 +163,8 @@ class PlanningGraph:
     def _best_path(self, edges: list[Edge]) -> list[Edge]:
         path = list[Edge]()
         while edges:
-            path.append(max(edges, key=self._through))
+            scores = counted([self._through(edge) for edge in edges], self.settings.accepted_risk)
+            path.append(edges[max(range(len(edges)), key=scores.__getitem__)])
             edges = self._edges[path[-1].target]
         return path
 

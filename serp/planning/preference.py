@@ -4,10 +4,17 @@ An action that the file does not flag and whose risk is accepted comes first, th
 does not flag, then one that it flags. Among equals the path with the least risk comes first, then
 the one that is free of risk for longest, then the one with the largest value.
 
+A risk that is accepted does not count: neither that of a step, nor what a path risks by chance
+beyond the least. The latter is the slack of lexicographic value iteration (Wray, Zilberstein &
+Mouaddib, AAAI 2015): with discount γ a policy that spends it in every decision risks at most
+`accepted / (1 - γ)` more than the least. A path that is certain to do damage is never accepted.
+
 Compiled loops use the first two functions, and the compiled forms of others.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,14 +50,41 @@ def rank_of(flags: int) -> int:
     return 1 if flags & RISKY else 0
 
 
+def within_slack(risk: float, least: float, accepted: float) -> bool:
+    """Return whether a path of this risk counts as one of the least risk.
+
+    Args:
+        risk: In [0, 1]; 1 where damage is certain.
+        least: Least risk of the actions of the best rank in the same state.
+        accepted: `PlannerSettings.accepted_risk`; 0 accepts nothing.
+    """
+    return accepted > 0.0 and risk < 1.0 and risk <= least + accepted
+
+
 def path_score(rank: int, risk: float, steps: int, value: float) -> PathScore:
     """Return the score of a path: `rank` is that of its first control period."""
     return -rank, -risk, steps, value
 
 
 compiled_rank_of = _inlined(rank_of)
+compiled_within_slack = _inlined(within_slack)
 compiled_path_score = _inlined(path_score)
 compiled_joined = _inlined(joined)
+
+
+def counted(scores: Sequence[PathScore], accepted: float) -> list[PathScore]:
+    """Return the scores of all actions in a state, in which accepted risks do not count.
+
+    A path within the slack gets the risk and the steps of the safest one.
+    """
+    safest = max((score[:3] for score in scores), default=(0, 0.0, 0))
+    rank, spared, _ = safest
+    return [
+        (*safest, score[3])
+        if score[0] == rank and within_slack(0.0 - score[1], 0.0 - spared, accepted)
+        else score
+        for score in scores
+    ]
 
 
 def free_of_risk(flags: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from serp.planning.forecast import SAFE
 from serp.planning.hash_table import state_slot, table_size
 from serp.planning.kernel_records import FirstActions, Rules, Scratch
 from serp.planning.limits import Bound
-from serp.planning.preference import compiled_path_score
+from serp.planning.preference import compiled_path_score, compiled_within_slack
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -54,6 +54,7 @@ def _search(model, rules, leaves, state, scratch, found):
     value, path_risk, steps, first_reward, first_flags = found
     actions, depth = rules.actions, rules.depth
     max_nodes, max_edges = rules.max_nodes, rules.max_edges
+    accepted = rules.accepted_risk
     width = state.shape[0]
     row = width + 1
     room = pointer_to(states, (max_nodes + 1) * row)
@@ -118,16 +119,17 @@ def _search(model, rules, leaves, state, scratch, found):
         expanded += 1
     for node in range(start - 1, -1, -1):
         chosen = -1
+        chance = False
         top_risk, top_steps, top_value = 0.0, SAFE, 0.0
         best = compiled_path_score(0, top_risk, top_steps, top_value)
         undefined = 0
         for action in range(actions):
             e = node * actions + action
             if not flags[e] & APPLICABLE:
+                value[action] = -np.inf
+                path_risk[action] = 1.0
+                steps[action] = -1
                 if node == 0:
-                    value[action] = -np.inf
-                    path_risk[action] = 1.0
-                    steps[action] = -1
                     first_reward[action] = 0.0
                 undefined |= flags[e] & UNDEFINED
                 continue
@@ -140,17 +142,29 @@ def _search(model, rules, leaves, state, scratch, found):
                     safe += periods[e]
             if risk[e] > 0.0:
                 safe = int(periods[e])
-            if node == 0:
-                value[action] = total
-                path_risk[action] = danger
-                steps[action] = safe
+            value[action] = total  # those of node 0 come last, and remain
+            path_risk[action] = danger
+            steps[action] = safe
             score = compiled_path_score(np.int64(flags[e] >> _RANK), danger, safe, total)
             if chosen < 0 or score > best:
                 chosen, best = action, score
                 top_risk, top_steps, top_value = danger, safe, total
+            chance = chance or 0.0 < danger < 1.0
         if chosen < 0 and undefined:
             # No result can be predicted there, so no action is known to be safe.
             top_risk, top_steps = 1.0, 0
+        if chance and accepted > 0.0:
+            rank = flags[node * actions + chosen] >> _RANK
+            for action in range(actions):
+                e = node * actions + action
+                if not flags[e] & APPLICABLE or flags[e] >> _RANK != rank:
+                    continue
+                if not compiled_within_slack(path_risk[action], top_risk, accepted):
+                    continue
+                path_risk[action] = top_risk
+                steps[action] = top_steps
+                if value[action] > top_value or (value[action] == top_value and action < chosen):
+                    chosen, top_value = action, value[action]
         best_value[node] = top_value
         best_risk[node] = top_risk
         best_steps[node] = top_steps

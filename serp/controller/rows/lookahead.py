@@ -60,7 +60,7 @@ class LayerSearch:
             _, layers, children, complete = self._kept
             if leaves is not None and len(layers) == self._limits.depth:
                 layers = [*layers[:-1], _with_values(layers[-1], leaves)]
-            return _best(layers, children, complete)
+            return _best(layers, children, complete, self._limits.accepted_risk)
 
     def _expanded(self, state: list[float]) -> ExpandedRows:
         limits = self._limits
@@ -152,7 +152,9 @@ def _with_values(edges: EdgeRows, leaves: LeafValues) -> EdgeRows:
     return edges._replace(reward=reward)
 
 
-def _best(layers: list[EdgeRows], children: list[Flags], complete: bool) -> Prospects:
+def _best(
+    layers: list[EdgeRows], children: list[Flags], complete: bool, accepted: float
+) -> Prospects:
     """Find the best path of every first action, from the last layer to the first."""
     value = risk = np.zeros(1)
     steps = np.full(1, SAFE)
@@ -180,6 +182,15 @@ def _best(layers: list[EdgeRows], children: list[Flags], complete: bool) -> Pros
             better = applicable[action] & (better | (chosen < 0))
             chosen = np.where(better, action, chosen)
             best = [np.where(better, one, other) for one, other in zip(score, best, strict=True)]
+        if accepted > 0.0:
+            counts = applicable & (-edges.rank == best[0]) & (danger < 1.0)
+            counts &= danger <= -best[1] + accepted
+            danger, safe = np.where(counts, -best[1], danger), np.where(counts, best[2], safe)
+            worth = np.where(counts, total, -np.inf)
+            most = np.maximum(worth.max(axis=0), best[3])
+            most_valued = counts & (worth == most)
+            chosen = np.where(most_valued.any(axis=0), most_valued.argmax(axis=0), chosen)
+            best[3] = most
         undefined = (chosen < 0) & (~applicable & (edges.flags & UNDEFINED != 0)).any(axis=0)
         some = chosen >= 0
         value = np.where(some, best[3], 0.0)

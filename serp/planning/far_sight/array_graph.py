@@ -43,6 +43,7 @@ class GraphArrays(NamedTuple):
         layer: `[N]` edges from the state that the node was first reached from.
         first_edge: `[N + 1]`.
         undefined: `[N]` whether the result of an action is undefined.
+        doomed: `[N]` whether damage is certain, whatever is done and whatever happens.
         action, flags, reward, hazard: `[E]` of edges; `hazard` is 0 where the risk is accepted.
         first_outcome: `[E + 1]`.
         target: `[O]` node that an outcome leads to, or `ENDED`.
@@ -59,6 +60,7 @@ class GraphArrays(NamedTuple):
     layer: NDArray[np.int32]
     first_edge: NDArray[np.int64]
     undefined: NDArray[np.uint8]
+    doomed: NDArray[np.uint8]
     action: NDArray[np.int32]
     flags: NDArray[np.int64]
     reward: NDArray[np.float64]
@@ -90,6 +92,7 @@ class GraphArrays(NamedTuple):
             layer=np.zeros(nodes, dtype=np.int32),
             first_edge=np.zeros(nodes + 1, dtype=np.int64),
             undefined=np.zeros(nodes, dtype=np.uint8),
+            doomed=np.zeros(nodes, dtype=np.uint8),
             action=np.zeros(edges, dtype=np.int32),
             flags=np.zeros(edges, dtype=np.int64),
             reward=np.zeros(edges),

@@ -59,6 +59,7 @@ class ClosedGraph(ArrayGraph):
         super().__init__(model, settings)
         self._max_edges = max_edges
         self._max_nodes = max(1, MAX_NUMBERS // max(1, self._width))
+        self._rules = (settings.discount, settings.accepted_risk)
         self._room = np.empty(OUTCOMES * (self._width + 3))
         self.clear()
         if self._actions:
@@ -127,7 +128,7 @@ class ClosedGraph(ArrayGraph):
         self._solve()
 
     def _solve(self) -> None:
-        solution.solve(self._arrays_tuple, self._settings.discount)
+        solution.solve(self._arrays_tuple, *self._rules)
         self._measure()
 
     def _measure(self) -> None:
@@ -194,8 +195,7 @@ class ClosedGraph(ArrayGraph):
     def _look_up(self, node: int) -> tuple[int, FirstActions]:
         """Return the chosen action of a node, and what is predicted for every action."""
         found = FirstActions.allocate(self._actions)
-        discount = self._settings.discount
-        choice = solution.look_up(self._arrays_tuple, node, discount, self._unit, tuple(found))
+        choice = solution.look_up(self._arrays_tuple, node, self._rules, self._unit, tuple(found))
         return choice, found
 
     def _expand(self, most: int) -> int:
@@ -238,4 +238,5 @@ class ClosedGraph(ArrayGraph):
         most = self._actions * OUTCOMES
         spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
         self._hold(restored(arrays, self._width, self._actions, spare, self._inert))
+        solution.mark_doomed(self._arrays_tuple)
         self._measure()

@@ -11,7 +11,7 @@ from serp._util.compilation import cached_njit
 from serp.planning.far_sight.array_graph import Counters, GraphArrays
 from serp.planning.forecast import SAFE
 from serp.planning.kernel_records import FirstActions
-from serp.planning.preference import compiled_path_score, compiled_rank_of
+from serp.planning.preference import compiled_path_score, compiled_rank_of, compiled_within_slack
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -106,17 +106,63 @@ def best_rank(graph, node):
     return rank
 
 
+@cached_njit(nogil=True, forceinline=True)
+def _certain(graph, edge):
+    """Return whether damage is certain after an edge."""
+    if graph.hazard[edge] >= 1.0:
+        return True
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target < 0 or not graph.doomed[target]:
+            return False
+    return True
+
+
 @cached_njit(nogil=True)
-def solve(arrays, discount):
+def mark_doomed(arrays):
+    """Mark the nodes at which every action of the best rank is certain to do damage."""
+    graph = GraphArrays(*arrays)
+    expanded = graph.counters[_EXPANDED]
+    for node in range(graph.counters[_NODES]):
+        graph.doomed[node] = 0
+    changed = True
+    while changed:
+        changed = False
+        for k in range(expanded):
+            node = expanded - 1 - k
+            if graph.doomed[node]:
+                continue
+            start, end = graph.first_edge[node], graph.first_edge[node + 1]
+            lost = start < end or graph.undefined[node] != 0
+            lowest = best_rank(graph, node)
+            for edge in range(start, end):
+                if np.int64(compiled_rank_of(graph.flags[edge])) == lowest:
+                    lost = lost and _certain(graph, edge)
+            if lost:
+                graph.doomed[node] = 1
+                changed = True
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _accepted(graph, edge, node, danger, accepted):
+    """Return whether the risk of an edge of the best rank, `danger`, counts as the least."""
+    within = compiled_within_slack(danger, graph.risk[node] + ALIKE, accepted)
+    return within and not graph.doomed[node] and not _certain(graph, edge)
+
+
+@cached_njit(nogil=True)
+def solve(arrays, discount, accepted):
     """Find the best policy of every node, by value iteration.
 
     The order of preferences is that of `serp.planning.preference`; the risks of later steps are
     discounted, as rewards are (lexicographic value iteration: Wray, Zilberstein & Mouaddib, AAAI
-    2015). Nodes that are not expanded have value and risk 0.
+    2015). A risk within the slack of the least, by what follows at the least risk, counts as the
+    least. Nodes that are not expanded have value and risk 0.
 
     Args:
         arrays: Values of `GraphArrays`; values and risks are continued from.
         discount: Weight of a reward one control period later.
+        accepted: The slack.
     """
     graph = GraphArrays(*arrays)
     nodes, expanded = graph.counters[_NODES], graph.counters[_EXPANDED]
@@ -137,21 +183,23 @@ def solve(arrays, discount):
             graph.value[node] = 0.0
             graph.risk[node] = 1.0 if graph.undefined[node] else 0.0
             graph.steps[node] = 0 if graph.undefined[node] else SAFE
-    _solve_risks(graph, expanded, discount, allowed)
+    mark_doomed(arrays)
+    if _solve_risks(graph, expanded, discount, allowed) and accepted > 0.0:
+        _allow_accepted(graph, expanded, discount, accepted, allowed)
     _solve_values(graph, expanded, discount, allowed)
     _mark_inside(graph, expanded)
 
 
 @cached_njit(nogil=True)
 def _solve_risks(graph, expanded, discount, allowed):
-    """Find the least risks, and leave only the edges that have them."""
+    """Find the least risks, and leave only the edges that have them; return if there are any."""
     risky = False
     for edge in range(graph.counters[_EDGES]):
         risky = risky or graph.hazard[edge] > 0.0
     for node in range(expanded):
         risky = risky or graph.risk[node] > 0.0
     if not risky:
-        return
+        return False
     for sweep in range(_SWEEPS):
         change = 0.0
         for k in range(expanded):
@@ -190,6 +238,18 @@ def _solve_risks(graph, expanded, discount, allowed):
                 changed = True
         if not changed:
             break
+    return True
+
+
+@cached_njit(nogil=True)
+def _allow_accepted(graph, expanded, discount, accepted, allowed):
+    """Allow the edges whose risk counts as the least."""
+    for node in range(expanded):
+        lowest = best_rank(graph, node)
+        for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+            if np.int64(compiled_rank_of(graph.flags[edge])) == lowest and not allowed[edge]:
+                danger = _lasting_risk(graph, edge, node, discount)
+                allowed[edge] = _accepted(graph, edge, node, danger, accepted)
 
 
 @cached_njit(nogil=True)
@@ -256,13 +316,25 @@ def _score(graph, edge, node, discount, unit):
 
 
 @cached_njit(nogil=True, forceinline=True)
+def _counted(graph, edge, node, rules, unit, safest):
+    """Return the score of an edge, in which an accepted risk counts as that of the safest."""
+    discount, accepted = rules
+    score = _score(graph, edge, node, discount, unit)
+    if accepted == 0.0 or score[0] != safest[0]:
+        return score
+    if not _accepted(graph, edge, node, _lasting_risk(graph, edge, node, discount), accepted):
+        return score
+    return safest[0], safest[1], safest[2], score[3]
+
+
+@cached_njit(nogil=True, forceinline=True)
 def _told_risk(graph, edge, discount, score):
     """Return the risk of an edge that is taken once; 0 only if it is 0 in the score."""
     return 0.0 if score[1] == 0.0 else max(ALIKE, _rounded(_risk_of(graph, edge, discount), ALIKE))
 
 
 @cached_njit(nogil=True)
-def look_up(arrays, node, discount, unit, found):
+def look_up(arrays, node, rules, unit, found):
     """Write the forecast for one expanded node; return the chosen action.
 
     The choice is made as in `solve`. What is written is of an action that is taken once, with the
@@ -273,30 +345,35 @@ def look_up(arrays, node, discount, unit, found):
     Args:
         arrays: Values of `GraphArrays`, solved.
         node: The node.
-        discount: As in `solve`.
+        rules: Discount and accepted risk, as in `solve`.
         unit: Values are rounded to multiples of this.
         found: Values of `FirstActions`, written; flags of actions that are not applicable are left.
     """
     graph = GraphArrays(*arrays)
     first = FirstActions(*found)
+    discount, accepted = rules
     for action in range(first.value.shape[0]):
         first.value[action] = -np.inf
         first.path_risk[action] = 1.0
         first.safe_steps[action] = -1
         first.reward[action] = 0.0
         first.flags[action] = 0
-    choice, chosen = np.int64(-1), np.int64(-1)
+    safest, start, end = np.int64(-1), graph.first_edge[node], graph.first_edge[node + 1]
     best = compiled_path_score(0, 0.0, SAFE, 0.0)
-    for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+    for edge in range(start, end):
         score = _score(graph, edge, node, discount, unit)
-        if choice < 0 or score > best:
-            choice, chosen, best = np.int64(graph.action[edge]), np.int64(edge), score
-    if choice < 0:
-        return choice
+        if safest < 0 or score > best:
+            safest, best = np.int64(edge), score
+    if safest < 0:
+        return safest
+    least, floor, chosen = _told_risk(graph, safest, discount, best), best, np.int64(-1)
+    for edge in range(start, end):
+        score = _counted(graph, edge, node, rules, unit, floor)
+        if chosen < 0 or score > best:
+            chosen, best = np.int64(edge), score
     most = _rounded(_value_of(graph, chosen, discount), unit)
-    least = _told_risk(graph, chosen, discount, best)
-    for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
-        action, score = graph.action[edge], _score(graph, edge, node, discount, unit)
+    for edge in range(start, end):
+        action, score = graph.action[edge], _counted(graph, edge, node, rules, unit, floor)
         value = _rounded(_value_of(graph, edge, discount), unit)
         danger = _told_risk(graph, edge, discount, score)
         if score[:2] == best[:2]:
@@ -308,7 +385,7 @@ def look_up(arrays, node, discount, unit, found):
         first.value[action], first.path_risk[action] = value, danger
         first.safe_steps[action], first.flags[action] = score[2], graph.flags[edge]
         first.reward[action] = graph.reward[edge]
-    return choice
+    return np.int64(graph.action[chosen])
 
 
 @cached_njit(nogil=True)

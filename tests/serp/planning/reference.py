@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import networkx as nx
 
@@ -148,12 +148,27 @@ class Reference:
 
     def best(self, state: State, layers: int) -> Path:
         """The best path from a state; the first in the file among equals."""
+        paths = self.counted([self.along(arc, layers - 1) for arc in self.arcs(state)])
         best: Path | None = None
-        for arc in self.arcs(state):
-            path = self.along(arc, layers - 1)
+        for path in paths:
             if best is None or path.better_than(best):
                 best = path
         return best or (UNKNOWN if self.unpredictable(state) else END)
+
+    def counted(self, paths: list[Path]) -> list[Path]:
+        """The paths of all actions in a state; what one risks by chance beyond the least, and no
+        more than is accepted, does not count."""
+        accepted = self.settings.accepted_risk
+        safest = max(paths, key=lambda path: path.promise[:3], default=END)
+        return [
+            replace(path, danger=safest.danger, steps=safest.steps)
+            if accepted > 0.0
+            and path.arcs[0].rank == safest.arcs[0].rank
+            and path.danger < 1.0
+            and path.danger <= safest.danger + accepted
+            else path
+            for path in paths
+        ]
 
     def unpredictable(self, state: State) -> bool:
         """Whether some action has an undefined result there."""

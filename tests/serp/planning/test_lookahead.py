@@ -85,16 +85,18 @@ def assert_as_by_recursion(reference: Reference, state: Vector, planned: Plan) -
     assert planned.name == (names[0] if names else None)
     assert planned.reward == best.value
     assert planned.safe == (bool(best.arcs) and best.steps == SAFE)
+    arcs = reference.arcs(root)
+    paths = reference.counted([reference.along(arc, layers - 1) for arc in arcs])
+    by_action = {arc.action: (arc, path) for arc, path in zip(arcs, paths, strict=True)}
     for action in range(len(model.actions)):
-        arc = reference.arc(root, action)
         found = (
             forecast.value[action], forecast.safe_steps[action], forecast.path_risk[action],
             bool(forecast.applicable[action]),
         )  # fmt: skip
-        if arc is None:
+        if action not in by_action:
             assert found == (-np.inf, -1, 1.0, False)
             continue
-        path = reference.along(arc, layers - 1)
+        arc, path = by_action[action]
         assert found == (path.value, path.steps, path.danger, True)
         outcome, flags = model.step(state, action), int(forecast.flags[action])
         assert forecast.reward[action] == outcome.reward
@@ -253,10 +255,9 @@ def test_every_first_action_is_worth_what_it_earns_and_where_it_ends(
         assert (forecast.depth, forecast.bound) == (layers, bound)
         if bound is not Bound.DEPTH:  # where there is no room, leaves are worth nothing
             reference = replace(reference, leaf=None)
-        for action in np.flatnonzero(forecast.applicable).tolist():
-            arc = reference.arc(as_state(state), action)
-            assert arc is not None
-            path = reference.along(arc, layers - 1)
+        arcs = reference.arcs(as_state(state))
+        for path in reference.counted([reference.along(arc, layers - 1) for arc in arcs]):
+            action = path.arcs[0].action
             assert forecast.value[action] == pytest.approx(path.value, rel=1e-9, abs=1e-9)
             assert forecast.safe_steps[action] == path.steps
 

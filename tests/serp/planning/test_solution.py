@@ -69,7 +69,7 @@ def shown(graph: GraphArrays, node: int, discount: float) -> Forecast:
     """Return the forecast for a node of a solved graph."""
     found = FirstActions.allocate(ACTIONS)
     unit = ALIKE * largest_value(tuple(graph))
-    choice = look_up(tuple(graph), node, discount, unit, tuple(found))
+    choice = look_up(tuple(graph), node, (discount, 0.0), unit, tuple(found))
     return Forecast(choice, *found, 0, Bound.EXHAUSTED)
 
 
@@ -80,7 +80,7 @@ def test_what_is_shown_is_one_step_and_then_the_best_policy(
 ) -> None:
     process, discount = drawn
     graph = graph_of(process)
-    solve(tuple(graph), discount)
+    solve(tuple(graph), discount, 0.0)
     alike = 10 * ALIKE * max(1.0, float(np.abs(graph.value).max()))
 
     def after(values: np.ndarray, chances: Outcomes) -> float:

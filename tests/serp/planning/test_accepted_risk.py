@@ -1,0 +1,172 @@
+"""Lexicographic value iteration with slack: what is accepted is a chance, and so much of it."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.model.flags import APPLICABLE, RISKY, UNSAFE
+from serp.planning.far_sight import solution_kernels as solution
+from serp.planning.far_sight.array_graph import ENDED, GraphArrays
+from serp.planning.forecast import SAFE
+from serp.planning.kernel_records import FirstActions
+from serp.planning.lookahead import Lookahead
+from serp.planning.preference import rank_of
+from serp.settings import PlannerSettings
+from tests.generated.profile import examples
+from tests.serp.planning.worlds import WORLDS, states_of, world
+
+ACTIONS = 3
+CLOSE = 1e-6
+SLACK = st.sampled_from((0.01, 0.05, 0.3, 0.9))
+DISCOUNT = st.sampled_from((0.5, 0.9, 0.99))
+
+
+class Out(NamedTuple):
+    """An edge of a small decision process: outcomes are (probability, node)."""
+
+    flags: int
+    hazard: float
+    reward: float
+    outcomes: list[tuple[float, int]]
+
+
+Process = list[list[Out]]
+
+
+def process(random: Random, *, chance: bool) -> Process:
+    """Some nodes with up to three edges each; without chance one outcome, and no risk but 1."""
+    nodes = random.randint(2, 8)
+
+    def out() -> Out:
+        count = random.randint(1, 3) if chance else 1
+        weights = [random.random() + 0.01 for _ in range(count)]
+        flags, hazard = random.choice(((APPLICABLE, 0.0),) * 4 + ((APPLICABLE | UNSAFE, 1.0),))
+        if chance and hazard == 0.0 and random.random() < 0.3:
+            flags, hazard = APPLICABLE | RISKY, random.choice((random.random(), 1.0))
+        targets = [(w / sum(weights), random.randint(ENDED, nodes - 1)) for w in weights]
+        return Out(flags, hazard, random.uniform(-1, 1), targets)
+
+    return [[out() for _ in range(random.randint(0, ACTIONS))] for _ in range(nodes)]
+
+
+def solved(of: Process, discount: float, accepted: float) -> GraphArrays:
+    """The process as a closed graph, solved."""
+    edges = [edge for node in of for edge in node]
+    outcomes = [outcome for edge in edges for outcome in edge.outcomes]
+    graph = GraphArrays.allocate(len(of), len(edges) + 1, len(outcomes) + 1, 1)
+    graph.counters[:] = len(of), len(of), len(edges), len(outcomes)
+    graph.first_edge[:] = np.cumsum([0, *map(len, of)])
+    graph.first_outcome[: len(edges) + 1] = np.cumsum([0, *(len(e.outcomes) for e in edges)])
+    for k, edge in enumerate(edges):
+        graph.flags[k], graph.hazard[k], graph.reward[k] = edge[:3]
+        graph.action[k] = k - graph.first_edge[np.searchsorted(graph.first_edge, k, "right") - 1]
+    for k, (share, target) in enumerate(outcomes):
+        graph.chance[k], graph.target[k] = share, target
+    solution.solve(tuple(graph), discount, accepted)
+    return graph
+
+
+def after(edge: Out, values: list[float]) -> float:
+    return sum(share * values[target] for share, target in edge.outcomes if target != ENDED)
+
+
+def risk_after(edge: Out, risks: list[float], discount: float) -> float:
+    return edge.hazard + (1.0 - edge.hazard) * discount * after(edge, risks)
+
+
+def risks_of_policy(of: Process, choice: list[Out | None], discount: float) -> list[float]:
+    risks = [0.0] * len(of)
+    for _ in range(3_000):
+        risks = [risk_after(e, risks, discount) if e else 0.0 for e in choice]
+    return risks
+
+
+@examples(150)
+@given(seed=st.integers(0, 10**6), accepted=SLACK, discount=DISCOUNT)
+def test_a_policy_risks_no_more_than_the_slack_of_every_decision(
+    seed: int, accepted: float, discount: float
+) -> None:
+    of = process(Random(seed), chance=True)
+    strict, graph = solved(of, discount, 0.0), solved(of, discount, accepted)
+    assert graph.risk.tolist() == strict.risk.tolist()
+    assert (graph.value >= strict.value - CLOSE).all()
+    edges = [edge for node in of for edge in node]
+    choice = [edges[best] if best >= 0 else None for best in graph.best.tolist()]
+    ranks = [min((rank_of(e.flags) for e in node), default=0) for node in of]
+    assert all(e is None or rank_of(e.flags) == r for e, r in zip(choice, ranks, strict=True))
+    met = np.array(risks_of_policy(of, choice, discount))
+    assert (met <= graph.risk + accepted / (1.0 - discount) + CLOSE).all()
+    for edge, least in zip(choice, graph.risk.tolist(), strict=True):
+        if edge is not None:
+            own = risk_after(edge, graph.risk.tolist(), discount)
+            assert own <= least + accepted + CLOSE
+
+
+@examples(150)
+@given(seed=st.integers(0, 10**6), accepted=SLACK, discount=DISCOUNT)
+def test_what_is_certain_is_never_accepted(seed: int, accepted: float, discount: float) -> None:
+    of = process(Random(seed), chance=False)
+    strict, graph = solved(of, discount, 0.0), solved(of, discount, accepted)
+    for name in ("value", "risk", "steps", "best", "inside"):
+        assert getattr(graph, name).tobytes() == getattr(strict, name).tobytes(), name
+    for node in range(len(of)):
+        here = [
+            _looked_up(each, node, discount, r) for each, r in ((strict, 0.0), (graph, accepted))
+        ]
+        assert here[0] == here[1]
+
+
+@examples(150)
+@given(seed=st.integers(0, 10**6), accepted=SLACK, discount=DISCOUNT)
+def test_a_decision_is_that_of_the_policy_and_counts_what_is_accepted_as_the_least(
+    seed: int, accepted: float, discount: float
+) -> None:
+    of = process(Random(seed), chance=True)
+    graph = solved(of, discount, accepted)
+    for node, out in enumerate(of):
+        if not out:
+            continue
+        choice, value, risk, steps = _looked_up(graph, node, discount, accepted)
+        assert choice == int(graph.action[graph.best[node]])
+        assert risk[choice] == pytest.approx(float(graph.risk[node]), abs=CLOSE)
+        same = [
+            k for k, edge in enumerate(out) if rank_of(edge.flags) == rank_of(out[choice].flags)
+        ]
+        best = max((-risk[k], steps[k], value[k]) for k in same)
+        assert (-risk[choice], steps[choice], value[choice]) == best
+        assert all(steps[k] == SAFE for k in same if risk[k] == 0.0)
+
+
+def _looked_up(
+    graph: GraphArrays, node: int, discount: float, accepted: float
+) -> tuple[int, list[float], list[float], list[int]]:
+    found = FirstActions.allocate(ACTIONS)
+    choice = solution.look_up(tuple(graph), node, (discount, accepted), 0.0, tuple(found))
+    return int(choice), *(column.tolist() for column in found[:3])  # type: ignore[return-value]
+
+
+@examples(60)
+@given(
+    seed=st.integers(0, WORLDS - 1),
+    states_seed=st.integers(0, 10**6),
+    accepted=SLACK,
+    depth=st.integers(1, 4),
+)
+def test_a_file_as_written_has_no_chances_to_accept(
+    seed: int, states_seed: int, accepted: float, depth: int
+) -> None:
+    model = world(seed)
+    for state in states_of(model, Random(states_seed), 3):
+        strict, found = (
+            Lookahead(model, PlannerSettings(depth=depth, accepted_risk=r)).forecast(state)
+            for r in (0.0, accepted)
+        )
+        assert [np.asarray(column).tobytes() for column in strict] == [
+            np.asarray(column).tobytes() for column in found
+        ]
