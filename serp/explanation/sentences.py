@@ -106,7 +106,8 @@ def special_about(forecast: Forecast) -> list[str]:
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
         said.append(
-            f"{where} too risky. The one whose path has the least, {percent(risk)}, is taken."
+            f"{where} too risky. The best path of the least risk, {percent(risk)}, or of one that "
+            "is larger by no more than is accepted, is taken."
         )
     else:
         said.append(

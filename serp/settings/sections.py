@@ -45,8 +45,11 @@ class PlannerSettings(Section):
     """Most nodes that are expanded. A layer that would exceed the budget is not expanded, and the
     plan ends at the deepest complete layer. The first layer is always expanded."""
     accepted_risk: Annotated[float, Field(ge=0, lt=1)] = 0.02
-    """Largest predicted probability of an unsafe step at which an action counts as safe. A model
-    that is not adapted predicts no such probabilities."""
+    """Largest predicted probability of damage that one decision may add, in the step itself or on
+    the path that follows. An action whose step has no larger risk counts as safe; a path that risks
+    at most so much more than the least counts as one of the least risk, unless it is certain to do
+    damage. 0: the least risk comes before any reward. A model that is not adapted predicts no such
+    probabilities."""
 
 
 class AdaptationSettings(Section):

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from serp._util.compilation import cached_njit
+from serp.planning.backup_kernels import best_rank
 from serp.planning.far_sight.array_graph import Counters, GraphArrays
 from serp.planning.far_sight.cell_kernels import CellArrays
 from serp.planning.far_sight.cell_values import CellValues, value_at
-from serp.planning.far_sight.solution_kernels import best_rank
 from serp.planning.preference import compiled_rank_of
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"

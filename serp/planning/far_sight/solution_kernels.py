@@ -8,6 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from serp._util.compilation import cached_njit
+from serp.planning.backup_kernels import (
+    best_rank,
+    certain,
+    lasting_risk,
+    lasting_value,
+    risk_of,
+    steps_through,
+    value_of,
+)
 from serp.planning.far_sight.array_graph import Counters, GraphArrays
 from serp.planning.forecast import SAFE
 from serp.planning.kernel_records import FirstActions
@@ -22,100 +31,7 @@ ALIKE = 1e-7
 """Values that differ by less than this fraction of the largest are equal."""
 _SWEEPS = 3_000
 """Most sweeps of value iteration, and of each of its parts."""
-_TINY = 1e-9
 _NODES, _EXPANDED, _EDGES, _ = Counters()
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _risk_of(graph, edge, discount):
-    """Return the discounted risk of an edge and what follows it."""
-    danger, following = graph.hazard[edge], 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        if graph.target[k] >= 0:
-            following += graph.chance[k] * graph.risk[graph.target[k]]
-    return danger + (1.0 - danger) * discount * following
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _value_of(graph, edge, discount):
-    """Return the value of an edge and what follows it."""
-    following = 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        if graph.target[k] >= 0:
-            following += graph.chance[k] * graph.value[graph.target[k]]
-    return graph.reward[edge] + discount * following
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _lasting_risk(graph, edge, node, discount):
-    """Return the discounted risk of an edge that is taken again while it leads back to its node.
-
-    The best edge has the least, as it has of `_risk_of`.
-    """
-    danger, following, own = graph.hazard[edge], 0.0, 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        target = graph.target[k]
-        if target == node:
-            own += graph.chance[k]
-        elif target >= 0:
-            following += graph.chance[k] * graph.risk[target]
-    left = (1.0 - danger) * discount
-    return (danger + left * following) / max(1.0 - left * own, _TINY)
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _lasting_value(graph, edge, node, discount):
-    """Return the value of an edge that is taken again while it leads back to its node.
-
-    It is the value to choose by. That of `_value_of` is the same for the best edge, and less for
-    any other; but to wait for nothing, at discount 1, would be worth what can be done afterwards,
-    and so might be done for ever.
-    """
-    following, own = 0.0, 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        target = graph.target[k]
-        if target == node:
-            own += graph.chance[k]
-        elif target >= 0:
-            following += graph.chance[k] * graph.value[target]
-    total = graph.reward[edge] + discount * following
-    if discount * own < 1.0 - _TINY:
-        return total / (1.0 - discount * own)
-    return total + graph.value[node] if total != 0.0 else 0.0
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _steps_through(graph, edge):
-    """Return the control periods before the first risk on an edge and what follows it."""
-    if graph.hazard[edge] > 0.0:
-        return np.int64(0)
-    least = np.int64(SAFE)
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        target = graph.target[k]
-        if target >= 0 and graph.steps[target] < least:
-            least = graph.steps[target]
-    return least if least == SAFE else least + 1
-
-
-@cached_njit(nogil=True, forceinline=True)
-def best_rank(graph, node):
-    """Return the least rank of the edges of a node."""
-    rank = np.int64(3)
-    for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
-        rank = min(rank, np.int64(compiled_rank_of(graph.flags[edge])))
-    return rank
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _certain(graph, edge):
-    """Return whether damage is certain after an edge."""
-    if graph.hazard[edge] >= 1.0:
-        return True
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        target = graph.target[k]
-        if target < 0 or not graph.doomed[target]:
-            return False
-    return True
 
 
 @cached_njit(nogil=True)
@@ -137,7 +53,7 @@ def mark_doomed(arrays):
             lowest = best_rank(graph, node)
             for edge in range(start, end):
                 if np.int64(compiled_rank_of(graph.flags[edge])) == lowest:
-                    lost = lost and _certain(graph, edge)
+                    lost = lost and certain(graph, edge)
             if lost:
                 graph.doomed[node] = 1
                 changed = True
@@ -147,7 +63,7 @@ def mark_doomed(arrays):
 def _accepted(graph, edge, node, danger, accepted):
     """Return whether the risk of an edge of the best rank, `danger`, counts as the least."""
     within = compiled_within_slack(danger, graph.risk[node] + ALIKE, accepted)
-    return within and not graph.doomed[node] and not _certain(graph, edge)
+    return within and not graph.doomed[node] and not certain(graph, edge)
 
 
 @cached_njit(nogil=True)
@@ -210,7 +126,7 @@ def _solve_risks(graph, expanded, discount, allowed):
             least = 2.0
             for edge in range(start, end):
                 if allowed[edge]:
-                    least = min(least, _lasting_risk(graph, edge, node, discount))
+                    least = min(least, lasting_risk(graph, edge, node, discount))
             change = max(change, abs(least - graph.risk[node]))
             graph.risk[node] = least
         if change <= _EXACT:
@@ -218,7 +134,7 @@ def _solve_risks(graph, expanded, discount, allowed):
     for node in range(expanded):
         for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
             if allowed[edge]:
-                danger = _lasting_risk(graph, edge, node, discount)
+                danger = lasting_risk(graph, edge, node, discount)
                 allowed[edge] = danger <= graph.risk[node] + ALIKE
         if graph.risk[node] <= ALIKE:
             graph.risk[node] = 0.0
@@ -232,7 +148,7 @@ def _solve_risks(graph, expanded, discount, allowed):
             longest = np.int64(-1)
             for edge in range(start, end):
                 if allowed[edge]:
-                    longest = max(longest, _steps_through(graph, edge))
+                    longest = max(longest, steps_through(graph, edge))
             if longest != graph.steps[node]:
                 graph.steps[node] = longest
                 changed = True
@@ -248,7 +164,7 @@ def _allow_accepted(graph, expanded, discount, accepted, allowed):
         lowest = best_rank(graph, node)
         for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
             if np.int64(compiled_rank_of(graph.flags[edge])) == lowest and not allowed[edge]:
-                danger = _lasting_risk(graph, edge, node, discount)
+                danger = lasting_risk(graph, edge, node, discount)
                 allowed[edge] = _accepted(graph, edge, node, danger, accepted)
 
 
@@ -264,7 +180,7 @@ def _solve_values(graph, expanded, discount, allowed):
             most = -np.inf
             for edge in range(start, end):
                 if allowed[edge]:
-                    most = max(most, _lasting_value(graph, edge, node, discount))
+                    most = max(most, lasting_value(graph, edge, node, discount))
             change = max(change, abs(most - graph.value[node]))
             largest = max(largest, abs(most))
             graph.value[node] = most
@@ -275,7 +191,7 @@ def _solve_values(graph, expanded, discount, allowed):
         most, best = -np.inf, np.int64(-1)
         for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
             if allowed[edge]:
-                value = _lasting_value(graph, edge, node, discount)
+                value = lasting_value(graph, edge, node, discount)
                 if best < 0 or value > most + unit:
                     most, best = value, np.int64(edge)
         graph.best[node] = best
@@ -308,10 +224,10 @@ def _rounded(number, unit):
 @cached_njit(nogil=True, forceinline=True)
 def _score(graph, edge, node, discount, unit):
     """Return the score that an edge is chosen by, see `serp.planning.preference`."""
-    danger = _lasting_risk(graph, edge, node, discount)
+    danger = lasting_risk(graph, edge, node, discount)
     danger = 0.0 if danger <= ALIKE else _rounded(danger, ALIKE)
-    steps = _steps_through(graph, edge) if danger > 0.0 else np.int64(SAFE)
-    value = _rounded(_lasting_value(graph, edge, node, discount), unit)
+    steps = steps_through(graph, edge) if danger > 0.0 else np.int64(SAFE)
+    value = _rounded(lasting_value(graph, edge, node, discount), unit)
     return compiled_path_score(np.int64(compiled_rank_of(graph.flags[edge])), danger, steps, value)
 
 
@@ -322,7 +238,7 @@ def _counted(graph, edge, node, rules, unit, safest):
     score = _score(graph, edge, node, discount, unit)
     if accepted == 0.0 or score[0] != safest[0]:
         return score
-    if not _accepted(graph, edge, node, _lasting_risk(graph, edge, node, discount), accepted):
+    if not _accepted(graph, edge, node, lasting_risk(graph, edge, node, discount), accepted):
         return score
     return safest[0], safest[1], safest[2], score[3]
 
@@ -330,7 +246,7 @@ def _counted(graph, edge, node, rules, unit, safest):
 @cached_njit(nogil=True, forceinline=True)
 def _told_risk(graph, edge, discount, score):
     """Return the risk of an edge that is taken once; 0 only if it is 0 in the score."""
-    return 0.0 if score[1] == 0.0 else max(ALIKE, _rounded(_risk_of(graph, edge, discount), ALIKE))
+    return 0.0 if score[1] == 0.0 else max(ALIKE, _rounded(risk_of(graph, edge, discount), ALIKE))
 
 
 @cached_njit(nogil=True)
@@ -351,7 +267,7 @@ def look_up(arrays, node, rules, unit, found):
     """
     graph = GraphArrays(*arrays)
     first = FirstActions(*found)
-    discount, accepted = rules
+    discount, _ = rules
     for action in range(first.value.shape[0]):
         first.value[action] = -np.inf
         first.path_risk[action] = 1.0
@@ -371,10 +287,10 @@ def look_up(arrays, node, rules, unit, found):
         score = _counted(graph, edge, node, rules, unit, floor)
         if chosen < 0 or score > best:
             chosen, best = np.int64(edge), score
-    most = _rounded(_value_of(graph, chosen, discount), unit)
+    most = _rounded(value_of(graph, chosen, discount), unit)
     for edge in range(start, end):
         action, score = graph.action[edge], _counted(graph, edge, node, rules, unit, floor)
-        value = _rounded(_value_of(graph, edge, discount), unit)
+        value = _rounded(value_of(graph, edge, discount), unit)
         danger = _told_risk(graph, edge, discount, score)
         if score[:2] == best[:2]:
             danger = least
