@@ -6,6 +6,9 @@ without a traceback and exits with status 1. Any other exception that leaves ser
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class SerpError(Exception):
     """Base of all errors that say what is wrong with the input and what to do about it."""
@@ -42,6 +45,20 @@ class MissingExtra(SerpError):
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs an optional part: pip install 'serp[{extra}]'")
+
+
+@contextmanager
+def needs_extra(extra: str, what: str) -> Iterator[None]:
+    """Raise `MissingExtra` where the body imports an optional library that is not installed.
+
+    `extra` installs it; the message begins with `what` needs it.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "serp").partition(".")[0] == "serp":
+            raise
+        raise MissingExtra(what, extra) from error
 
 
 class Interrupted(SerpError):

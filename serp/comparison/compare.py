@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from serp._util.extras import needs_extra
 from serp.comparison.analysis.results import Results
 from serp.comparison.engines import LOCAL, open_pool, runs_here
 from serp.comparison.fairness import judges_alike, made_alike
@@ -27,7 +26,7 @@ from serp.comparison.trial_files import is_complete, read_trial, write_trial
 from serp.comparison.trial_records import Trial
 from serp.comparison.trials.contestant import make_contestant
 from serp.comparison.workers import Ended, run_here, run_in_executor
-from serp.errors import Interrupted, Notice, RunError
+from serp.errors import Interrupted, Notice, RunError, needs_extra
 from serp.runs.new_folder import default_path
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task

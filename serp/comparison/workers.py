@@ -20,13 +20,13 @@ from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any, Final, NamedTuple
 
+from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp.comparison.algorithms import Algorithm
 from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trial_records import Trial
 from serp.comparison.trials.trial import Measured, run_trial
 from serp.errors import RunError, SerpError, with_notes
 from serp.settings import Settings
-from serp.tasks.remote_task import follow_parent
 from serp.tasks.task import Task
 
 OnProgress = Callable[[Trial, int], None]
@@ -163,6 +163,7 @@ def _result(future: Future[Ended | Exception], job: Job, losses: Counter[Trial])
 
 def _attempt(job: Job, on_progress: OnProgress = _silent) -> Ended | Exception:
     """Run a job in a worker; any error but a `SerpError` is a bug: it keeps its traceback."""
+    unsafe_path()
     try:
         return job.run(on_progress)
     except Exception as error:
@@ -227,7 +228,8 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.pipe, other = context.Pipe()
         self.process = context.Process(target=_work, args=(other,))
-        self.process.start()
+        with safe_path():
+            self.process.start()
         other.close()
 
     def begin(self, function: Callable[..., Any], job: Job) -> None:

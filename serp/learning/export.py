@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from serp._util.extras import needs_extra
+from serp.errors import needs_extra
 from serp.learning import kernels
 from serp.learning.network import QNetwork
 from serp.learning.symmetry_group import SymmetryGroup

@@ -14,6 +14,7 @@ from typing import Literal
 
 from pydantic import TypeAdapter
 
+from serp._util.processes import python_command
 from serp.pddl.sexpr import Group, Word, read_group
 from serp.pddl.source import DomainWarning, Place, Source
 
@@ -38,7 +39,7 @@ def ask_unified_planning(
     sources = [source for source in (domain, problem) if source is not None]
     try:
         answer = subprocess.run(
-            [sys.executable, "-P", "-m", __name__],
+            python_command(__name__),
             input=json.dumps([(source.name, source.text) for source in sources]).encode(),
             capture_output=True,
             timeout=seconds,

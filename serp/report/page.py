@@ -12,11 +12,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from serp._util.extras import needs_extra
 from serp._util.figures import PALETTE
 from serp._util.number_format import percent, readable
 from serp._util.terminal import visible
 from serp._util.text import plural
+from serp.errors import needs_extra
 from serp.pddl.source import Source
 from serp.report import step_data
 from serp.report.causes import CauseTable

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.extras import needs_extra
+from serp.errors import needs_extra
 
 with needs_extra("report", "a report of a run"):
     from PIL import Image

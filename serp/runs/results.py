@@ -6,9 +6,8 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
-from serp._util.extras import needs_extra
 from serp._util.json_files import finite, json_text
-from serp.errors import MissingExtra, Notice
+from serp.errors import MissingExtra, Notice, needs_extra
 from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
 from serp.runs.reading import count_decisions, read_metrics
 from serp.runs.report import report, title

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -14,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from serp._util.processes import python_command
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel
 from serp.runs.folder import METRICS
@@ -64,8 +64,7 @@ class BackgroundTraining:
         self._measured = MeasuredRun(model)
         self._words: deque[str] = deque(maxlen=_LAST_LINES)
         self._process = subprocess.Popen(
-            # -P: what lies in the working folder is not imported in place of what is installed.
-            [sys.executable, "-P", "-m", "serp", *command, "--out", str(run), "--quiet"],
+            python_command("serp", *command, "--out", str(run), "--quiet"),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,

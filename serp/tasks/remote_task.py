@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
-import signal
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping
@@ -17,6 +14,7 @@ from typing import Any, Final
 from gymnasium.vector.utils import CloudpickleWrapper
 
 from serp._util.closing import Closing
+from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp.errors import EnvironmentFailure, SerpError
 from serp.model.transition_model import Vector
 from serp.tasks.bound_task import BoundTask, EnvironmentCall
@@ -53,7 +51,8 @@ class RemoteTask(Closing):
         bind: Any = task.task.bind
         arguments = other, CloudpickleWrapper(bind)  # pickles closures, too
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
-        self._process.start()
+        with safe_path():
+            self._process.start()
         other.close()
         self._asked: tuple[str, tuple[Any, ...]] | None = ("", ())
         self._since = time.monotonic()
@@ -149,6 +148,7 @@ class RemoteTask(Closing):
 def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
     """Make the environment, and do what is asked, in another process."""
     follow_parent()
+    unsafe_path()
     try:
         task = bind()
     except Exception as error:
@@ -184,21 +184,3 @@ def _send(pipe: Connection, said: Any, task: str, asked: str) -> None:
                 f"{type(error).__name__}: {error}; let it consist of plain values"
             )
         )
-
-
-def follow_parent() -> None:
-    """Leave requests to end to the parent process, and end when it ends.
-
-    Ctrl-C, a closed terminal and a scheduler signal every process of the group.
-    """
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # Windows has not all of them
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

@@ -10,11 +10,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
-from serp._util.extras import needs_extra
 from serp._util.number_format import readable
 from serp._util.terminal import open_console
 from serp.comparison.engines import LOCAL, open_pool, runs_here
-from serp.errors import Interrupted, RunError, SettingsError, TaskError
+from serp.errors import Interrupted, RunError, SettingsError, TaskError, needs_extra
 from serp.runs.new_folder import default_path
 from serp.settings import Changes
 from serp.tasks.registry import find_task

@@ -12,10 +12,9 @@ from typing import Final
 import numpy as np
 from PIL import Image, ImageColor
 
-from serp._util.extras import needs_extra
 from serp._util.figures import ACTORS, REFUSED
 from serp._util.files import replaced_durably
-from serp.errors import RunError
+from serp.errors import RunError, needs_extra
 from serp.training.run import Run
 from serp.viz.caption import INK
 from serp.viz.film import FilmSettings, Frame, OnEpisode, film_of_run

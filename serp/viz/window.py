@@ -9,8 +9,7 @@ from typing import Any, Final
 
 from PIL import ImageOps
 
-from serp._util.extras import needs_extra
-from serp.errors import SerpError
+from serp.errors import SerpError, needs_extra
 from serp.training.run import Run
 from serp.viz.film import FilmSettings, Frame, OnEpisode, film_of_run
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import pickle
 import socket
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,6 +27,23 @@ def test_dask_runs_a_function_in_every_thread_of_a_cluster() -> None:
         assert [future.result(timeout=30) for future in futures] == [(3, 1)] * 2
         with pytest.raises(ZeroDivisionError):
             pool.executor.submit(divmod, 7, 0).result(timeout=30)
+
+
+def test_a_worker_of_ray_searches_the_folder_of_the_driver_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("wave", "mine_alone"):
+        (tmp_path / f"{name}.py").write_text("")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))  # as Ray does
+    call = ray._sent()
+    with pytest.raises((AttributeError, pickle.PicklingError)):
+        pickle.dumps(call)  # so Ray sends the code, and no worker imports this package for it
+    files = [
+        call(pickle.dumps((importlib.import_module, (name,), {})), str(tmp_path)).__file__
+        for name in ("wave", "mine_alone")
+    ]
+    assert [Path(file).parent == tmp_path for file in files] == [False, True]
 
 
 def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

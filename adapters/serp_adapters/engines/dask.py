@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 
+from serp._util.processes import safe_path
 from serp.comparison.workers import Pool
 from serp.errors import MissingExtra, RunError
 
@@ -22,6 +23,7 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
     from distributed import Client, LocalCluster
 
     with ExitStack() as stack:
+        stack.enter_context(safe_path())  # a worker that dies is begun again at any time
         try:
             there = address or stack.enter_context(
                 LocalCluster(n_workers=most, threads_per_worker=1, dashboard_address=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import socket
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
@@ -83,12 +84,31 @@ class _RayExecutor(Executor):
     """Ray's tasks as an executor; a task whose worker is lost is not retried by Ray."""
 
     def __init__(self, ray: Any) -> None:
-        self._remote = ray.remote(num_cpus=1, max_retries=0)(_call)
+        self._remote = ray.remote(num_cpus=1, max_retries=0)(_sent())
+        self._searched_last = os.getcwd()
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = self._remote.remote(function, args, kwargs).future()
+        call = pickle.dumps((function, args, kwargs))
+        future: Future[Any] = self._remote.remote(call, self._searched_last).future()
         return future
 
 
-def _call(function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
-    return function(*args, **kwargs)
+def _sent() -> Callable[[bytes, str], Any]:
+    """Return the function that a worker calls.
+
+    Ray lets workers search the folder in which the driver runs for modules first: a file
+    `gymnasium.py` there would be run in place of what is installed. They search it last instead, as
+    the driver does. A function inside another one is sent whole, so that nothing is imported
+    before.
+    """
+
+    def call(sent: bytes, searched_last: str) -> Any:
+        import pickle
+        import sys
+
+        if searched_last in sys.path:
+            sys.path[:] = [p for p in sys.path if p != searched_last] + [searched_last]
+        function, args, kwargs = pickle.loads(sent)
+        return function(*args, **kwargs)
+
+    return call

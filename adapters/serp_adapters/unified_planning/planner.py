@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import subprocess
-import sys
 import threading
 import time
 import warnings
@@ -18,6 +17,7 @@ import weakref
 from importlib.util import find_spec
 from typing import Any, Final
 
+from serp._util.processes import python_command
 from serp.errors import MissingExtra, Notice, SettingsError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.plan_follower import PlanFollower
@@ -102,7 +102,7 @@ class EnginePlans:
 
     def _start(self) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "serp_adapters.unified_planning.worker"],
+            python_command("serp_adapters.unified_planning.worker"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

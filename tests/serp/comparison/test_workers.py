@@ -87,6 +87,26 @@ def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
     assert found_in(ended) == found_in(here)
 
 
+PLANTED = """
+with open("planted", "a") as file:
+    file.write(__name__)
+"""
+
+
+def test_nothing_of_the_working_folder_is_run_in_another_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    todo = [job(walk(tmp_path), "mrp", 0)]
+    monkeypatch.chdir(tmp_path)
+    for name in ("pickle", "random", "socket", "numpy", "torch"):
+        Path(f"{name}.py").write_text(PLANTED)
+    with open_pool("local", None, 1) as pool:
+        (ended,) = run_in_executor(todo, pool, silent, lambda: False)
+    assert not Path("planted").exists()
+    assert ended.error is None
+    assert "PYTHONSAFEPATH" not in os.environ
+
+
 def test_when_the_user_stops_what_runs_comes_to_its_end_and_no_more_begins(
     tmp_path: Path,
 ) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from serp._util.extras import needs_extra
 from serp.cli.output import examples
+from serp.errors import needs_extra
 
 
 @click.command("lsp", epilog=examples("serp lsp", "pip install 'serp[lsp]'"))

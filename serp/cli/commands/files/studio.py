@@ -36,7 +36,7 @@ def command(name: str, port: int, no_browser: bool) -> None:
 
     Ctrl-C ends it.
     """
-    from serp._util.extras import needs_extra
+    from serp.errors import needs_extra
 
     with needs_extra("studio", "serp studio"):
         from serp.studio.serving import serve

@@ -47,7 +47,7 @@ def command(run: Path, everything: bool, as_json: bool, png: Path | None, svg: P
     listed. The environment is not needed, and nothing is changed.
     """
     if png is not None or svg is not None:
-        from serp._util.extras import needs_extra
+        from serp.errors import needs_extra
 
         with needs_extra("plots", "a picture of a diagnosis"):
             from serp.diagnosis.plots import picture

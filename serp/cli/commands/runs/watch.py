@@ -61,7 +61,7 @@ def command(
     words of the domain file. In the window, Space pauses and Escape closes. The steps are recorded
     in RUN as those of an evaluation, for `serp why`.
     """
-    from serp._util.extras import needs_extra
+    from serp.errors import needs_extra
 
     with needs_extra("watch", "watching a policy"):
         from serp.viz.film import FilmSettings
