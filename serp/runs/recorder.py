@@ -6,7 +6,6 @@ import contextlib
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -14,25 +13,19 @@ from serp._util.closing import Closing
 from serp._util.files import make_inside, write_durably
 from serp.control.step_record import StepRecord
 from serp.errors import Notice, RunError
-from serp.planning.limits import Bound
 from serp.runs.lock import RunLock
 from serp.runs.recording_format import (
-    ACTORS,
     COLUMNS,
     EVALUATIONS,
     HEADER,
-    REASONS,
     Columns,
     Layout,
     block_path,
     blocks_in,
     decode,
     encode,
+    enter,
 )
-
-_ACTOR: Final = {actor: k for k, actor in enumerate(ACTORS)}
-_REASON: Final = {reason: k for k, reason in enumerate(REASONS)}
-_BOUND: Final = {bound: k for k, bound in enumerate(Bound)}
 
 
 @contextlib.contextmanager
@@ -120,33 +113,7 @@ class Recorder(Closing):
             episode: Number of the episode, from 1.
             step: The step.
         """
-        row, columns, decision = self._rows, self._columns, step.decision
-        forecast = decision.forecast
-        columns["episode"][row] = episode
-        columns["number"][row] = step.number
-        columns["state"][row] = step.state
-        columns["action"][row] = decision.action
-        columns["executed_by"][row] = _ACTOR[decision.executed_by]
-        columns["reason"][row] = _REASON[decision.reason]
-        columns["proposed"][row] = decision.proposed
-        columns["proposed_by"][row] = _ACTOR[decision.proposed_by]
-        columns["rho"][row] = decision.rho
-        columns["choice"][row] = forecast.choice
-        columns["depth"][row] = forecast.depth
-        columns["bound"][row] = _BOUND[forecast.bound]
-        columns["indifferent"][row] = decision.indifferent
-        columns["ground"][row] = forecast.ground
-        columns["value"][row] = forecast.value
-        columns["path_risk"][row] = forecast.path_risk
-        columns["safe_steps"][row] = forecast.safe_steps
-        columns["reward"][row] = forecast.reward
-        columns["flags"][row] = forecast.flags
-        columns["admissible"][row] = decision.admissible
-        columns["env_reward"][row] = step.env_reward
-        columns["domain_reward"][row] = step.domain_reward
-        columns["unsafe"][row] = step.unsafe_observed
-        columns["terminated"][row] = step.terminated
-        columns["truncated"][row] = step.truncated
+        enter(self._columns, self._rows, episode, step)
         if step.last:
             self._final[self._ends] = step.next_state
             self._ends += 1

@@ -16,8 +16,9 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.lib import format as npy
@@ -27,6 +28,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from serp._util.files import read_regular
 from serp._util.json_files import json_text, read_json
 from serp.control.decision import Actor, Reason
+from serp.control.step_record import StepRecord
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel
 from serp.planning.action_map import ActionMap
@@ -48,35 +50,68 @@ _LARGEST_BLOCK: Final = 1 << 28
 _NAME: Final = re.compile(r"block-(\d{6,9})\.npz")
 _AGAIN: Final = "Restore it from a copy; metrics.csv and decisions.csv can still be read."
 
-# Name → type, and what it has an entry for: F fluents, E actions of the environment, or neither.
-_COLUMNS: Final[Mapping[str, tuple[str, str]]] = {
-    "episode": ("<i4", ""),
-    "number": ("<i4", ""),
-    "state": ("<f8", "F"),
-    "action": ("<i4", ""),
-    "executed_by": ("|u1", ""),
-    "reason": ("|u1", ""),
-    "proposed": ("<i4", ""),
-    "proposed_by": ("|u1", ""),
-    "rho": ("<f8", ""),
-    "choice": ("<i4", ""),
-    "depth": ("<i4", ""),
-    "bound": ("|u1", ""),
-    "indifferent": ("|b1", ""),
-    "ground": ("<i4", "E"),
-    "value": ("<f8", "E"),
-    "path_risk": ("<f8", "E"),
-    "safe_steps": ("<i4", "E"),
-    "reward": ("<f8", "E"),
-    "flags": ("<i8", "E"),
-    "admissible": ("|b1", "E"),
-    "env_reward": ("<f8", ""),
-    "domain_reward": ("<f8", ""),
-    "unsafe": ("|b1", ""),
-    "terminated": ("|b1", ""),
-    "truncated": ("|b1", ""),
-    "final_state": ("<f8", "F"),
+_HUGE: Final = float(np.finfo(np.float64).max)
+_SUMMED: Final = 1e280
+"""Most of what is summed over a recording: the sum is finite, too."""
+
+
+class _Column(NamedTuple):
+    """A column of a block.
+
+    Attributes:
+        kind: Its type.
+        per: What a step has an entry for: `F` fluents, `E` actions of the environment, or neither.
+        of: Attribute of a `StepRecord` that is entered; empty if no attribute is.
+        low: The least that it holds.
+        high: The most, or the list of the layout in which it holds positions.
+        nothing: Whether it may hold NaN, for none.
+    """
+
+    kind: str
+    per: str
+    of: str
+    low: float = -_HUGE
+    high: float | str = _HUGE
+    nothing: bool = False
+
+
+_FINAL: Final = "final_state"
+_COLUMNS: Final[Mapping[str, _Column]] = {
+    "episode": _Column("<i4", "", "", 1),
+    "number": _Column("<i4", "", "number", 1),
+    "state": _Column("<f8", "F", "state"),
+    "action": _Column("<i4", "", "decision.action", 0, "actions"),
+    "executed_by": _Column("|u1", "", "decision.executed_by", 0, "actors"),
+    "reason": _Column("|u1", "", "decision.reason", 0, "reasons"),
+    "proposed": _Column("<i4", "", "decision.proposed", -1, "actions"),
+    "proposed_by": _Column("|u1", "", "decision.proposed_by", 0, "actors"),
+    "rho": _Column("<f8", "", "decision.rho", 0.0, 1.0, nothing=True),
+    "choice": _Column("<i4", "", "decision.forecast.choice", -1, "actions"),
+    "depth": _Column("<i4", "", "decision.forecast.depth", 0),
+    "bound": _Column("|u1", "", "decision.forecast.bound", 0, "bounds"),
+    "indifferent": _Column("|b1", "", "decision.indifferent", 0, 1),
+    "ground": _Column("<i4", "E", "decision.forecast.ground", -1, "ground_actions"),
+    "value": _Column("<f8", "E", "decision.forecast.value", -np.inf, np.inf, nothing=True),
+    "path_risk": _Column("<f8", "E", "decision.forecast.path_risk", 0.0, 1.0),
+    "safe_steps": _Column("<i4", "E", "decision.forecast.safe_steps", -1, SAFE),
+    "reward": _Column("<f8", "E", "decision.forecast.reward"),
+    "flags": _Column("<i8", "E", "decision.forecast.flags", 0, 1 << 40),
+    "admissible": _Column("|b1", "E", "decision.admissible", 0, 1),
+    "env_reward": _Column("<f8", "", "env_reward", -_SUMMED, _SUMMED),
+    "domain_reward": _Column("<f8", "", "domain_reward", -_SUMMED, _SUMMED),
+    "unsafe": _Column("|b1", "", "unsafe_observed", 0, 1),
+    "terminated": _Column("|b1", "", "terminated", 0, 1),
+    "truncated": _Column("|b1", "", "truncated", 0, 1),
+    _FINAL: _Column("<f8", "F", ""),
 }
+_ENTERED: Final = [name for name, column in _COLUMNS.items() if column.of]
+_entries: Final = attrgetter(*(_COLUMNS[name].of for name in _ENTERED))  # in one call, so fast
+_LISTED: Final = {"actors": ACTORS, "reasons": REASONS, "bounds": tuple(Bound)}
+_POSITIONS: Final = [
+    {value: k for k, value in enumerate(_LISTED.get(str(_COLUMNS[name].high), ()))}
+    for name in _ENTERED
+]
+"""Of each column that is entered: value → position in the list of the layout; empty if plain."""
 COLUMNS: Final = tuple(_COLUMNS)
 
 
@@ -168,7 +203,7 @@ class Layout(BaseModel):
 
     def shape(self, name: str, steps: int) -> tuple[int, ...]:
         """Return the shape of a column of so many steps."""
-        per = _COLUMNS[name][1]
+        per = _COLUMNS[name].per
         return (steps,) if not per else (steps, len(self.fluents if per == "F" else self.actions))
 
     def empty(self, steps: int) -> Columns:
@@ -179,13 +214,20 @@ class Layout(BaseModel):
 def _steps_of_block(fluents: Sequence[str], actions: Sequence[str]) -> int:
     """Return of how many steps a block is, so that its columns take about `_BLOCK_BYTES`."""
     width = {"F": len(fluents), "E": len(actions), "": 1}
-    size = sum(np.dtype(kind).itemsize * width[per] for kind, per in _COLUMNS.values())
+    size = sum(np.dtype(each.kind).itemsize * width[each.per] for each in _COLUMNS.values())
     return min(1024, max(16, _BLOCK_BYTES // size))
 
 
 def dtype_of(name: str) -> np.dtype[Any]:
     """Return the type of a column."""
-    return np.dtype(_COLUMNS[name][0])
+    return np.dtype(_COLUMNS[name].kind)
+
+
+def enter(columns: Columns, row: int, episode: int, step: StepRecord) -> None:
+    """Enter a step of an episode into a row of columns, all but the state after it."""
+    columns["episode"][row] = episode
+    for name, positions, value in zip(_ENTERED, _POSITIONS, _entries(step), strict=True):
+        columns[name][row] = positions[value] if positions else value
 
 
 def block_path(folder: Path, number: int) -> Path:
@@ -240,9 +282,6 @@ def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Column
     return {name: found[name] for name in names}
 
 
-_FINAL: Final = "final_state"
-
-
 def _column(
     archive: zipfile.ZipFile, name: str, layout: Layout, steps: int, *, exact: bool = True
 ) -> NDArray[Any]:
@@ -271,38 +310,13 @@ def _column(
 
 def _out_of_range(name: str, values: NDArray[Any], layout: Layout) -> str | None:
     """Return a value that a column cannot hold, or None."""
-    if not values.size:
-        return None
-    low, high = {
-        "episode": (1, np.inf),
-        "number": (1, np.inf),
-        "action": (0, len(layout.actions) - 1),
-        "proposed": (-1, len(layout.actions) - 1),
-        "choice": (-1, len(layout.actions) - 1),
-        "ground": (-1, len(layout.ground_actions) - 1),
-        "executed_by": (0, len(ACTORS) - 1),
-        "proposed_by": (0, len(ACTORS) - 1),
-        "reason": (0, len(REASONS) - 1),
-        "bound": (0, len(Bound) - 1),
-        "depth": (0, np.inf),
-        "safe_steps": (-1, SAFE),
-        "flags": (0, 1 << 40),
-        "path_risk": (0.0, 1.0),
-        "rho": (0.0, 1.0),
-        "env_reward": (-_SUMMED, _SUMMED),
-        "domain_reward": (-_SUMMED, _SUMMED),
-        "state": (-_HUGE, _HUGE),
-        _FINAL: (-_HUGE, _HUGE),
-    }.get(name, (-np.inf, np.inf))
-    if values.dtype.kind == "b":
-        raw = values.view(np.uint8)
-        return str(raw.max()) if raw.max() > 1 else None
-    outside = ~((values >= low) & (values <= high))
-    if name in ("rho", "value"):
-        outside &= values == values  # NaN stands for none
+    column = _COLUMNS[name]
+    high = column.high
+    if isinstance(high, str):
+        high = len(getattr(layout, high)) - 1
+    if values.dtype.kind == "b":  # its bytes may be other than 0 and 1
+        values = values.view(np.uint8)
+    outside = ~((values >= column.low) & (values <= high))
+    if column.nothing:
+        outside &= values == values
     return str(values[outside].flat[0]) if outside.any() else None
-
-
-_HUGE: Final = float(np.finfo(np.float64).max)
-_SUMMED: Final = 1e280
-"""Most of what is summed over a recording: the sum is finite, too."""

@@ -223,6 +223,7 @@ def header(**values: Any) -> Callable[[Path], None]:
         (otherwise_compressed, "compressed in another way"),
         (no_header, "no header of an array"),
         (changed("env_reward", put(np.inf)), "env_reward holds inf"),
+        (changed("reward", put(-np.inf)), "reward holds -inf"),
         (header(format=2), "another version"),
         (header(block=0), "another version"),
         (header(block=1 << 20), "block must be at most 1024"),
