@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from serp._util.text import closest, did_you_mean
 from serp.pddl import syntax as x
+from serp.pddl.scope import INSTEAD
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError, Place
 
@@ -22,6 +23,9 @@ def is_name(word: Word) -> bool:
 
 def expect_name(node: Node, what: str) -> Word:
     """Return the node as a plain PDDL name."""
+    if isinstance(node, Group) and node.head.startswith(":") and node.head in INSTEAD:
+        problem, instead = f"`{node.head}` is not supported", INSTEAD[node.head]
+        raise DomainError(problem, node.place.opening, instead, code="unsupported")
     if not isinstance(node, Word):
         raise DomainError(f"expected {what}, found a list", node.place)
     if not is_name(node):
@@ -199,14 +203,22 @@ def parse_declarations(
     """Parse `(:predicates ...)` or `(:functions ...)`."""
     what = "function" if numeric else "predicate"
     declared: dict[str, x.Declaration] = {}
-    index = 1
+    index = begin = 1
     while index < len(group.items):
         node = group.items[index]
         index += 1
-        with node.place.recovering():
-            if numeric and isinstance(node, Word) and node.text.startswith("-"):
-                index = _after_number_type(group, index - 1)
+        if numeric and isinstance(node, Word) and node.text.startswith("-"):
+            since = group.items[begin:index]
+            with node.place.source.place(since[0].place.start, node.place.end).recovering():
+                kind, index = after_dash(group.items, index - 1, "`number`")
+                begin = index
+                _check_number_type(kind, since)
                 continue
+            for item in since:  # an error was taken: they are no functions of numbers
+                declared.pop(item.head if isinstance(item, Group) else item.text, None)
+            begin = index
+            continue
+        with node.place.recovering():
             if numeric and isinstance(node, Word):
                 node = without_parentheses(expect_name(node, "a function"))
             declaration = _declaration(expect_group(node, f"a {what}"), parents, what)
@@ -247,19 +259,17 @@ def without_parentheses(word: Word) -> Group:
     return Group((word,), word.place)
 
 
-def _after_number_type(group: Group, index: int) -> int:
-    dash = group.items[index]
-    if index == 1:
-        raise DomainError("`-` needs functions before it and `number` after it", dash.place)
-    following, index = after_dash(group.items, index, "`number`")
-    if not isinstance(following, Word) or following.text != "number":
+def _check_number_type(kind: Node, since: Sequence[Node]) -> None:
+    """Check the type of the functions since the one before; the last of them is the dash."""
+    if len(since) == 1:
+        raise DomainError("`-` needs functions before it and `number` after it", since[0].place)
+    if not isinstance(kind, Word) or kind.text != "number":
         raise DomainError(
             "functions with values other than numbers are not supported",
-            following.place,
-            "write `- number`, or a predicate with one more parameter",
+            kind.place,
+            INSTEAD[":object-fluents"],
             code="unsupported",
         )
-    return index
 
 
 RESERVED_WORDS = frozenset(

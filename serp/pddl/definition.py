@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from serp._util.text import closest, did_you_mean
 from serp.pddl.declarations import expect_group, expect_name, is_name
-from serp.pddl.scope import INSTEAD
+from serp.pddl.scope import INSTEAD, REQUIREMENTS_INSTEAD
 from serp.pddl.sexpr import Group, Word, read_group
 from serp.pddl.source import DomainError, Source
 from serp.pddl.syntax import MATH_REQUIREMENT
@@ -73,9 +73,12 @@ def read_requirements(group: Group | None) -> frozenset[str]:
     for node in group.items[1:] if group is not None else ():
         if not isinstance(node, Word):
             raise DomainError("expected a requirement such as `:typing`", node.place)
-        if node.text not in _SUPPORTED:
+        if (instead := REQUIREMENTS_INSTEAD.get(node.text)) is not None:
+            text = f"requirement `{node.text}` is not supported"
+            node.place.warn(text, "unknown-requirement", advice=instead)
+        elif node.text not in _SUPPORTED:
             advice = did_you_mean(node.text, _SUPPORTED)
-            text = f"requirement `{node.text}` is unknown or not supported; {advice}"
+            text = f"requirement `{node.text}` is unknown; {advice}"
             node.place.warn(text, "unknown-requirement")
         listed.add(node.text)
     return frozenset(listed)

@@ -25,13 +25,19 @@ from serp.pddl.definition import (
     unknown_section,
 )
 from serp.pddl.effects import parse_effects
-from serp.pddl.scope import Scope
+from serp.pddl.scope import INSTEAD, Scope
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.slips import several_under, written
 from serp.pddl.source import DomainError, Source
 
 _DOMAIN_ORDER = (":requirements", ":types", ":constants", ":predicates", ":functions")
 _FIELDS = (":parameters", ":precondition", ":effect")
+_RESERVED = {
+    x.REWARD: "is what a step gains",
+    x.UNSAFE: "flags what does damage",
+    x.TERMINAL: "ends the task",
+}
+"""Reserved name → what it means."""
 _KINDS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
 
 
@@ -120,7 +126,8 @@ def _check_reserved(declaration: x.Declaration) -> None:
         problem = f"`({name})` is reserved and takes no parameters"
     else:
         return
-    raise DomainError(problem, declaration.place, code="reserved-name")
+    advice = f"it {_RESERVED[name]}; where you mean something else, choose another name"
+    raise DomainError(problem, declaration.place, advice, code="reserved-name")
 
 
 def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
@@ -202,10 +209,11 @@ def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: 
         write = written(node)[1:-1] if node.head in _FIELDS else None
     else:
         write = closest(node.text, _FIELDS)
+    instead = INSTEAD.get(node.text) if isinstance(node, Word) else None
     return DomainError(
         f"`{node.place.text}` is not supported in {schema}",
         node.place,
-        "expected :parameters, :precondition and :effect",
-        write=write,
-        code="unknown-field",
+        instead or "expected :parameters, :precondition and :effect",
+        write=None if instead else write,
+        code="unsupported" if instead else "unknown-field",
     )

@@ -7,7 +7,7 @@ from serp.pddl import syntax as x
 from serp.pddl.conditions import parse_quantifier, required_condition
 from serp.pddl.declarations import expect_group
 from serp.pddl.expressions import as_function, is_number, parse_expression
-from serp.pddl.scope import Scope, declared_as, parse_arguments
+from serp.pddl.scope import INSTEAD, Scope, declared_as, parse_arguments
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError, Place
 
@@ -46,7 +46,8 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
         raise DomainError(
             f"`{head}` is not supported in an effect",
             group.place,
-            "effects are deterministic: `and`, `forall`, `when`, predicates and numeric changes",
+            INSTEAD.get(head)
+            or "effects are deterministic: `and`, `forall`, `when`, predicates and numeric changes",
             code="unsupported",
         )
     return (_set_predicate(group, scope, value=True, place=group.place),)

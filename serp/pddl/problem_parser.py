@@ -39,7 +39,9 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
         with listed.place.recovering():
             objects |= _objects(listed, domain)
     math = x.MATH_REQUIREMENT in requirements
-    scope = Scope(domain.parents, objects, domain.declarations, {}, math=math)
+    scope = Scope(
+        domain.parents, objects, domain.declarations, {}, math=math, declares=":objects"
+    )
     atoms, values = _initial(single[":init"], scope) if ":init" in single else ((), ())
     init = single[":init"].place if ":init" in single else None
     goal: x.Condition | None = None
@@ -130,10 +132,21 @@ class _Initial:
                 INSTEAD["timed"],
                 code="unsupported",
             )
+        if item.head in ("oneof", "or", "unknown", "probabilistic") and (
+            item.head not in self._scope.declarations
+        ):
+            raise DomainError(
+                f"`{item.head}` is not supported in `:init`",
+                item.place.opening,
+                INSTEAD["unknown"],
+                code="unsupported",
+            )
         fact = parse_condition(item, self._scope)
         if not isinstance(fact, x.Atom):
             raise DomainError(
-                "expected a predicate over objects or `(= (function) number)`", item.place
+                "expected a predicate over objects or `(= (function) number)`",
+                item.place,
+                "list facts one after the other, without `and`" if item.head == "and" else "",
             )
         if fact.name in (x.UNSAFE, x.TERMINAL):
             raise DomainError(

@@ -23,11 +23,44 @@ INSTEAD = {
         (":constraint", ":constraints"),
         "write an event that sets `(unsafe)` where a constraint is broken",
     ),
+    **dict.fromkeys(
+        ("oneof", "probabilistic"),
+        "effects are deterministic: write the likeliest outcome; a training learns how often it "
+        "comes out otherwise",
+    ),
     "preference": "write `(increase (reward) ...)` under a `when`, or as an event",
     "timed": "write a function as a clock, which a process increases, and an event",
+    "unknown": "state what is likeliest; in a task the environment tells what is so",
+    ":object-fluents": "write `- number`, or a predicate with one more parameter",
     **dict.fromkeys((":method", ":task"), "write actions only; the planner chooses among them"),
+    **dict.fromkeys(
+        (":observe", ":sense"), "leave it out; the environment is observed in every step"
+    ),
+    **dict.fromkeys(
+        (":agent", ":private"), "write one list for all; an agent is one more parameter"
+    ),
+    ":vars": "write them under `:parameters`",
+    ":rewards": "declare the function `(reward)`, and increase it",
 }
 """PDDL that is not supported → what to write instead."""
+REQUIREMENTS_INSTEAD = {
+    requirement: INSTEAD[what]
+    for what, requirements in {
+        ":durative-action": ":durative-actions :duration-inequalities",
+        ":derived": ":derived-predicates :domain-axioms :subgoal-through-axioms",
+        ":constraint": ":constraints :safety-constraints",
+        "preference": ":preferences :goal-utilities",
+        "timed": ":timed-initial-literals :timed-initial-fluents :timed-effects",
+        "oneof": ":probabilistic-effects :non-deterministic",
+        "unknown": ":contingent :partial-observability :unknown",
+        ":object-fluents": ":object-fluents",
+        ":method": ":hierarchy :htn :method-preconditions :action-expansions",
+        ":agent": ":multi-agent :factored-privacy :unfactored-privacy",
+        ":rewards": ":rewards :mdp",
+    }.items()
+    for requirement in requirements.split()
+}
+"""Requirement of PDDL that is not supported → what to write instead."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +75,7 @@ class Scope:
         in_process: Whether effects are rates (`(* #t rate)`).
         in_metric: Whether `(total-time)` and `(reward)` may be read.
         math: Whether MATH_REQUIREMENT is listed.
+        declares: Where objects are declared that can be named here.
     """
 
     parents: Mapping[str, str]
@@ -51,6 +85,7 @@ class Scope:
     in_process: bool = False
     in_metric: bool = False
     math: bool = False
+    declares: str = ":constants; a domain does not know the :objects of a problem"
 
     def calculates(self, word: str) -> bool:
         """Whether a word is an operator; a declared function of this name comes first."""
@@ -93,8 +128,7 @@ def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
             node.place,
             f"did you mean `{meant}`?"
             if meant is not None
-            else did_you_mean(term.name, scope.objects)
-            or "declare it under :constants or :objects",
+            else did_you_mean(term.name, scope.objects) or f"declare it under {scope.declares}",
             guess=meant,
             code="unknown-object",
         )

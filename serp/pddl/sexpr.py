@@ -16,6 +16,7 @@ _MAX_NESTING = 100
 _BRACKETS = {"{": "}", "[": "]"}
 _SECTION_AHEAD = re.compile(rf"\(\s*(?:{'|'.join(sorted(SECTIONS))})(?![^\s();])", re.IGNORECASE)
 _FOREIGN_COMMENT = re.compile(r"//|#(?!t(?![a-z]))", re.IGNORECASE)
+_PLACEHOLDER = re.compile(r"\{\{.*?\}\}|\{%.*?%\}")
 _KEYWORD_AHEAD = re.compile(r"\(\s*:[^\s();]+")
 
 
@@ -108,8 +109,12 @@ class _Reader:
                     )
                 self._position = line_end(text, begin)
                 continue
+            if hole := _PLACEHOLDER.match(text, begin):
+                with self._source.recovering():
+                    raise _template(self._source.place(begin, hole.end()))
+                match, place = hole, self._source.place(begin, hole.end())
             self._position = match.end()
-            self._take(match[0], place)
+            self._take(match[0] if hole is None else "template", place)
         if self._open:
             raise self._balance.at_end()
         if self._top is None:
@@ -198,6 +203,15 @@ class _Reader:
 
 def _is_section(node: Node) -> bool:
     return isinstance(node, Group) and node.head in SECTIONS
+
+
+def _template(place: Place) -> DomainError:
+    return DomainError(
+        f"`{place.text}` is filled in by a template engine, and no PDDL",
+        place,
+        "check the file that is made of the template",
+        code="stray-text",
+    )
 
 
 def _other_brackets(place: Place) -> DomainError:

@@ -42,8 +42,8 @@ FORMS = {
     "a number as name": ("(problem lake)", "(problem 4)", "`4`: for other tools a name begins"),
     "no name": ("(problem lake)", "(problem)", "other tools take one name"),
     "another domain": ("(:domain car)", "(:domain ship)", "names domain `ship`, not `car`"),
-    "an idle requirement": (":typing", ":typing :durative-actions", "unknown or not supported"),
-    "a strange requirement": (":typing", ":typng", "not supported; did you mean `:typing`?"),
+    "an idle requirement": (":typing", ":typing :durative-actions", "actions` is not supported"),
+    "a strange requirement": (":typing", ":typng", "is unknown; did you mean `:typing`?"),
     "a declared clock": (
         "(limit) (fuel ?x",
         "(limit) (total-time) (fuel ?x",
