@@ -11,7 +11,7 @@ from serp.language_server.completion import choices
 from serp.language_server.hover import explained
 from serp.language_server.index import Index, NameKind, Occurrence
 from serp.language_server.positions import Positions
-from serp.lint.findings import Finding
+from serp.lint.findings import Finding, Severity
 from serp.pddl.edits import Edit
 from serp.pddl.sexpr import Group
 from serp.pddl.source import Source
@@ -24,6 +24,11 @@ _COMPLETIONS = {
     "type": types.CompletionItemKind.Class,
     "object": types.CompletionItemKind.Constant,
     "variable": types.CompletionItemKind.Variable,
+}
+_SEVERITIES: dict[Severity, types.DiagnosticSeverity] = {
+    "error": types.DiagnosticSeverity.Error,
+    "warning": types.DiagnosticSeverity.Warning,
+    "note": types.DiagnosticSeverity.Information,
 }
 _SYMBOLS = {
     NameKind.ACTION: types.SymbolKind.Method,
@@ -38,12 +43,11 @@ _SYMBOLS = {
 
 def diagnostic(finding: Finding, positions: Positions) -> types.Diagnostic:
     """Return a finding; of a long place, its first line."""
-    error = finding.severity == "error"
     text = finding.message + (f"\n{finding.advice}" if finding.advice else "")
     return types.Diagnostic(
         positions.first_line(finding.place) if finding.place is not None else _START,
         text,
-        severity=types.DiagnosticSeverity.Error if error else types.DiagnosticSeverity.Warning,
+        severity=_SEVERITIES[finding.severity],
         code=finding.code,
         source="serp",
     )

@@ -88,6 +88,8 @@ _WARNINGS = {
     "unused-type": "A type that nothing has.",
     "useless-silence": "A comment that silences nothing.",
 }
+NOTES = frozenset(("not-portable", "nothing-unsafe"))
+"""Warnings that are true of many a file which is as it should be; they are shown as notes."""
 CODES: Mapping[str, FindingCode] = MappingProxyType(
     {
         **{code: FindingCode(meaning, error=True) for code, meaning in _ERRORS.items()},

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from serp.lint.codes import NOTES
 from serp.lint.portability import beyond_pddl, one_per_rule, outside_portable_subset
 from serp.lint.rules.catalogue import LOCAL, warnings_of
 from serp.lint.silencing import silenced
@@ -17,7 +18,7 @@ from serp.pddl.edits import Fix
 from serp.pddl.problem_parser import parse_problem
 from serp.pddl.source import DomainError, DomainWarning, Place, Recovery, Source
 
-Severity = Literal["error", "warning"]
+Severity = Literal["error", "warning", "note"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,8 @@ class Finding:
 
     Attributes:
         code: What kind of thing; docs/reference/checks.md has all.
-        severity: `error` where the files cannot be used as they are.
+        severity: `error` where the files cannot be used as they are, `note` where it is right for
+            many files.
         message: What, one sentence.
         advice: What to do about it; may be empty.
         place: Where; None where a file as a whole is meant, or cannot be read.
@@ -57,7 +59,7 @@ class Finding:
             )
         return cls(
             found.code,
-            "warning",
+            "note" if found.code in NOTES else "warning",
             found.text,
             found.advice,
             found.place,
@@ -153,15 +155,17 @@ def examine(
         SerpError: `look` raised it.
     """
     recovery = Recovery()
-    sources, found = _read(domain, problem, recovery)
+    sources, unreadable = _read(domain, problem, recovery)
+    found: list[DomainError | DomainWarning] = [*unreadable]
     result: Domain | None = None
     if sources:
         result = _parse(sources, recovery, max_ground_schemas)
-        errors = [*found, *recovery.errors]
+        errors = [*unreadable, *recovery.errors]
         warnings = [*_warnings(result, sources, partial=bool(errors), portable=portable)]
         if look is not None and result is not None and not errors:
             warnings += [_moved(warning, sources) for warning in look(result)]
-        found = [*errors, *one_per_rule(silenced(warnings, sources, partial=bool(errors)))]
+        kept = silenced(warnings, sources, partial=bool(errors))
+        found = [*_unsupported_once(errors), *one_per_rule(kept)]
     order = {source.name: number for number, source in enumerate(sources)}
 
     def position(finding: Finding) -> tuple[int, int]:
@@ -173,9 +177,28 @@ def examine(
     return Examined(findings, None if wrong else result)
 
 
+def _unsupported_once(errors: Iterable[DomainError]) -> list[DomainError]:
+    """Return errors with what is not supported, at several places of a file, told at the first."""
+    places: dict[tuple[str, str], list[DomainError]] = {}
+    for number, error in enumerate(errors):
+        file = error.file if error.code == "unsupported" and error.place else number
+        places.setdefault((error.problem, str(file)), []).append(error)
+    return [
+        error[0]
+        if len(error) == 1
+        else DomainError(
+            f"{error[0].problem} ({len(error)} places)",
+            error[0].place,
+            error[0].advice,
+            code=error[0].code,
+        )
+        for error in places.values()
+    ]
+
+
 def _read(
     domain: Source | str | Path, problem: Source | str | Path | None, recovery: Recovery
-) -> tuple[list[Source], list[DomainError | DomainWarning]]:
+) -> tuple[list[Source], list[DomainError]]:
     """Return the files that can be read, the domain first (none without it), and the errors."""
     if problem is None and not isinstance(domain, Source):
         beside = problem_beside(Path(domain))

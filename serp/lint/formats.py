@@ -105,7 +105,8 @@ def _command(finding: Finding) -> str:
         values |= {"endLine": str(last)} if last else {"col": str(at["column"])}
     listed = ",".join(f"{key}={_escaped(value, _ESCAPED_VALUE)}" for key, value in values.items())
     text = finding.message + (f"\n{finding.advice}" if finding.advice else "")
-    return f"::{finding.severity} {listed}::{_escaped(text, _ESCAPED)}"
+    level = "notice" if finding.severity == "note" else finding.severity
+    return f"::{level} {listed}::{_escaped(text, _ESCAPED)}"
 
 
 def _escaped(text: str, table: dict[str, str]) -> str:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from serp.model.ground import GroundModel, GroundSchema
+from serp.model.ground import Compare, GroundModel, GroundSchema, Holds, Not, fluents_of
 from serp.model.loading import Domain
+from serp.pddl import syntax as x
 from serp.pddl.sexpr import Group, Node, Word, read_group
-from serp.pddl.source import DomainError
+from serp.pddl.source import DomainError, Place
 
 SCHEMAS = (":action", ":process", ":event")
 """Sections that define an action, a process or an event."""
+_MOST = 5_000
+"""Most instances that the rules look at beyond those that the problem's `:init` reaches."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +30,9 @@ class LintSubject:
 
         Where that is too large, or needs numbers that are not given, it is what can be reached.
         """
+        most = min(_MOST, self.domain.max_ground_schemas)
         try:
-            return self.domain.observed().model.ground
+            return replace(self.domain.observed(), max_ground_schemas=most).model.ground
         except DomainError:
             return self.domain.model.ground
 
@@ -44,6 +48,50 @@ class LintSubject:
         for instance in self.anywhere.schemas:
             found.setdefault(instance.schema, []).append(instance)
         return found
+
+    @cached_property
+    def telling(self) -> dict[str, list[GroundSchema]]:
+        """The `instances` that tell of their schema: no two parameters are the same object.
+
+        With two rooms, `?from` and `?to` may differ; what comes of one room for both is a chance of
+        the problem.
+        """
+        return {
+            name: kept
+            for name, schemas in self.instances.items()
+            if (kept := [s for s in schemas if len({*s.arguments}) == len(s.arguments)])
+        }
+
+    @cached_property
+    def quantified(self) -> list[Place]:
+        """The places of all `forall` and `exists` in conditions."""
+        return [
+            condition.place
+            for schema in self.domain.syntax.schemas
+            for condition in x.conditions_of(schema)
+            if isinstance(condition, x.Quantified)
+        ]
+
+    def alike(self, first: Compare | Holds | Not, second: Compare | Holds | Not) -> bool:
+        """Whether two conditions can be compared, whatever the objects of the problem are.
+
+        They read the same, and stand in the same quantifiers: what `forall` says of one object is
+        what `exists` says of it only where there is no other.
+        """
+        around = [
+            [quantifier for quantifier in self.quantified if test.place.within(quantifier)]
+            for test in (first, second)
+        ]
+        return around[0] == around[1] and not {*fluents_of(first)}.isdisjoint(fluents_of(second))
+
+    @property
+    def waits_for_problem(self) -> bool:
+        """Whether the domain is nothing without a problem that names its objects."""
+        return (
+            self.domain.problem_syntax is None
+            and not self.domain.model.actions
+            and any(schema.parameters for schema in self.domain.syntax.schemas)
+        )
 
     def sections(self, *heads: str) -> Iterator[Group]:
         """Yield the sections of both files that begin with one of some words."""

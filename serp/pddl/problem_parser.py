@@ -39,9 +39,7 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
         with listed.place.recovering():
             objects |= _objects(listed, domain)
     math = x.MATH_REQUIREMENT in requirements
-    scope = Scope(
-        domain.parents, objects, domain.declarations, {}, math=math, declares=":objects"
-    )
+    scope = Scope(domain.parents, objects, domain.declarations, {}, math=math, declares=":objects")
     atoms, values = _initial(single[":init"], scope) if ":init" in single else ((), ())
     init = single[":init"].place if ":init" in single else None
     goal: x.Condition | None = None

@@ -30,6 +30,8 @@ LOCAL = frozenset(
 )
 """Rules that look at one schema at a time, or two: what they say of one that can be read is right
 where another cannot be read."""
+_OF_A_WHOLE = ("nothing-unsafe", "no-reward", "schema-without-use", "never-read", "unused-type")
+"""Rules that can tell nothing of a domain without the problem that it needs."""
 RULES: Mapping[str, Callable[[LintSubject], Iterator[DomainWarning]]] = MappingProxyType(
     {
         **omissions.RULES,
@@ -55,6 +57,8 @@ def warnings_of(domain: Domain, rules: Collection[str] | None = None) -> list[Do
     subject = LintSubject(domain)
     found = [*domain.warnings]
     for code, rule in RULES.items():
+        if rules is None and code in _OF_A_WHOLE and subject.waits_for_problem:
+            continue
         if rules is None or code in rules:
             found += (replace(warning, code=code) for warning in rule(subject))
     return found

@@ -36,6 +36,8 @@ def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
         found: Found = {}
         leaves = _leaves(test, subject.anywhere) if isinstance(test, g.AnyOf) else []
         for first, second in combinations(leaves, 2):
+            if not subject.alike(first, second):
+                continue
             both = contradiction((_beyond(first), _beyond(second)), subject.theta)
             if both and both[0] != both[1]:
                 found[second.place] = (first, second)
@@ -65,6 +67,8 @@ def _needless(subject: LintSubject) -> Iterator[DomainWarning]:
         if contradiction(leaves, subject.theta) and isinstance(test, g.All):
             return found
         for (k, first), (m, second) in permutations(enumerate(leaves), 2):
+            if not subject.alike(first, second):
+                continue
             if isinstance(test, g.All):
                 stronger, weaker = first, second
             else:
@@ -76,6 +80,8 @@ def _needless(subject: LintSubject) -> Iterator[DomainWarning]:
             ):
                 found.setdefault(second.place, (first, second))
         for either in _disjunctions(test):
+            if contradiction((g.Not(either, either.place),), subject.theta):
+                continue
             stronger_leaf = (leaf for leaf in leaves if _implies(leaf, either, subject))
             if (first_leaf := next(stronger_leaf, None)) is not None:
                 found.setdefault(either.place, (first_leaf, first_leaf))
@@ -133,7 +139,7 @@ def _beyond(test: Leaf) -> g.Test:
 
 def _named(subject: LintSubject) -> Iterator[tuple[str, Sequence[g.GroundSchema]]]:
     """Yield kind with name, and the instances of each schema."""
-    for name, schemas in subject.instances.items():
+    for name, schemas in subject.telling.items():
         yield f"{schemas[0].kind.value} `{name}`", schemas
 
 

@@ -36,7 +36,7 @@ def _already_so(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find effects that make a predicate what it has to be where they happen."""
     refuted: set[Place] = set()
     found: dict[Place, str] = {}
-    for name, schemas in subject.instances.items():
+    for name, schemas in subject.telling.items():
         for schema in schemas:
             for effect in schema.effects:
                 if not isinstance(effect, g.SetBoolean) or effect.target < 0:

@@ -14,8 +14,13 @@ from serp.pddl.source import DomainWarning
 
 def _no_action(subject: LintSubject) -> Iterator[DomainWarning]:
     if not subject.domain.model.actions:
-        text = "no ground action, so there is nothing to plan with"
-        yield DomainWarning(text, subject.domain.syntax.place.opening)
+        text, advice = "no ground action, so there is nothing to plan with", ""
+        if subject.waits_for_problem:
+            advice = (
+                "give the problem file that names the objects: NAME-problem.pddl beside "
+                "NAME.pddl, or `serp check domain.pddl problem.pddl`"
+            )
+        yield DomainWarning(text, subject.domain.syntax.place.opening, advice=advice)
 
 
 def _nothing_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
@@ -64,7 +69,7 @@ def _schemas_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
                 f"there is no object of type `{empty}`"
                 + ("" if domain.problem_syntax else " (nor a problem file that could name some)")
                 if empty
-                else "its precondition can never hold"
+                else f"its precondition can never hold{_looked_at(subject)}"
             )
             yield DomainWarning(f"{what} has no instance: {why}", schema.place.opening)
         elif not any(map(writes, instances)) and not (
@@ -72,6 +77,12 @@ def _schemas_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
             schema.kind is x.Kind.ACTION and not schema.effects and subject.anywhere.processes
         ):
             yield DomainWarning(f"{what} changes nothing", schema.place.opening)
+
+
+def _looked_at(subject: LintSubject) -> str:
+    """Say where other states than those that can be reached were too many to look at."""
+    everywhere = subject.anywhere is not subject.domain.model.ground
+    return "" if everywhere or not subject.domain.problem_syntax else " from the problem's :init on"
 
 
 def _type_without_objects(

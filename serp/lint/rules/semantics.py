@@ -19,7 +19,7 @@ _CANNOT = {
 
 
 def _contradictory(subject: LintSubject) -> Iterator[DomainWarning]:
-    for name, schemas in subject.instances.items():
+    for name, schemas in subject.telling.items():
         if pair := _contradiction_in_all(subject, schemas):
             kind, place = schemas[0].kind, schemas[0].place.opening
             yield DomainWarning(
@@ -32,7 +32,8 @@ def _contradictory(subject: LintSubject) -> Iterator[DomainWarning]:
 def _not_reached(subject: LintSubject) -> Iterator[DomainWarning]:
     reached = {schema.schema for schema in subject.domain.model.ground.schemas}
     for name, schemas in subject.instances.items():
-        if name not in reached and not _contradiction_in_all(subject, schemas):
+        telling = subject.telling.get(name, [])
+        if name not in reached and not _contradiction_in_all(subject, telling):
             kind, place = schemas[0].kind, schemas[0].place.opening
             yield DomainWarning(
                 f"{kind.value} `{name}` {_CANNOT[kind]} from the problem's :init on", place
@@ -57,7 +58,7 @@ def _always_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
 def _possible(subject: LintSubject) -> Iterator[tuple[str, list[g.GroundSchema]]]:
     """Yield kind with name, and instances, of the schemas that can happen."""
     reached = {schema.schema for schema in subject.domain.model.ground.schemas}
-    for name, schemas in subject.instances.items():
+    for name, schemas in subject.telling.items():
         if name in reached and not _contradiction_in_all(subject, schemas):
             yield f"{schemas[0].kind.value} `{name}`", schemas
 

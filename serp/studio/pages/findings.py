@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from html import escape
 from typing import Any, Final
 
@@ -56,10 +57,10 @@ class FindingsPane:
         if listed == self._listed:
             return
         self._listed, self._position = listed, -1
-        errors = sum(finding.severity == "error" for finding in view.findings)
-        warnings = len(view.findings) - errors
-        said = [plural(errors, "error")] if errors else []
-        said += [plural(warnings, "warning")] if warnings else []
+        counted = Counter(finding.severity for finding in view.findings)
+        said = [
+            plural(counted[kind], kind) for kind in ("error", "warning", "note") if counted[kind]
+        ]
         self._summary.set_text(view.failure or ", ".join(said) or "Nothing is wrong here.")
         self._list.set_content("".join(map(self._item, range(_MOST), view.findings)))
 

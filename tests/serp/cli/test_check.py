@@ -142,11 +142,11 @@ def test_what_is_missing_says_how_to_give_it(run: Run, folder: Path) -> None:
     assert (found["code"], found["place"]["line"]) == ("missing-domain", 2)
 
 
-def test_what_other_tools_refuse_is_a_warning(run: Run, walk: Path) -> None:
+def test_what_other_tools_refuse_is_a_note(run: Run, walk: Path) -> None:
     walk.write_text(WALK.replace("(assign (walked) 0)", "(scale-down (walked) 2.0)"))
     shown = run("check", "walk.pddl", "--portable").stdout
     assert "unified-planning reads it: no" in shown
-    assert "warning: walk.pddl:15:18: unified-planning cannot read this" in shown
+    assert "note: walk.pddl:15:18: unified-planning cannot read this" in shown
 
 
 def test_the_option_that_the_message_names_raises_the_limit(run: Run, walk: Path) -> None:

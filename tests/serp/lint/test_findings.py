@@ -57,6 +57,30 @@ def test_all_that_is_wrong_is_found_in_one_pass_and_nothing_that_follows_from_it
     assert "`go` is defined twice" in [f.message for f in found_in(again)]
 
 
+OBJECTS = """\
+(define (domain d)
+  (:requirements :typing :object-fluents)
+  (:types van place)
+  (:functions (place-of ?v - van) - place (fuel ?v - van) - number (next ?p - place) - place)
+  (:action go :parameters (?v - van ?to - place)
+    :precondition (and (= (next (place-of ?v)) ?to) (> (fuel ?v) 0))
+    :effect (and (assign (place-of ?v) ?to) (decrease (fuel ?v) 1))))
+"""
+
+
+def test_of_what_is_not_supported_the_first_place_is_told_and_nothing_that_follows() -> None:
+    problem = """(define (problem {{ name }}) (:domain d) (:objects v - van a b - place)
+      (:init (= (place-of v) a) (= (fuel v) 3) (at 2 (= (fuel v) 5)) (at 9 (= (fuel v) 5)))
+      (:goal (and (= (place-of v) b))))"""
+    found = [f for f in found_in(OBJECTS, problem) if f.severity == "error"]
+    assert [f.message for f in found] == [
+        "functions with values other than numbers are not supported (2 places)",
+        "`{{ name }}` is filled in by a template engine, and no PDDL",
+        "timed initial literals are not supported (2 places)",
+    ]
+    assert all(f.advice for f in found)
+
+
 def test_errors_of_both_files_are_found() -> None:
     domain = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
     problem = WALK_PROBLEM.replace("(at home)", "(at hom)").replace("(mined field)", "(mind field)")

@@ -9,6 +9,7 @@ import pytest
 from serp.lint.findings import findings_of
 from serp.lint.rules.catalogue import warnings_of
 from serp.model.loading import load_domain
+from serp.pddl.source import Source
 from tests.serp.cli.conftest import WALK, WALK_PROBLEM
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -120,6 +121,35 @@ def test_parameters_without_objects_are_warned_of(tmp_path: Path) -> None:
     found = warned(tmp_path, WALK, problem=None)
     (empty,) = (text for text in found if "`go`" in text)
     assert "there is no object of type `place` (nor a problem file that could name some)" in empty
+
+
+BLOCKS = """
+(define (domain blocks)
+  (:requirements :adl)
+  (:predicates (clear ?x) (on ?x ?y) (done))
+  (:action move
+    :parameters (?what ?from ?to)
+    :precondition (and (clear ?what) (clear ?to) (on ?what ?from)
+                       (or (done) (forall (?b) (clear ?b)) (exists (?b) (not (clear ?b)))))
+    :effect (and (not (clear ?to)) (on ?what ?to) (clear ?from) (done))))
+"""
+BLOCKS_PROBLEM = """
+(define (problem p) (:domain blocks) (:objects {objects})
+  (:init (clear b1) (on b1 b1)) (:goal (and (done))))
+"""
+
+
+@pytest.mark.parametrize("objects", ["b1", "b1 b2"])
+def test_what_comes_of_few_objects_is_no_finding(objects: str) -> None:
+    problem = Source("p.pddl", BLOCKS_PROBLEM.format(objects=objects))
+    found = findings_of(Source("d.pddl", BLOCKS), problem)
+    assert [f.rendered for f in found if f.severity != "note"] == []
+
+
+def test_a_domain_that_waits_for_its_problem_is_told_so_once() -> None:
+    (found,) = (f for f in findings_of(Source("d.pddl", BLOCKS)) if f.severity != "note")
+    assert found.code == "no-action"
+    assert "give the problem file" in found.advice
 
 
 def test_an_event_that_can_never_fire_is_warned_of(tmp_path: Path) -> None:

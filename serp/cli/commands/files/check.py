@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from serp.lint.findings import Finding
     from serp.tasks.task import Task
 
-_WARNINGS = 100  # warnings of one domain that are printed
+_REMARKS = 100  # warnings and notes of one domain that are printed
 
 
 @click.command(
@@ -73,8 +73,8 @@ def command(
     whether grounding and actions fit the file. It is neither reset nor stepped.
 
     Every file is checked, even where one before it is wrong. Warnings (what may have been
-    forgotten, and what other PDDL tools refuse) leave the exit status 0. The comment
-    `; serp: ignore[code]` silences a warning.
+    forgotten) and notes (such as what other PDDL tools refuse) leave the exit status 0. The
+    comment `; serp: ignore[code]` silences one.
     """
     from serp.lint.domain_pairs import DomainFiles, pairs
 
@@ -119,7 +119,7 @@ class _DomainCheck:
             return result
         self.findings += found.findings
         errors = [f.rendered for f in found.findings if f.severity == "error"]
-        warnings = [f.rendered for f in found.findings if f.severity == "warning"]
+        remarks = [f for f in found.findings if f.severity != "error"]
         if console is None:
             return "wrong" if errors else "right"
         if errors:
@@ -130,10 +130,11 @@ class _DomainCheck:
             console.print(f"{pair.name}: right", style="bold green")
         for line in found.summary:
             console.print(f"  {line}")
-        for warning in warnings[:_WARNINGS]:
-            console.print(f"  warning: {warning}", style="yellow")
-        if len(warnings) > _WARNINGS:
-            console.print(f"  ... and {plural(len(warnings) - _WARNINGS, 'more warning')}")
+        for finding in remarks[:_REMARKS]:
+            style = "yellow" if finding.severity == "warning" else "dim"
+            console.print(f"  {finding.severity}: {finding.rendered}", style=style)
+        if len(remarks) > _REMARKS:
+            console.print(f"  ... and {len(remarks) - _REMARKS} more")
         fixable = sum(f.fix is not None and f.fix.sure for f in found.findings)
         if fixable:
             console.print(f"  {plural(fixable, 'finding')} can be corrected by --fix")
