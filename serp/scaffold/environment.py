@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import itertools
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -83,8 +84,9 @@ def describe(env: gym.Env[Any, Any], called: str) -> Described:
         raise TaskError(f"{called}: an observation has no numbers")
     numbers = list(_numbers(env.observation_space, "observation", "observation"))
     if len(numbers) > MOST:
+        count = math.prod(env.observation_space.shape or (len(numbers),))
         raise TaskError(
-            f"an observation of {called} has {plural(len(numbers), 'number')}, too many to be "
+            f"an observation of {called} has {plural(count, 'number')}, too many to be "
             "fluents one by one; say the few that matter through "
             "gymnasium.wrappers.TransformObservation, or write the task yourself "
             "(how-to: Connect your own environment)"
@@ -188,7 +190,7 @@ def _numbers(space: Any, expression: str, name: str) -> Iterator[tuple[str, str,
     elif isinstance(space, spaces.Discrete):
         first, last = int(space.start), int(space.start + space.n - 1)
         yield name, expression, f"{first} to {last}"
-    else:
+    elif not isinstance(space, spaces.Text):
         shape = tuple(space.shape or ())
         for place in itertools.islice(itertools.product(*map(range, shape)), 10 * MOST):
             at = f"[{', '.join(map(str, place))}]" if place else ""

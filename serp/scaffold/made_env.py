@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import sys
+import traceback
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -68,10 +69,19 @@ def _registered(name: str) -> MadeEnvironment:
                 "; an ID that a package registers is written with that package, such as "
                 "highway_env:highway-fast-v0, and an environment of your own FILE.py:CLASS"
             )
-        raise TaskError(f"--env {name}: {type(error).__name__}: {error}{advice}") from error
+        raise TaskError(f"--env {name}: {_raised(error)}{advice}") from error
     return MadeEnvironment(
         env, "import gymnasium\n", "**options: Any", f"gymnasium.make({name!r}, **options)"
     )
+
+
+def _raised(error: Exception) -> str:
+    """Return what an exception of the environment says; where it is silent, where it arose."""
+    kind = type(error).__name__
+    if text := str(error):
+        return f"{kind}: {text}"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{kind} in {last.filename}:{last.lineno}: {last.line}"
 
 
 def _own(name: str, file: Path, attribute: str) -> MadeEnvironment:
@@ -86,7 +96,7 @@ def _own(name: str, file: Path, attribute: str) -> MadeEnvironment:
     try:
         env = make()
     except Exception as error:
-        raise TaskError(f"{said}: making it failed: {type(error).__name__}: {error}") from error
+        raise TaskError(f"{said}: making it failed: {_raised(error)}") from error
     if not isinstance(env, gym.Env):
         raise TaskError(f"{said}: it made a {type(env).__name__}, not a gymnasium.Env")
     drawn = "render_mode" in inspect.signature(make).parameters

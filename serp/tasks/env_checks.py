@@ -55,7 +55,10 @@ def _owned(raw: Any) -> Any:
 def _number(value: Any, what: str) -> float:
     element = single(value)
     if not isinstance(element, Real):
-        raise EnvironmentFailure(f"{what} is {_shown(value)}, not one number")
+        advice = ""
+        if getattr(element, "shape", ()):
+            advice = "; weigh its parts in a wrapper, such as gymnasium.wrappers.TransformReward"
+        raise EnvironmentFailure(f"{what} is {_shown(value)}, not one number{advice}")
     try:
         number = float(element)
     except OverflowError:

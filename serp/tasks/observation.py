@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,14 +20,15 @@ class Observations:
     """
 
     def __init__(self, space: Any) -> None:
-        try:
-            flat = spaces.flatten_space(space)
-        except NotImplementedError:
-            flat = None
-        if not isinstance(flat, spaces.Box):
-            raise ValueError(f"observations of {space} cannot be flattened to a vector")
+        leaves = [(path, leaf, _flattened(leaf)) for path, leaf in _leaf_spaces(space, "")]
+        if other := [(path, type(leaf).__name__) for path, leaf, flat in leaves if flat is None]:
+            named = ", ".join(f"`{path}` ({kind})" for path, kind in other)
+            raise ValueError(
+                f"{named if other[0][0] else f'observations of {space}'} cannot be flattened to a "
+                "vector of numbers" + _without({path for path, _ in other}, space)
+            )
         self.space: spaces.Space[Any] = space
-        self.size = int(flat.shape[0])
+        self.size = sum(flat for _, _, flat in leaves if flat is not None)
 
     def read(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a new float64 vector `[size]`.
@@ -55,6 +56,23 @@ class Observations:
                 return _entry(leaf, index) + (f" of `{path}`" if path else "")
             index -= count
         raise IndexError(index)
+
+
+def _flattened(leaf: Any) -> int | None:
+    """Return how many numbers a part has when it is flattened; None where it cannot be."""
+    try:
+        flat = spaces.flatten_space(leaf)
+    except NotImplementedError:
+        return None
+    return int(flat.shape[0]) if isinstance(flat, spaces.Box) else None
+
+
+def _without(paths: Collection[str], space: Any) -> str:
+    """Say how parts are left out, where they can be."""
+    if not isinstance(space, spaces.Dict):
+        return ""
+    kept = [key for key in space.spaces if not any(p.split(".")[0] == str(key) for p in paths)]
+    return f"; keep the others by gymnasium.wrappers.FilterObservation(env, {kept})" if kept else ""
 
 
 def _entry(leaf: spaces.Space[Any], index: int) -> str:

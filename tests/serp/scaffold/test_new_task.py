@@ -117,10 +117,25 @@ def test_names_are_taken_from_attributes_that_speak_of_actions() -> None:
         env = Plain()
         env.action_space = spaces.Box(-1, 1)  # type: ignore[assignment]
         describe(env, "env")
-    with pytest.raises(TaskError, match=r"has 75 numbers, too many"):
+    with pytest.raises(TaskError, match=r"has 7,500 numbers, too many"):
         env = Plain()
-        env.observation_space = spaces.Box(0, 1, (5, 5, 3))
+        env.observation_space = spaces.Box(0, 1, (50, 50, 3))
         describe(env, "env")
+    with pytest.raises(
+        TaskError, match=r"`at.seen` \(Sequence\) cannot be .*.*FilterObservation\(env, \['to'"
+    ):
+        env = Plain()
+        said = spaces.Dict({"seen": spaces.Sequence(spaces.Discrete(3))})
+        env.observation_space = spaces.Dict({"at": said, "to": spaces.Box(0, 1)})  # type: ignore[assignment]
+        describe(env, "env")
+    env.observation_space = spaces.Dict({"say": spaces.Text(3), "to": spaces.Box(0, 1)})
+    assert [entry.name for entry in describe(env, "env").numbers] == ["to-0"]
+
+
+def test_an_environment_that_fails_in_silence_is_told_by_its_line(folder: Path) -> None:
+    Path("my_silent.py").write_text("def make():\n    assert 1 > 2\n")
+    with pytest.raises(TaskError, match=r"AssertionError in .*my_silent.py:2: assert 1 > 2"):
+        new_task(Path("quiet"), "my_silent.py:make")
 
 
 def test_an_environment_of_ones_own_fits_at_once(folder: Path) -> None:
