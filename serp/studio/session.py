@@ -305,6 +305,8 @@ class Session:
         command += [] if self.task_name is None else ["--task", self.task_name]
         command += ["--env-steps", str(env_steps), "--seed", str(seed)]
         run = run_folder(self.folder, document.path.stem)
+        if not run.resolve().is_relative_to(self.folder.resolve()):
+            raise SerpError(f"{run} leads out of the working folder {self.folder}")
         planner = read(self.saved_version, self.surroundings).planner
         model = None if planner is None else planner.model
         self.training = BackgroundTraining(command, run, model)

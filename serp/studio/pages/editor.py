@@ -1,10 +1,17 @@
-"""The editor: the domain and its problem, and saving."""
+"""The editor: the domain and its problem, and saving.
+
+The text is what the browser shows; what is typed comes from there as changes of it. Nothing here
+sets the text of an editor, nor any of its properties: with them NiceGUI sends the text that it
+knows, over what has been typed since. A change that is made elsewhere is proposed to the browser
+with the text that it is a change of, and dropped where that is no longer what is shown.
+"""
 
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from nicegui import ui
 
@@ -15,6 +22,19 @@ from serp.studio.session import DOMAIN, SCENARIOS, Session
 
 _LANGUAGE = "Common Lisp"
 _THEMES = {False: "githubLight", True: "githubDark"}
+_REPLACE: Final = """((id, known, from, to, insert) => {
+  const editor = getElement(id).editor;
+  if (editor.state.doc.toString() === known) editor.dispatch({changes: {from, to, insert}});
+})"""
+_IN_SIGHT: Final = """requestAnimationFrame(() => {
+  for (const {editor} of %s.map(getElement)) {
+    const cursor = editor.hasFocus && editor.coordsAtPos(editor.state.selection.main.head);
+    const end = editor.scrollDOM.getBoundingClientRect().bottom;
+    if (cursor && cursor.bottom > end && cursor.bottom < end + 0.4 * innerHeight)
+      editor.dispatch({scrollIntoView: true});
+  }
+})"""
+"""Scrolls to a cursor that has just come to lie below the text."""
 
 
 class EditorPane:
@@ -35,28 +55,26 @@ class EditorPane:
     def _build_editors(self) -> None:
         documents = self._session.documents
         with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as tabs:
-            made = {
-                which: ui.tab(which, label=document.path.name)
-                for which, document in documents.items()
-            }
+            for which, document in documents.items():
+                ui.tab(which, label=document.path.name)
+        tabs.set_value(DOMAIN)
         self._tabs = tabs
-        with ui.tab_panels(tabs, value=DOMAIN, animated=False, keep_alive=True).classes(
-            "serp-panels"
-        ):
-            for which, tab in made.items():
-                with ui.tab_panel(tab):
-                    self._editors[which] = ui.codemirror(
-                        documents[which].text,
-                        language=None if which == SCENARIOS else _LANGUAGE,
-                        indent="  ",
-                        on_change=functools.partial(self._edited, which),
-                        keymap={"Mod-s": lambda: self.save()},
-                    ).classes("serp-code")
+        # Not panels of the tabs: an editor that was never shown would not be there to be told.
+        for which in documents:
+            with ui.element("div").classes("serp-document") as panel:
+                self._editors[which] = ui.codemirror(
+                    documents[which].text,
+                    language=None if which == SCENARIOS else _LANGUAGE,
+                    indent="  ",
+                    on_change=functools.partial(self._edited, which),
+                    keymap={"Mod-s": lambda: self.save()},
+                ).classes("serp-code")
+            panel.bind_visibility_from(tabs, "value", value=which)
 
     def dark(self, dark: bool) -> None:
         """Show the text light on dark, or dark on light."""
         for editor in self._editors.values():
-            editor.theme = _THEMES[dark]
+            editor.run_method("setTheme", _THEMES[dark])
 
     def _edited(self, which: str, event: Any) -> None:
         self._session.edit(which, event.value or "")
@@ -69,12 +87,14 @@ class EditorPane:
                 editor.map_key(key, pressed)
 
     def underline(self, which: str, marks: list[dict[str, Any]]) -> None:
-        """Underline places of a document.
-
-        Not by the property `decorations`: with it goes the text of this moment, over what has been
-        typed since.
-        """
+        """Underline places of a document."""
         self._editors[which].run_method("setDecorations", marks)
+
+    def keep_in_sight(self) -> None:
+        """Show the cursor where what is below the text has grown over it."""
+        self._tabs.client.run_javascript(
+            _IN_SIGHT % [editor.id for editor in self._editors.values()]
+        )
 
     # Going there -------------------------------------------------------------------------------
 
@@ -90,8 +110,8 @@ class EditorPane:
         """Put the cursor before a character of a document and show its line."""
         editor = self._editors[which]
         self._tabs.set_value(which)
-        units = len((editor.value or "")[:start].encode("utf-16-le")) // 2  # as the browser counts
-        ui.run_javascript(
+        units = _units(self._session.documents[which].text[:start])
+        editor.client.run_javascript(
             f"const e = getElement({editor.id}).editor;"
             f"const at = Math.min({units}, e.state.doc.length);"
             "e.dispatch({selection: {anchor: at}, scrollIntoView: true}); e.focus();"
@@ -139,6 +159,25 @@ class EditorPane:
         self._live.changed()
 
     def refresh(self) -> None:
-        """Show the texts of the session."""
+        """Propose the texts of the session to the browser, from where they come back as changes."""
         for which, editor in self._editors.items():
-            editor.set_value(self._session.documents[which].text)
+            known, text = editor.value or "", self._session.documents[which].text
+            if known == text:
+                continue
+            first = _common(known, text)
+            last = _common(known[first:][::-1], text[first:][::-1])
+            begin = _units(known[:first])
+            end = begin + _units(known[first : len(known) - last])
+            told = (editor.id, known, begin, end, text[first : len(text) - last])
+            editor.client.run_javascript(f"{_REPLACE}({', '.join(map(json.dumps, told))})")
+
+
+def _units(text: str) -> int:
+    """Return the length of a text as browsers count it."""
+    return len(text.encode("utf-16-le")) // 2
+
+
+def _common(one: str, other: str) -> int:
+    """Return the number of characters with which both texts begin."""
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((k for k, (a, b) in pairs if a != b), min(len(one), len(other)))

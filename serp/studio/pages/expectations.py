@@ -67,6 +67,7 @@ class ExpectationsPane:
             ui.notify("Write a title first.")
             return
         session = self._session
+        before = session.documents[SCENARIOS].text
         self._add.props("loading")
         try:
             text = await run.io_bound(session.expectations.with_state, title, session.shown)
@@ -74,6 +75,9 @@ class ExpectationsPane:
             ui.notify(with_notes(error), type="negative", multi_line=True)
         else:
             if self._live.closed:
+                return
+            if session.documents[SCENARIOS].text != before:
+                ui.notify("The scenarios have been changed meanwhile. Add the state once more.")
                 return
             session.edit(SCENARIOS, text)
             self._editor.refresh()

@@ -63,6 +63,7 @@ class FindingsPane:
         ]
         self._summary.set_text(view.failure or ", ".join(said) or "Nothing is wrong here.")
         self._list.set_content("".join(map(self._item, range(_MOST), view.findings)))
+        self._editor.keep_in_sight()
 
     def _underline(self, version: Version) -> None:
         """Underline the places of findings, unless the text has changed since.

@@ -128,7 +128,8 @@ class ScenePane:
             origin += f", {action}" if action and as_played else ""
         changed = request.shown.values and not as_played
         self._origin.set_text(origin + (", changed by hand" if changed else ""))
-        self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))
+        if view.decision is not None:  # else the last one stays, as the decision does
+            self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))
         picture = ""
         if session.step is not None and played is not None:
             url = played.steps[session.step].picture

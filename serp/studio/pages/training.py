@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from html import escape
 from typing import Any, Final
 
@@ -27,6 +28,7 @@ class TrainingPane:
 
     def __init__(self, session: Session) -> None:
         self._session = session
+        self._colours: dict[str, str] = {}
         with ui.element("div").classes("serp-row"):
             self._begin = ui.button("Train", on_click=self.begin).props("dense outline no-caps")
             self._stop = ui.button("Stop", on_click=self.stop).props("dense outline no-caps")
@@ -36,8 +38,10 @@ class TrainingPane:
                 number.classes("serp-seed")
         self._summary = ui.label().classes("serp-verdict").props('role="status"')
         with ui.element("div").classes("serp-charts"):
-            self._returns = _chart("return of an episode, and ρ", ["return", "mean of 20", "ρ"])
-            self._errors = _chart("error of the file's model, in usual changes", [])
+            self._returns = _chart(
+                "return of an episode and ρ, over steps", ["return", "mean of 20", "ρ"]
+            )
+            self._errors = _chart("error of the file, in usual changes, over steps", [])
         self._vetoes = ui.html()
         self._timer = ui.timer(_EVERY, self._look, active=session.training is not None)
         self._stop.set_enabled(session.training is not None)
@@ -91,9 +95,10 @@ class TrainingPane:
         ):
             series["data"] = [[*pair] for pair in zip(steps, values, strict=True)][::every]
         self._returns.update()
+        colours = self._colours_of(progress.errors)
         self._errors.options["series"] = [
-            _line(name, colour, list(zip(progress.error_steps, values, strict=True)))
-            for (name, values), colour in zip(progress.errors.items(), _COLOURS, strict=False)
+            _line(name, colours[name], list(zip(progress.error_steps, values, strict=True)))
+            for name, values in progress.errors.items()
         ]
         self._errors.update()
         rows = "".join(
@@ -105,20 +110,42 @@ class TrainingPane:
             f'<table class="serp-vetoes">{head}<tbody>{rows}</tbody></table>' if rows else ""
         )
 
+    def _colours_of(self, shown: Collection[str]) -> dict[str, str]:
+        """Return fluent → colour; who is shown already keeps its own."""
+        kept = {name: colour for name, colour in self._colours.items() if name in shown}
+        free = [colour for colour in _COLOURS if colour not in kept.values()]
+        new = (name for name in shown if name not in kept)
+        self._colours = kept | dict(zip(new, free, strict=False))
+        return self._colours
+
 
 def _chart(title: str, names: list[str]) -> Any:
     colours = {"return": "sky", "mean of 20": "blue", "ρ": "orange"}
     faint = PALETTE["line"][0]
-    axis = {"axisLine": {"lineStyle": {"color": faint}}, "splitLine": {"show": False},
-            "axisLabel": {"color": faint}}  # fmt: skip
+    line = {"lineStyle": {"color": faint}}
+    axis = {"axisLine": line, "splitLine": {"show": False}, "axisLabel": {"color": faint}}
     return ui.echart(
         {
             "animation": False,
-            "title": {"left": 0, "text": title, "textStyle": {"fontSize": 12, "color": faint}},
-            "grid": {"left": 46, "right": 46, "top": 62, "bottom": 28},
-            "legend": {"top": 28, "left": 0, "textStyle": {"color": faint}, "type": "scroll"},
+            "title": {
+                "left": 0,
+                "top": 0,
+                "text": title,
+                "padding": 0,
+                "textStyle": {"fontSize": 13, "fontWeight": "normal", "color": faint},
+            },
+            "grid": {"left": 46, "right": 46, "top": 80, "bottom": 28},
+            "legend": {
+                "top": 22,
+                "left": 0,
+                "padding": [4, 0],
+                "itemWidth": 14,
+                "itemHeight": 4,
+                "icon": "roundRect",
+                "textStyle": {"color": faint},
+            },
             "tooltip": {"trigger": "axis"},
-            "xAxis": {"type": "value", **axis},
+            "xAxis": {"type": "value", **axis, "axisLine": {"onZero": False, **line}},
             "yAxis": [
                 {"type": "value", "scale": True, **axis},
                 {"type": "value", "min": 0, "max": 1, "show": "ρ" in names, **axis},

@@ -169,7 +169,11 @@ def test_a_problem_moves_with_its_domain_so_that_the_training_is_of_what_is_show
     session = open_session("../theirs/switch.pddl", mine)
     session.edit("domain", SWITCH + "; mine\n")
     assert session.save() == [mine / "switch.pddl", mine / "switch-problem.pddl"]
-    commands = []
+    commands: list[list[str]] = []
+    (mine / "runs").symlink_to(theirs)
+    with pytest.raises(SerpError, match="leads out of the working folder"):
+        session.begin_training(100, 0)
+    (mine / "runs").unlink()
     monkeypatch.setattr(
         "serp.studio.session.BackgroundTraining", lambda command, *_: commands.append(command)
     )
@@ -246,6 +250,8 @@ def test_only_the_browser_with_the_token_is_let_in() -> None:
     assert answer(guard, here)["status"] == 403
     assert answer(guard, here, "token=wrong")["status"] == 403
     assert answer(guard, {"host": "evil.example:8000"}, f"token={guard.token}")["status"] == 403
+    foreign = {**here, "origin": "http://evil.example"}
+    assert answer(guard, foreign, f"token={guard.token}")["status"] == 403
     welcome = answer(guard, here, f"token={guard.token}")
     cookie = dict(welcome["headers"])[b"set-cookie"].decode()
     assert "HttpOnly; SameSite=Strict" in cookie
