@@ -51,15 +51,7 @@ class ChosenPlanner(MonitorReplanner):
         called: str,
         undisturbed: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
     ) -> None:
-        super().__init__(
-            model,
-            depth=settings.depth,
-            discount=settings.discount,
-            repeat=settings.repeat,
-            max_nodes=settings.max_nodes,
-            accepted_risk=settings.accepted_risk,
-            time_budget=time_budget,
-        )
+        super().__init__(model, **self.used(settings), time_budget=time_budget)
         self._planner = planner
         self._called = called
         self._undisturbed = undisturbed

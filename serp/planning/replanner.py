@@ -9,9 +9,10 @@ import functools
 import math
 import time
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 import networkx as nx
+import numpy as np
 from numpy.typing import ArrayLike
 
 from serp._util.numbers import real
@@ -22,6 +23,8 @@ from serp.planning.forecast import Forecast
 from serp.planning.graph import PlanningGraph
 from serp.planning.limits import Bound
 from serp.settings import PlannerSettings
+
+_SETTINGS: Final = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
 
 
 class PlannedStep(NamedTuple):
@@ -148,7 +151,23 @@ class MonitorReplanner:
         self.time_budget = None if time_budget is None else real(time_budget, infinite=True)
         if time_budget is not None and not (self.time_budget or 0.0) > 0:
             raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
-        model.native_step()  # compiled now, so that no decision waits for it
+        # Compiled and loaded now: it would count as time of the first decision.
+        model.native_step()
+        PlanningGraph(
+            model, self.settings.replace(depth=1, max_nodes=1), np.zeros(len(model.fluents))
+        )
+
+    @classmethod
+    def of(
+        cls, model: TransitionModel, settings: PlannerSettings, *, time_budget: float | None = None
+    ) -> MonitorReplanner:
+        """Return the planner with settings; its graph is the same whatever planner they name."""
+        return MonitorReplanner(model, **cls.used(settings), time_budget=time_budget)
+
+    @staticmethod
+    def used(settings: PlannerSettings) -> dict[str, Any]:
+        """Return those of the settings that count here, by name."""
+        return {name: getattr(settings, name) for name in _SETTINGS}
 
     def plan(self, state: ArrayLike) -> Plan:
         """Plan from an observed state `[F]`.

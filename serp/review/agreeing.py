@@ -51,12 +51,8 @@ class AgreeingPlanner:
 
     def paths(self, state: Vector, seconds: float) -> list[list[int]]:
         """Return the ground actions, one a control period, of the best path by each action."""
-        used = self._settings
         if self._far is None:
-            planner = MonitorReplanner(
-                self.model, depth=used.depth, discount=used.discount, repeat=used.repeat,
-                max_nodes=used.max_nodes, accepted_risk=used.accepted_risk, time_budget=seconds,
-            )  # fmt: skip
+            planner = MonitorReplanner.of(self.model, self._settings, time_budget=seconds)
             return planner.plan(state).paths
         deadline, found = time.monotonic() + seconds, list[list[int]]()
         for action in range(len(self.model.actions)):

@@ -86,16 +86,8 @@ def read(version: Version, surroundings: Surroundings) -> Reading:
 
 
 def planner_of(model: TransitionModel, settings: PlannerSettings) -> MonitorReplanner:
-    """Return the lookahead of a model; whatever planner is set, its graph is what can be shown."""
-    return MonitorReplanner(
-        model,
-        depth=settings.depth,
-        discount=settings.discount,
-        repeat=settings.repeat,
-        max_nodes=settings.max_nodes,
-        accepted_risk=settings.accepted_risk,
-        time_budget=_SECONDS,
-    )
+    """Return the lookahead of a model."""
+    return MonitorReplanner.of(model, settings, time_budget=_SECONDS)
 
 
 def _for_any_state(domain: Domain, surroundings: Surroundings) -> Domain:
