@@ -8,9 +8,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 import click
-from pygments.lexers.lisp import CommonLispLexer
+from pygments import token
+from pygments.lexer import RegexLexer, words
 from pygments.lexers.special import TextLexer
-from pygments.token import Keyword
 from sphinx.application import Sphinx
 from sphinx.highlighting import lexers
 
@@ -32,13 +32,29 @@ extensions = [
 ]
 exclude_patterns = ["build"]
 
+PDDL_WORDS = (
+    "define", "domain", "problem", "and", "or", "not", "imply", "when", "forall", "exists",
+    "assign", "increase", "decrease", "scale-up", "scale-down",
+)  # fmt: skip
 
-class PddlLexer(CommonLispLexer):
-    """Pygments has none for PDDL+, and Lisp has no `#t`."""
+
+class PddlLexer(RegexLexer):
+    """Pygments has none for PDDL, and that of Lisp takes names such as `position` for its own."""
 
     tokens = {  # noqa: RUF012
-        **CommonLispLexer.tokens,
-        "body": [(r"#t\b", Keyword.Constant), *CommonLispLexer.tokens["body"]],
+        "root": [
+            (r"\s+", token.Whitespace),
+            (r";.*", token.Comment.Single),
+            (r"#t\b", token.Keyword.Constant),
+            (r":[\w-]+", token.Keyword),
+            (r"\?[\w-]+", token.Name.Variable),
+            (r"-?\d+(\.\d+)?", token.Number),
+            (words(PDDL_WORDS, prefix=r"(?<=\()", suffix=r"(?=[\s()])"), token.Name.Builtin),
+            (r"[a-zA-Z][\w-]*", token.Name),
+            (r"[<>=*/+-]+", token.Operator),
+            (r"[()]", token.Punctuation),
+            (r".", token.Text),
+        ]
     }
 
 

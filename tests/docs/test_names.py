@@ -6,6 +6,7 @@ import ast
 import contextlib
 import importlib
 import re
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
@@ -13,6 +14,7 @@ from typing import get_args
 import pytest
 
 import serp
+from serp.cli.root import COMMANDS, SECTIONS
 from serp.comparison.algorithms import OWN, algorithm_entries
 from serp.comparison.compare import compare
 from serp.control.decision import Actor, Reason
@@ -73,6 +75,12 @@ def comparison_files() -> set[str]:
     return {path.name + "/" * path.is_dir() for path in folder.iterdir()}
 
 
+def extras() -> set[str]:
+    """What users install; `docs` and `dev` are for developers."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return {*project["optional-dependencies"]} - {"docs", "dev"}
+
+
 LISTS: dict[str, Callable[[], set[str]]] = {
     "metrics.csv": lambda: set(METRICS_COLUMNS),
     "decisions.csv": lambda: set(DECISIONS_COLUMNS),
@@ -84,6 +92,7 @@ LISTS: dict[str, Callable[[], set[str]]] = {
     "algorithms": lambda: {*OWN, *algorithm_entries()},
     "tasks": lambda: set(task_entries()),
     "comparison folder": comparison_files,
+    "extras": extras,
 }
 NOT_IN_EVERY_RUN = {
     "problem.pddl",
@@ -107,6 +116,13 @@ def test_lists_of_names_are_complete(
     expected = LISTS[what]()
     assert set(named) - expected <= NOT_IN_EVERY_RUN
     assert expected <= set(named)
+
+
+def test_the_reference_has_every_command_in_the_sections_of_the_help() -> None:
+    text = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^\.\. click:: (.+):command\n   :prog: serp (.+)$", text, re.M)
+    assert [(name, module) for module, name in shown] == [*COMMANDS.items()]
+    assert re.findall(r"^## (.+)$", text, re.M) == [head for head, _ in SECTIONS.values()]
 
 
 def test_the_reference_has_every_public_name() -> None:
