@@ -26,9 +26,8 @@ class Forecast(NamedTuple):
             the value of its last state where `Lookahead.leaves` is set; -inf where not applicable.
         path_risk: `[A]` probability, in [0, 1], of an unsafe step on that path; steps whose risk is
             accepted count as 0, and a path whose risk is accepted has that of the safest action of
-            its rank (see `serp.planning.preference`). 1 if the path contains a step that the file
-            flags, or a state in which every action that might be applicable has an undefined
-            result; 1 where not applicable.
+            its rank. 1 if the path contains a step that the file flags, or a state in which every
+            action that might be applicable has an undefined result; 1 where not applicable.
         safe_steps: `[A]` control periods on that path before the first step that has a risk (an
             edge of the planner's setting `repeat` has several), or before such a state; SAFE where
             there is none, -1 where not applicable. A path whose risk is accepted has those of the
