@@ -1,4 +1,4 @@
-"""A planner by its name, for `serp plan`."""
+"""The planner that a training would have, for `serp plan` and `serp play`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ import numpy as np
 
 from serp._util.number_format import readable
 from serp._util.text import plural
+from serp.control.own_planners import own_planners
+from serp.control.registry import make_planner, refuse_unknown_names
 from serp.explanation.sentences import TO_THE_UNKNOWN
 from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
 from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
+from serp.settings import Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,15 +26,17 @@ if TYPE_CHECKING:
 
     from serp.control.protocols import Planner
     from serp.model.transition_model import TransitionModel, Vector
+    from serp.planning.forecast import Forecast
     from serp.settings import PlannerSettings
+    from serp.tasks.task import Task
 
 
 class ChosenPlanner(MonitorReplanner):
     """Any planner, in the form that `serp plan` shows.
 
-    Values and choices are the planner's own. The path of the lookahead is the one that it values;
-    that of another planner is where its choices lead to by the model, a control period a step. The
-    graph is that of the lookahead alone.
+    Values and choices are the planner's own. Where they are those of the lookahead, the plan is its
+    plan: path and planning graph are what it values. The path of another decision is where choices
+    lead to by the model, a control period a step, and the graph is that of the lookahead alone.
 
     Args:
         planner: The planner.
@@ -68,17 +73,23 @@ class ChosenPlanner(MonitorReplanner):
             return near
         with self._undisturbed():
             found = self._planner.forecast(now)
+            if _alike(found, near.forecast):
+                return near
             path = self._path(now, found.choice)
             return Plan.of(self.model, found, path, near.planning_graph)
+
+    @staticmethod
+    def decided_by_graph(plan: Plan) -> bool:
+        """Return whether a plan is what its planning graph decides."""
+        return plan.forecast is plan.planning_graph.forecast
 
     def paths(self, plan: Plan, state: Vector) -> list[list[int]]:
         """Return where each action leads to, a control period a step, as far as there is time.
 
-        Of the lookahead, these are the paths that it values.
-
-        Of a planner that searches for whole plans, this is the plan alone.
+        Where the planning graph decides, these are the paths that it values. Of a planner that
+        searches for whole plans, this is the plan alone.
         """
-        if isinstance(self._planner, Lookahead):
+        if self.decided_by_graph(plan):
             return plan.paths
         number, deadline = self.model.action_index, time.monotonic() + (self.time_budget or 0.0)
         found: list[list[int]] = [[] for _ in self.model.actions]
@@ -113,13 +124,46 @@ class ChosenPlanner(MonitorReplanner):
             return f"{self._called} follows a plan of {length} to the goal."
         if plan.bound is Bound.EXHAUSTED:
             return f"{self._called} saw everything that can be reached, {discount}."
-        repeat = self.settings.repeat if isinstance(self._planner, Lookahead) else 1
+        near, repeat = self.decided_by_graph(plan), self.settings.repeat
+        if plan.bound is Bound.NODES and not near:  # that of a closed graph
+            repeat = 1
         each = f", each repeated for {repeat} control periods" if repeat > 1 else ""
-        saw = f"{self._called} looked ahead {plural(plan.depth, 'action')}{each}, {discount}."
+        states = f": {plural(plan.nodes, 'state')}" if near else ""
+        saw = (
+            f"{self._called} looked ahead {plural(plan.depth, 'action')}{each}{states}, {discount}."
+        )
         if plan.bound is Bound.CELLS:
             saw += " Values of cells stand for what lies beyond."
         elif plan.bound is Bound.UNKNOWN:
             saw += f" {TO_THE_UNKNOWN}"
-        elif plan.bound is not Bound.DEPTH:
-            saw += " Its budget ended there."
+        elif plan.bound is Bound.TIME:
+            saw += " The time budget ended the lookahead there."
+        elif plan.bound is Bound.NODES:
+            ended = "The next layer would exceed the limits on nodes and edges."
+            saw += f" {ended if near else 'Its budget ended there.'}"
         return saw
+
+
+def chosen_planner(
+    model: TransitionModel, settings: PlannerSettings, task: Task | None, time_budget: float
+) -> ChosenPlanner:
+    """Return the planner that settings name.
+
+    Args:
+        model: The model that it plans with.
+        settings: Its settings.
+        task: Has further planners; None for none.
+        time_budget: Seconds that the lookahead may take.
+
+    Raises:
+        SettingsError: There is no such planner.
+    """
+    own = {} if task is None else own_planners(task.loaded().planners)
+    refuse_unknown_names(Settings(planner=settings), own)
+    planner = make_planner(model, settings, own)
+    return ChosenPlanner(planner, model, settings, time_budget, f"The planner {settings.name}")
+
+
+def _alike(one: Forecast, other: Forecast) -> bool:
+    columns = zip(one, other, strict=True)
+    return all(np.array_equal(np.asarray(mine), np.asarray(its)) for mine, its in columns)

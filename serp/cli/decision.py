@@ -7,34 +7,32 @@ from typing import TYPE_CHECKING, Any
 
 from serp._util.number_format import percent, readable
 from serp._util.text import plural
-from serp.cli.chosen_planner import ChosenPlanner
 from serp.cli.output import print_table
 from serp.explanation.decision import Alternative, Explanation, explain
 from serp.explanation.sentences import between, beyond_of, lines_of_causes, special_about
-from serp.planning.limits import Bound
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from serp.cli.chosen_planner import ChosenPlanner
     from serp.model.transition_model import Vector
-    from serp.planning.replanner import MonitorReplanner, Plan
+    from serp.planning.replanner import Plan
 
 _ACTIONS_SHOWN = 30
 _FLUENTS_SHOWN = 24
 _CAUSES_SHOWN = 12
 
 
-def account_of_plan(planner: MonitorReplanner, state: Vector, plan: Plan) -> Explanation:
+def account_of_plan(planner: ChosenPlanner, state: Vector, plan: Plan) -> Explanation:
     """Return the account of a planner's decision."""
-    paths = planner.paths(plan, state) if isinstance(planner, ChosenPlanner) else plan.paths
     return explain(
         planner.model, state, plan.forecast, plan.action,
-        paths=paths, discount=planner.settings.discount,
+        paths=planner.paths(plan, state), discount=planner.settings.discount,
     )  # fmt: skip
 
 
 def describe(
-    domain: str, origin: str, planner: MonitorReplanner, account: Explanation, plan: Plan
+    domain: str, origin: str, planner: ChosenPlanner, account: Explanation, plan: Plan
 ) -> dict[str, Any]:
     """Return a decision as JSON values (infinities and NaN among them)."""
     values, told = planner.model.values, account.as_dict()
@@ -71,7 +69,7 @@ def print_plan(
     console: Console,
     domain: str,
     origin: str,
-    planner: MonitorReplanner,
+    planner: ChosenPlanner,
     account: Explanation,
     plan: Plan,
 ) -> None:
@@ -89,7 +87,7 @@ def print_plan(
         _print_path(console, planner, account, plan)
 
 
-def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
+def verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
     """Return the sentences that sum a decision up."""
     if plan.name is None:
         if not planner.model.actions:
@@ -97,21 +95,7 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
         return ["No action is applicable here."]
     lines = [f"Chosen: {plan.name}, best return {readable(plan.reward)}."]
     lines += special_about(plan.forecast)
-    if isinstance(planner, ChosenPlanner):
-        return [*lines, planner.sight(plan)]
-    settings = planner.settings
-    each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""
-    ended = {
-        Bound.DEPTH: "",
-        Bound.NODES: " The next layer would exceed the limits on nodes and edges.",
-        Bound.TIME: " The time budget ended the lookahead there.",
-        Bound.EXHAUSTED: " No state is left to expand.",
-    }
-    lines.append(
-        f"Looked ahead {plural(plan.depth, 'action')}{each}: {plural(plan.nodes, 'state')}, "
-        f"discount {settings.discount:g}.{ended[plan.bound]}"
-    )
-    return lines
+    return [*lines, planner.sight(plan)]
 
 
 def print_state(console: Console, account: Explanation) -> None:
@@ -181,9 +165,7 @@ def _score(of: Alternative) -> tuple[float, ...]:
     return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
 
 
-def _print_path(
-    console: Console, planner: MonitorReplanner, account: Explanation, plan: Plan
-) -> None:
+def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, plan: Plan) -> None:
     rows, before = [], tuple(map(float, account.state.values()))
     for k, step in enumerate(plan.path, 1):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""

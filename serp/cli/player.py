@@ -18,8 +18,9 @@ from serp.explanation.sentences import told
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from serp.cli.chosen_planner import ChosenPlanner
     from serp.cli.state import MakePlanner
-    from serp.planning.replanner import MonitorReplanner, Plan
+    from serp.planning.replanner import Plan
     from serp.play.changes import FluentChange
     from serp.play.game import Game, GameStep
 
@@ -72,7 +73,7 @@ class Player:
         self._keys = keys
         self._parse = parse
         self._save = save
-        self._planner: tuple[object, MonitorReplanner] | None = None
+        self._planner: tuple[object, ChosenPlanner] | None = None
 
     def do(self, line: str) -> bool:
         """Carry out a command; return whether the game goes on.
@@ -172,7 +173,7 @@ class Player:
         origin = f"after {plural(game.moment.steps, 'step')}"
         print_plan(self._console, game.moment.domain.name, origin, planner, account, plan)
 
-    def _plan(self) -> tuple[MonitorReplanner, Plan]:
+    def _plan(self) -> tuple[ChosenPlanner, Plan]:
         """Plan in the world as it is; facts that were changed are another world.
 
         The first plan may have to wait for loops to be compiled.

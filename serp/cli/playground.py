@@ -51,15 +51,11 @@ class Playground:
 
     def planner(self, domain: Domain) -> ChosenPlanner:
         """Return the planner that a training would have in a world."""
-        # Imported when the planner is asked, because this imports torch.
-        from serp.cli.chosen_planner import ChosenPlanner
-        from serp.control.own_planners import own_planners
-        from serp.control.registry import make_planner
+        # Imported when the planner is asked, because this imports numba.
+        from serp.cli.chosen_planner import chosen_planner
 
-        model, chosen = domain.model.replace(dt=self.dt), self.settings().planner
-        own = own_planners(self.task.loaded().planners) if self.task else {}
-        planner = make_planner(model, chosen, own)
-        return ChosenPlanner(planner, model, chosen, 10.0, f"The planner {chosen.name}")
+        model = domain.model.replace(dt=self.dt)
+        return chosen_planner(model, self.settings().planner, self.task, 10.0)
 
     def save(self, title: str, game: Game, begun: Mapping[str, float]) -> str:
         """Write the situation of a game as a scenario, with what holds there; say where.

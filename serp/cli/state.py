@@ -13,16 +13,16 @@ from serp.cli.asked import with_domain
 from serp.errors import SerpError
 
 if TYPE_CHECKING:
+    from serp.cli.chosen_planner import ChosenPlanner
     from serp.model.loading import Domain
     from serp.model.transition_model import Vector
-    from serp.planning.replanner import MonitorReplanner
     from serp.tasks.task import Task
 
 _MOST_STEPS: Final = 200
 _MOST_SECONDS: Final = 10.0
 """Limits of the search for a state in which the planner has a choice."""
 
-MakePlanner = Callable[["Domain"], "MonitorReplanner"]
+MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 
 
 def asked_state(
@@ -92,7 +92,7 @@ def _observed(
     return domain, domain.model.values(state), origin
 
 
-def observed_state(task: Task, planner: MonitorReplanner | None, seed: int) -> tuple[Vector, str]:
+def observed_state(task: Task, planner: ChosenPlanner | None, seed: int) -> tuple[Vector, str]:
     """Return the first observed state `[F]` in which a planner has a choice, and its origin.
 
     Where the planner is indifferent, its action is executed and the next state is tried; after an

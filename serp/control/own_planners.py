@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import Arrays
 from serp._util.text import did_you_mean
-from serp.control.protocols import MakePlanner
 from serp.errors import TaskError
 from serp.model.loading import Domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.advice import Advise, AdvisedPlanner
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.settings import PlannerSettings
+
+if TYPE_CHECKING:
+    from serp.control.protocols import MakePlanner
 
 
 def own_planners(declared: Mapping[str, Any]) -> dict[str, MakePlanner]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from serp.control.protocols import Planner
+from typing import TYPE_CHECKING
+
 from serp.model.transition_model import TransitionModel
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
+
+if TYPE_CHECKING:
+    from serp.control.protocols import Planner
 
 
 def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:

@@ -14,6 +14,7 @@ from serp.explanation.flips import Flip, Flips
 from serp.explanation.refusals import schema_of, what_fails
 from serp.explanation.runner_up import RunnerUp
 from serp.planning.forecast import Forecast
+from serp.planning.limits import Bound
 
 TO_THE_UNKNOWN: Final = (
     "Nothing that the planner knows farther ahead is worth more than going on, so the plan leads "
@@ -94,9 +95,12 @@ def special_about(forecast: Forecast) -> list[str]:
     """Say what is special about the planner's choice: that all is the same, or nothing safe."""
     chosen, said = forecast.choice, []
     if forecast.indifferent:
+        why = "what matters lies beyond what it sees"
+        if forecast.bound is Bound.EXHAUSTED:
+            why = "nothing that can be reached makes a difference"
         said.append(
-            "All safe actions have the same best return (the planner is indifferent): what "
-            "matters lies beyond what it sees. The first in the file is taken."
+            "All safe actions have the same best return (the planner is indifferent): "
+            f"{why}. The first in the file is taken."
         )
     if chosen < 0 or forecast.safe:
         return said

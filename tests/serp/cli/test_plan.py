@@ -45,7 +45,7 @@ def test_of_a_run_its_own_planner_and_model_are_shown(run: Run, trained: Path) -
     drawn = run("plan", str(trained), "--state", given, "--svg=seen.svg")
     assert "Each fluent was changed alone" in drawn.stdout
     assert f"The model of {trained} is {agent.adaptation.adoption}." in drawn.stdout
-    assert "What the lookahead alone would choose is drawn in seen.svg" in drawn.stderr
+    assert "The planning graph is drawn in seen.svg" in drawn.stderr
     for wrong in ("--depth=3", "--domain=cartpole"):
         run("plan", str(trained), wrong, expect=2)
     assert "--domain cartpole" in run("plan", "cartpole", expect=2).stderr
@@ -57,15 +57,17 @@ def test_a_planner_is_chosen_by_its_name(run: Run, folder: Path) -> None:
     (folder / "hall-problem.pddl").write_text(
         "(define (problem p) (:domain edge) (:init (= (x) 0)) (:goal (and (>= (x) 8))))"
     )
-    near, same, far = (
+    near, far, same = (
         planned(run, "--domain", "hall.pddl", "--depth", "2", "--repeat", "2", *planner)
-        for planner in ((), ("--planner", "lookahead"), ("--planner", "far-sight"))
+        for planner in (("--planner", "lookahead"), ("--planner", "far-sight"), ())
     )
-    assert same == near and [action["beyond"] for action in near["actions"]] == [0.0, 0.0]
+    assert same == far and [action["beyond"] for action in near["actions"]] == [0.0, 0.0]
     for action in far["actions"]:  # the goal lies beyond the steps that are shown
         assert action["beyond"] == pytest.approx(action["best_return"])
     assert (near["bound"], far["bound"]) == ("depth", "exhausted")
     assert near["path"][0]["action"] == "leap" and far["action"] == "leap"
+    drawn = run("plan", "--domain", "hall.pddl", "--svg=hall.svg").stderr
+    assert "What the lookahead alone would choose is drawn in hall.svg" in drawn
     mistyped = run("plan", "--domain", "hall.pddl", "--planner", "far-sigt", expect=1)
     assert "did you mean `far-sight`" in mistyped.stderr
 
@@ -111,7 +113,7 @@ def test_json_is_what_the_planner_says(run: Run, walk: Path) -> None:
     assert state is not None
     planner = serp.MonitorReplanner(model, depth=4, discount=0.8)
     plan = planner.plan(state)
-    shown = planned(run, "--domain", "walk.pddl", "--depth", "4", "--discount", "0.8")
+    shown = planned(run, "--domain=walk.pddl", "--depth=4", "--discount=0.8", "--planner=lookahead")
     assert shown["state"] == model.values(state)
     assert shown["action"] == plan.name
     assert shown["best_return"] == plan.reward
@@ -149,15 +151,17 @@ def test_the_task_gives_control_period_and_settings(run: Run) -> None:
     shown = planned(run, "--domain=cartpole")
     assert shown["control_period"] == 0.02
     assert (shown["depth"], shown["repeat"]) == (5, 2)
-    shown = planned(run, "--domain=cartpole", "--dt=0.5", "--repeat=1", "--depth=3")
+    shown = planned(run, "--domain=cartpole", "--dt=0.5", "--repeat=1", "--depth=3",
+                    "--planner=lookahead")  # fmt: skip
     assert (shown["control_period"], shown["repeat"], shown["depth"]) == (0.5, 1, 3)
 
 
 def test_settings_of_the_planner_can_be_set_and_no_others(run: Run) -> None:
-    shown = planned(run, "--domain=cartpole", "--set=planner.depth=2", "--set=planner.repeat=3")
+    settings = ["--set=planner.depth=2", "--set=planner.repeat=3", "--set=planner.name=lookahead"]
+    shown = planned(run, "--domain=cartpole", *settings)
     assert (shown["depth"], shown["repeat"]) == (2, 3)
     refused = run("plan", "--domain=cartpole", "--set=arbiter.rho=1", expect=1).stderr
-    assert "one decision uses only planner.depth" in refused
+    assert "one decision uses only planner.name, planner.depth" in refused
 
 
 def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
@@ -175,7 +179,7 @@ def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
         (0, 1, "(the planner is indifferent)"),
         (4, 3, "Every action is predicted unsafe."),
         (2, 5, "The one that stays safe the longest, for 1 control period, is taken."),
-        (0, 3, "Looked ahead 3 actions: "),
+        (0, 3, "The planner lookahead looked ahead 3 actions: "),
         (9, 1, "No action is applicable here."),
     ],
 )
@@ -183,13 +187,14 @@ def test_the_verdict_says_what_is_special(
     x: int, depth: int, sentence: str, run: Run, folder: Path
 ) -> None:
     Path("edge.pddl").write_text(EDGE)
-    shown = run("plan", "--domain=edge.pddl", f"--state=x={x}", f"--depth={depth}").stdout
-    assert sentence in shown
+    arguments = ["--domain=edge.pddl", f"--state=x={x}", f"--depth={depth}", "--planner=lookahead"]
+    assert sentence in run("plan", *arguments).stdout
 
 
 def test_a_deadline_is_said(run: Run, folder: Path) -> None:
     Path("edge.pddl").write_text(EDGE.replace("(> (x) 3)", "(> (x) 1000)"))
     arguments = ["--domain=edge.pddl", "--state=x=0", "--depth=400", "--time-budget=0.000001"]
+    arguments.append("--planner=lookahead")
     assert "The time budget ended the lookahead there." in run("plan", *arguments).stdout
 
 

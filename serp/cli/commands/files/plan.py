@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from serp.settings import Changes
     from serp.tasks.task import Task
 
-_USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
-"""The settings of one decision, beside the name of the planner."""
+_USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
+"""The settings of one decision."""
 
 
 @click.command(
@@ -35,8 +35,7 @@ _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
         "serp plan --domain cartpole",
         "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
         "serp plan --domain my/world.pddl --problem my/world-problem.pddl --depth 4",
-        "serp plan --domain my/world.pddl --planner far-sight",
-        "serp plan --domain cartpole --svg decision.svg",
+        "serp plan --domain my/world.pddl --planner lookahead --svg decision.svg",
         "serp plan runs/seven --seed 3",
     ),
 )
@@ -58,10 +57,11 @@ _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
     "--planner",
     "planner_name",
     metavar="NAME",
-    help="Who plans.  [default: the lookahead, whose planning graph is shown]",
+    help="Who plans.  [default: the planner of a training]",
 )
 @click.option("--depth", type=click.IntRange(min=1), metavar="N",
-              help="Actions to look ahead.  [default: the task's, else 5]")  # fmt: skip
+              help="Actions to look ahead, where the planner does not see to the end.  "
+                   "[default: the task's, else 5]")  # fmt: skip
 @click.option("--discount", type=click.FloatRange(0, 1, min_open=True), metavar="X",
               help="Weight of a reward one control period later.")  # fmt: skip
 @click.option("--repeat", type=click.IntRange(min=1), metavar="N",
@@ -72,7 +72,7 @@ _USED = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
               show_default=True, metavar="S", help="Most seconds to look ahead.")  # fmt: skip
 @settings_option
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw the planning graph there; of a run, its lookahead's alone.")  # fmt: skip
+              help="Draw the planning graph there, that of the lookahead.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def command(
     run: Path | None,
@@ -93,10 +93,12 @@ def command(
     observed. While the planner is indifferent there, its action is executed, and the next state is
     tried.
 
+    The planner is the one that a training begins with, with the settings of the task. The picture
+    is one of the lookahead, and says so where the planner sees something else.
+
     With RUN, the folder of a training, the decision is that of its planner, with the model that it
     plans with, whatever that has learned.
     """
-    from serp.cli.chosen_planner import ChosenPlanner
     from serp.cli.run_planner import RunPlanner, asked_run
 
     domain, task, make_planner = (
@@ -134,7 +136,7 @@ def command(
         from serp.viz.plan_picture import plan_picture
 
         drawn, what = plan, "The planning graph"
-        if isinstance(planner, ChosenPlanner):  # what it sees beyond cannot be drawn
+        if not planner.decided_by_graph(plan):  # what else it sees cannot be drawn
             drawn, what = planner.lookahead(state), "What the lookahead alone would choose"
             origin += ": the lookahead alone"
         write_durably(svg, plan_picture(drawn, planner, title=f"{domain.name}, {origin}"))
@@ -163,36 +165,25 @@ def _planning(
     dt: float | None,
     time_budget: float,
     planner_name: str | None,
-    **options: float | None,
+    **options: Any,
 ) -> MakePlanner:
     """Return a function that makes the planner of a domain, as task, settings and options say."""
-    from serp.cli.chosen_planner import ChosenPlanner
-    from serp.control.own_planners import own_planners
-    from serp.control.registry import make_planner, refuse_unknown_names
-    from serp.planning.replanner import MonitorReplanner
-    from serp.settings import PlannerSettings, Settings, resolve
+    from serp.cli.chosen_planner import ChosenPlanner, chosen_planner
+    from serp.settings import resolve
+    from serp.tasks.worlds.file_world import STEP_BY_STEP
 
-    every = resolve("default", task.settings, settings) if task else Settings().replace(settings)
+    every = resolve("default", STEP_BY_STEP if task is None else task.settings, settings)
     for section, values in settings.items():
         for name in values:
             if section != "planner" or name not in _USED:
                 known = ", ".join(f"planner.{used}" for used in _USED)
                 raise SettingsError(f"--set {section}.{name}: one decision uses only {known}")
-    used: dict[str, Any] = {
-        name: options.get(name) or getattr(every.planner, name) for name in _USED
-    }
-    period = dt or (task.dt if task else 1.0)
-    if planner_name is None:
-        return lambda domain: MonitorReplanner(
-            domain.model.replace(dt=period), time_budget=time_budget, **used
-        )
-    chosen = PlannerSettings(**used, name=planner_name)
-    own = own_planners(task.loaded().planners) if task is not None else {}
-    refuse_unknown_names(Settings(planner=chosen), own)
+    given = {name: value for name, value in options.items() if value is not None}
+    if planner_name is not None:
+        given["name"] = planner_name
+    chosen, period = every.planner.replace(**given), dt or (task.dt if task else 1.0)
 
-    def chosen_planner(domain: Domain) -> MonitorReplanner:
-        model = domain.model.replace(dt=period)
-        planner = make_planner(model, chosen, own)
-        return ChosenPlanner(planner, model, chosen, time_budget, f"The planner {planner_name}")
+    def make_planner(domain: Domain) -> ChosenPlanner:
+        return chosen_planner(domain.model.replace(dt=period), chosen, task, time_budget)
 
-    return chosen_planner
+    return make_planner
