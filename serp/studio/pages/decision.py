@@ -12,7 +12,7 @@ from serp._util.number_format import percent, readable
 from serp.explanation.causes import Cause
 from serp.explanation.decision import Alternative
 from serp.explanation.sentences import told
-from serp.studio.pages.live import Live
+from serp.studio.pages.live import Live, Pane
 from serp.studio.session import Request, Session
 from serp.studio.view import View
 
@@ -25,18 +25,16 @@ _HEAD = (
 )
 
 
-class DecisionPane:
+class DecisionPane(Pane):
     """Shows decisions; where an error leaves none, the last one stays, faint.
 
     Args:
-        session: What is open.
-        live: Follows the session.
+        session, live: See `Pane`.
         jump: Shows a line and column of a file.
     """
 
     def __init__(self, session: Session, live: Live, jump: Callable[[str, int, int], None]) -> None:
-        self._session = session
-        self._live = live
+        super().__init__(session, live)
         self._jump = jump
         with (
             ui.element("section")

@@ -17,7 +17,7 @@ from nicegui import ui
 
 from serp.errors import SerpError
 from serp.studio.document import ChangedOnDisk
-from serp.studio.pages.live import Live
+from serp.studio.pages.live import Live, Pane
 from serp.studio.session import DOMAIN, SCENARIOS, Session
 
 _LANGUAGE = "Common Lisp"
@@ -37,17 +37,11 @@ _IN_SIGHT: Final = """requestAnimationFrame(() => {
 """Scrolls to a cursor that has just come to lie below the text."""
 
 
-class EditorPane:
-    """Editors in tabs.
-
-    Args:
-        session: What is open.
-        live: Follows the session.
-    """
+class EditorPane(Pane):
+    """Editors in tabs."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        self._session = session
-        self._live = live
+        super().__init__(session, live)
         self._editors: dict[str, ui.codemirror] = {}
         with ui.element("section").classes("serp-files"):
             self._build_editors()

@@ -9,25 +9,23 @@ from nicegui import run, ui
 
 from serp.errors import SerpError, with_notes
 from serp.studio.pages.editor import EditorPane
-from serp.studio.pages.live import Live
+from serp.studio.pages.live import Live, Pane, busy
 from serp.studio.session import SCENARIOS, Session
 
 if TYPE_CHECKING:
     from serp.scenarios.checking import Result
 
 
-class ExpectationsPane:
+class ExpectationsPane(Pane):
     """Runs the scenarios.
 
     Args:
-        session: What is open.
-        live: Follows the session.
+        session, live: See `Pane`.
         editor: Where the scenarios are edited.
     """
 
     def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
-        self._session = session
-        self._live = live
+        super().__init__(session, live)
         self._editor = editor
         with ui.element("div").classes("serp-row"):
             self._run = ui.button("Run the scenarios", on_click=self.run)
@@ -46,19 +44,17 @@ class ExpectationsPane:
                 "There are no scenarios yet. Choose a state, write a title, and add it."
             )
             return
-        self._run.props("loading")
-        try:
-            results = await run.io_bound(expectations.run)
-        except SerpError as error:
-            self._summary.set_text(with_notes(error))
-            self._list.set_content("")
-        else:
-            failed = sum(not result.passed for result in results)
-            passed = f"{len(results) - failed} passed"
-            self._summary.set_text(f"{passed}, {failed} failed" if failed else passed)
-            self._list.set_content("".join(map(_result, results)))
-        finally:
-            self._run.props(remove="loading")
+        with busy(self._run):
+            try:
+                results = await run.io_bound(expectations.run)
+            except SerpError as error:
+                self._summary.set_text(with_notes(error))
+                self._list.set_content("")
+                return
+        failed = sum(not result.passed for result in results)
+        passed = f"{len(results) - failed} passed"
+        self._summary.set_text(f"{passed}, {failed} failed" if failed else passed)
+        self._list.set_content("".join(map(_result, results)))
 
     async def add(self) -> None:
         """Add the state that is shown, as a scenario of what holds there."""
@@ -68,25 +64,23 @@ class ExpectationsPane:
             return
         session = self._session
         before = session.documents[SCENARIOS].text
-        self._add.props("loading")
-        try:
-            text = await run.io_bound(session.expectations.with_state, title, session.shown)
-        except SerpError as error:
-            ui.notify(with_notes(error), type="negative", multi_line=True)
-        else:
-            if self._live.closed:
+        with busy(self._add):
+            try:
+                text = await run.io_bound(session.expectations.with_state, title, session.shown)
+            except SerpError as error:
+                ui.notify(with_notes(error), type="negative", multi_line=True)
                 return
-            if session.documents[SCENARIOS].text != before:
-                ui.notify("The scenarios have been changed meanwhile. Add the state once more.")
-                return
-            session.edit(SCENARIOS, text)
-            self._editor.refresh()
-            self._editor.reveal(SCENARIOS, len(text), text.count("\n") + 1)
-            self._title.set_value("")
-            self._live.changed()
-            await self.run()
-        finally:
-            self._add.props(remove="loading")
+        if self._live.closed:
+            return
+        if session.documents[SCENARIOS].text != before:
+            ui.notify("The scenarios have been changed meanwhile. Add the state once more.")
+            return
+        session.edit(SCENARIOS, text)
+        self._editor.refresh()
+        self._editor.reveal(SCENARIOS, len(text), text.count("\n") + 1)
+        self._title.set_value("")
+        self._live.changed()
+        await self.run()
 
 
 def _result(result: Result) -> str:

@@ -12,7 +12,7 @@ from nicegui import ui
 from serp._util.text import plural
 from serp.lint.findings import Finding
 from serp.studio.pages.editor import EditorPane
-from serp.studio.pages.live import Live
+from serp.studio.pages.live import Live, Pane
 from serp.studio.reading import Version
 from serp.studio.session import Request, Session
 from serp.studio.view import View
@@ -26,18 +26,16 @@ _CLICK: Final = (
 )
 
 
-class FindingsPane:
+class FindingsPane(Pane):
     """The list of findings; each can be gone to, and mended where it is known how.
 
     Args:
-        session: What is open.
-        live: Follows the session.
+        session, live: See `Pane`.
         editor: Where the texts are edited.
     """
 
     def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
-        self._session = session
-        self._live = live
+        super().__init__(session, live)
         self._editor = editor
         self._findings: tuple[Finding, ...] = ()
         self._listed: list[str] | None = None

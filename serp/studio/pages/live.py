@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
-from nicegui import background_tasks, run
+from nicegui import background_tasks, run, ui
 
 from serp.studio.session import Request, Session
 from serp.studio.view import View
@@ -61,3 +62,26 @@ class Live:
             if view is not None and not self.closed:
                 for shown in self._shown:
                     shown(request, view)
+
+
+class Pane:
+    """A part of the page.
+
+    Args:
+        session: What is open.
+        live: Follows the session.
+    """
+
+    def __init__(self, session: Session, live: Live) -> None:
+        self._session = session
+        self._live = live
+
+
+@contextmanager
+def busy(button: ui.button) -> Iterator[None]:
+    """Show that what a button has begun goes on."""
+    button.props("loading")
+    try:
+        yield
+    finally:
+        button.props(remove="loading")

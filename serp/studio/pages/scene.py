@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from nicegui import run, ui
 
 from serp.errors import SerpError
-from serp.studio.pages.live import Live
+from serp.studio.pages.live import Live, Pane, busy
 from serp.studio.pages.state import StatePane
 from serp.studio.session import PROBLEM, Request, Session
 from serp.studio.view import View
 
+_MOST_MARKERS: Final = 50
 
-class ScenePane:
-    """Buttons that choose the state, the steps of the episode, two pictures, and the fluents.
 
-    Args:
-        session: What is open.
-        live: Follows the session.
-    """
+class ScenePane(Pane):
+    """Buttons that choose the state, the steps of the episode, two pictures, and the fluents."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        self._session = session
-        self._live = live
+        super().__init__(session, live)
         with ui.element("section").classes("serp-panel").props('aria-label="Situation"'):
             with ui.element("div").classes("serp-row"):
                 if PROBLEM in session.documents:
@@ -42,7 +38,7 @@ class ScenePane:
                     ui.button("Next veto", on_click=self._next_veto).props("dense outline no-caps")
                 self._origin = ui.label().classes("serp-faint")
             self._steps = ui.slider(min=0, max=1, step=1, value=0, on_change=self._chosen)
-            self._steps.props('dense snap markers aria-label="Step of the episode"')
+            self._steps.props('dense snap aria-label="Step of the episode"')
             self._steps.set_visibility(False)
             with ui.element("div").classes("serp-situation"):
                 with ui.element("div").classes("serp-scenes"):
@@ -56,28 +52,26 @@ class ScenePane:
 
         What prevents it is told, unless nobody has asked for it.
         """
-        self._play.props("loading")
-        try:
-            player = self._session.player(int(self._seed.value or 0))
-            played = await run.io_bound(player)
-            if self._live.closed:
+        with busy(self._play):
+            try:
+                played = await run.io_bound(self._session.player(int(self._seed.value or 0)))
+            except SerpError as error:
+                if not unasked:  # a place in a file is told beside the text, with its line
+                    ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
                 return
-            self._session.take(played)
-        except SerpError as error:
-            if not unasked:  # a place in a file is told beside the text, with its line
-                ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
-        else:
-            if played.note:
-                ui.notify(played.note, multi_line=True)
-            self._taken()
-        finally:
-            self._play.props(remove="loading")
+        if self._live.closed:
+            return
+        self._session.take(played)
+        if played.note:
+            ui.notify(played.note, multi_line=True)
+        self._taken()
 
     def _taken(self) -> None:
         """Show the steps of an episode that was taken over."""
         played = self._session.played
         assert played is not None
         self._steps.props(f"max={len(played.steps) - 1}")
+        self._steps.props["markers"] = len(played.steps) <= _MOST_MARKERS
         self._steps.set_visibility(len(played.steps) > 1)
         self._steps.set_value(self._session.step)
         self._live.changed()

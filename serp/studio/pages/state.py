@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
-from serp.studio.pages.live import Live
+from serp.studio.pages.live import Live, Pane
 from serp.studio.session import Request, Session
 from serp.studio.shown_state import Control
 from serp.studio.view import View
@@ -19,17 +19,11 @@ _MOST = 60
 """Fluents that are shown at a time."""
 
 
-class StatePane:
-    """Sliders and switches.
-
-    Args:
-        session: What is open.
-        live: Follows the session.
-    """
+class StatePane(Pane):
+    """Sliders and switches."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        self._session = session
-        self._live = live
+        super().__init__(session, live)
         self._controls: tuple[Control, ...] = ()
         self._setters: dict[str, list[Any]] = {}
         self._filter = ""

@@ -10,7 +10,7 @@ from nicegui import run, ui
 
 from serp._util.text import plural
 from serp.errors import SerpError
-from serp.studio.pages.live import Live
+from serp.studio.pages.live import Live, Pane, busy
 from serp.studio.session import Session
 from serp.studio.shown_state import ShownState
 from serp.studio.versions import Difference, VersionsCompared, compare_versions
@@ -23,17 +23,11 @@ _CLICK: Final = (
 )
 
 
-class VersionsPane:
-    """Compares the text with the saved file, or with another file beside it.
-
-    Args:
-        session: What is open.
-        live: Follows the session.
-    """
+class VersionsPane(Pane):
+    """Compares the text with the saved file, or with another file beside it."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        self._session = session
-        self._live = live
+        super().__init__(session, live)
         self._states: list[ShownState] = []
         here = session.documents["domain"].path
         others = sorted(str(path) for path in here.parent.glob("*.pddl") if path != here)
@@ -52,24 +46,22 @@ class VersionsPane:
     async def compare(self) -> None:
         """Compare on the state that is shown and all steps of the episode."""
         session = self._session
-        self._compare.props("loading")
-        try:
-            other = session.saved_version
-            if self._other.value == _OF_RUN and session.recorded is not None:
-                other = session.recorded.version
-            elif self._other.value != _SAVED:
-                other = session.other_version(Path(self._other.value))
-            self._states = session.states()
-            found = await run.io_bound(
-                compare_versions, other, session.version, session.surroundings, self._states
-            )
-        except SerpError as error:
-            self._summary.set_text(str(error))
-            self._table.set_content("")
-        else:
-            self._show(found)
-        finally:
-            self._compare.props(remove="loading")
+        with busy(self._compare):
+            try:
+                other = session.saved_version
+                if self._other.value == _OF_RUN and session.recorded is not None:
+                    other = session.recorded.version
+                elif self._other.value != _SAVED:
+                    other = session.other_version(Path(self._other.value))
+                self._states = session.states()
+                found = await run.io_bound(
+                    compare_versions, other, session.version, session.surroundings, self._states
+                )
+            except SerpError as error:
+                self._summary.set_text(str(error))
+                self._table.set_content("")
+            else:
+                self._show(found)
 
     def _show(self, found: VersionsCompared) -> None:
         said = f"{plural(found.states, 'state')}: {found.chosen} with another choice"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -70,6 +71,8 @@ def status(address: str, **headers: str) -> int:
 def test_only_who_has_the_address_is_let_in(opened: Opened) -> None:
     origin, _, token = opened.address.partition("/?")
     assert origin.startswith("http://127.0.0.1:") and token.startswith("token=")
+    with pytest.raises(OSError):  # another address of this machine
+        socket.create_connection(("127.0.0.2", int(origin.rpartition(":")[2])), 1)
     assert status(opened.address) == 200
     assert status(f"{origin}/") == 403
     assert status(opened.address, Host="evil.example") == 403

@@ -136,7 +136,7 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> Non
     folder, outside = tmp_path / "mine", tmp_path / "theirs.pddl"
     folder.mkdir()
     outside.write_text("theirs")
-    document = Document(outside, folder)
+    document = Document(folder / ".." / "theirs.pddl", folder)
     document.text = "mine"
     assert document.save() == folder / "theirs.pddl" and outside.read_text() == "theirs"
     (folder / "theirs.pddl").write_text("changed meanwhile")
