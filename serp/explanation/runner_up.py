@@ -67,8 +67,9 @@ def compared(predicted: Predicted, names: Sequence[str], chosen: int, other: int
     if not int(predicted.flags[chosen]) & APPLICABLE:
         own = path_score(3, 1.0, -1, -np.inf)
     by: By = next((by for by, a, b in zip(_BY, own, others, strict=True) if a != b), "order")
-    gap = float(predicted.value[chosen] - predicted.value[other])
-    if by == "value" and abs(gap) <= _ALIKE * abs(float(predicted.value[chosen])):
+    value, worse = float(predicted.value[chosen]), float(predicted.value[other])
+    gap = 0.0 if value == worse else value - worse  # both may be infinite
+    if by == "value" and abs(gap) <= _ALIKE * abs(value) < np.inf:
         by = "delay"
     risks = float(predicted.path_risk[chosen]), float(predicted.path_risk[other])
     return RunnerUp(other, names[other], (own, -chosen) > (others, -other), by, gap, risks)

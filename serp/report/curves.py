@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.text import plural
-from serp.errors import SerpError
+from serp.errors import RunError, SerpError
 from serp.report.recorded_steps import RecordedEpisode
 from serp.runs.recording import evaluations_of, open_recording
 from serp.runs.summary import Metrics, binned_shares, moving_interval, moving_mean
@@ -58,31 +58,37 @@ def _spread(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, max(0, count - 1), min(count, most)).astype(np.int64))
 
 
-def planner_baseline(run: Run, episodes: int) -> dict[str, Any] | None:
-    """Return the planner's mean return: `mean`, `low`, `high` and a `label`.
+def planner_baseline(run: Run, episodes: int) -> tuple[dict[str, Any] | None, list[str]]:
+    """Return the planner's mean return: `mean`, `low`, `high` and a `label`; and what was left out.
 
     It is that of the recorded evaluation with the most episodes; without one the planner is
-    evaluated now, for some episodes (None if for 0).
+    evaluated now, for some episodes (None if for 0). What cannot be read or evaluated is left out,
+    for the rest of a report does not need it.
     """
     found: dict[str, list[float]] = {}
+    notes: list[str] = []
     for name in evaluations_of(run.path):
-        recording = open_recording(run.path, name)
-        if recording.layout.policy == "planner":
-            rewards = recording.columns("env_reward")["env_reward"]
-            found[name] = [float(rewards[own].sum()) for own in recording.episodes.values()]
+        try:
+            recording = open_recording(run.path, name)
+            if recording.layout.policy == "planner":
+                rewards = recording.columns("env_reward")["env_reward"]
+                found[name] = [float(rewards[own].sum()) for own in recording.episodes.values()]
+        except RunError as error:
+            notes.append(f"The evaluation {name} was left out: {error}")
     best = max(found, key=lambda name: len(found[name]), default="")
     if best and found[best]:
         returns, origin = found[best], f"evaluation {best}"
     else:
         try:
             returns = list(run.evaluate("planner", episodes=episodes).returns) if episodes else []
-        except SerpError:  # no checkpoint, or no environment
+        except SerpError as error:  # no checkpoint, or no environment
             returns = []
+            notes.append(f"The planner alone was not evaluated: {error}")
         origin = "evaluated for this report"
     if not returns:
-        return None
+        return None, notes
     mean = float(np.mean(returns))
     low, high = interval_of(returns) or (mean, mean)
     count = plural(len(returns), "episode")
     label = f"the planner alone, mean of {count} with its 95 % interval ({origin})"
-    return {"mean": mean, "low": low, "high": high, "label": label}
+    return {"mean": mean, "low": low, "high": high, "label": label}, notes

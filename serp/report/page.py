@@ -58,6 +58,7 @@ class Content:
         causes: What of the file is behind their alternatives.
         scenes: The pictures of their episodes.
         baseline: The return of the planner alone; None if it is not known.
+        notes: What was left out, and why.
     """
 
     read: RunModel
@@ -69,6 +70,7 @@ class Content:
     causes: CauseTable
     scenes: DrawnScenes
     baseline: dict[str, Any] | None
+    notes: list[str]
 
     @property
     def evaluation(self) -> str:
@@ -118,6 +120,7 @@ def page(content: Content) -> str:
         figures=_figures(content, summary),
         curve={"window": WINDOW} if summary["episodes"] else None,
         baseline=content.baseline,
+        notes=[visible(note) for note in content.notes],
         evaluation=content.evaluation,
         vetoes=veto_table(content.recording, content.actions),
         prevented=_prevented(content),

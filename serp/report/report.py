@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from serp._util.files import write_durably
-from serp._util.terminal import bar
+from serp._util.terminal import bar, visible
+from serp.errors import Notice
 from serp.report.causes import CauseTable
 from serp.report.curves import planner_baseline
 from serp.report.model_errors import model_errors
@@ -52,6 +54,8 @@ def write_report(
         baseline: Episodes of the planner alone if no evaluation of it was recorded; 0 for none.
         quiet: Show no progress bar.
 
+    A damaged evaluation, beside the one that is shown, is left out; the page and a `Notice` say so.
+
     Raises:
         RunError: The run has no recording, or a file cannot be read or written.
         SerpError: Its task cannot be loaded, or its environment failed.
@@ -70,6 +74,9 @@ def write_report(
             most_bytes=_PICTURE_BYTES,
             on_picture=advance,
         )
+    compared, notes = planner_baseline(run, baseline)
+    for note in notes:
+        warnings.warn(visible(note), Notice, stacklevel=2)
     content = Content(
         read=read,
         run=run,
@@ -79,7 +86,8 @@ def write_report(
         errors=model_errors(read.model, shown, recording.usual_change),
         causes=CauseTable(read.adapted or read.model, shown),
         scenes=scenes,
-        baseline=planner_baseline(run, baseline),
+        baseline=compared,
+        notes=notes,
     )
     write_durably(path, page(content))
 

@@ -117,6 +117,15 @@ class Recording:
         if number < len(self._files) - 1 and len(found["number"]) != self.layout.block:
             raise RunError(f"{self._files[number]} has too few steps. Restore it from a copy.")
 
+    def check(self) -> None:
+        """Read every block once.
+
+        Raises:
+            RunError: One is damaged.
+        """
+        for number in range(len(self._files)):
+            self._read_block(number)
+
     def columns(self, *names: str, since: int = 0) -> Columns:
         """Return columns of all steps: name → `[N, ...]`; see `serp.runs.recording_format`.
 

@@ -26,13 +26,15 @@ class RecordedRun:
         version: The files as the run has them.
 
     Raises:
-        RunError: It has no recording.
+        RunError: It has no recording, or a part of that is damaged: what a page needs later is
+            checked before there is one.
     """
 
     def __init__(self, run: Path, version: Version) -> None:
         self.run = run
         self.version = version
         self._recording: Recording = open_recording(run)
+        self._recording.check()
 
     @functools.cached_property
     def vetoes(self) -> list[int]:

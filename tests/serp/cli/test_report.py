@@ -7,6 +7,7 @@ import dataclasses
 import gzip
 import json
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,14 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from serp.cli.root import serp
+from serp.errors import Notice, RunError
 from serp.report.causes import CauseTable
 from serp.report.recorded_steps import chosen_steps, recorded_episodes
 from serp.report.scene import drawn_scenes
 from serp.review.run_model import RunModel
 from serp.runs.reading import read_metrics
 from serp.runs.recording_format import Layout, blocks_in, decode, encode
+from serp.studio.opening import open_session
 from serp.training.rollout import training_seed
 from serp.training.run import load_run
 from tests.serp.cli.conftest import QUICK, Run, train
@@ -155,6 +158,58 @@ def test_an_evaluation_is_drawn_by_its_recorded_seed(
         assert wider.keys() >= {"value", "ground"}
         file.write_bytes(encode(columns | wider))
     assert "other actions" in pictures(actions=[*header["actions"], "jump"])[1]
+
+
+def test_damaged_evaluations_are_left_out_and_named_and_infinite_values_are_shown(
+    run: Run, trained: Path, tmp_path: Path
+) -> None:
+    damaged = tmp_path / "run"
+    shutil.copytree(trained, damaged, ignore=shutil.ignore_patterns("evaluations"))
+    run("evaluate", str(damaged), "--policy=planner", "--episodes=2", "--seed=20")
+    folder = damaged / "evaluations" / "planner-seed20"
+    for name in ("cut", "endless"):
+        shutil.copytree(folder, folder.with_name(name))
+    shutil.copytree(folder, folder.with_name("headless"))
+    (folder.with_name("headless") / "recording.json").write_text("{")
+    file = folder.with_name("cut") / "block-000000.npz"
+    file.write_bytes(file.read_bytes()[:-40])
+
+    def forge(name: str, column: str) -> None:
+        file = folder.with_name(name) / "block-000000.npz"
+        columns = decode(file, Layout.read(folder))
+        columns[column] = columns[column].copy()
+        columns[column][0] = np.inf
+        file.write_bytes(encode(columns))
+
+    forge("endless", "env_reward")
+    quick = ("--pictures=0", "-o", f"{tmp_path}/x.html")
+    with pytest.warns(Notice) as issued:
+        run("report", str(damaged), *quick)
+    told = "\n".join(str(each.message) for each in issued)
+    page = (tmp_path / "x.html").read_text()
+    for name, why in (
+        ("cut", "block-000000.npz is damaged (File is not a zip file)"),
+        ("endless", "block-000000.npz is damaged: env_reward holds inf"),
+        ("headless", "recording.json is damaged"),
+    ):
+        assert f"The evaluation {name} was left out: {folder.with_name(name)}/{why}" in told
+        assert f"The evaluation {name} was left out" in page
+    assert "(evaluation planner-seed20)" in page  # the planner is that of the evaluation in order
+    shown = ("--evaluation=planner-seed20", *quick, "--baseline=0")
+    forge("planner-seed20", "value")
+    with pytest.warns(Notice):
+        run("report", str(damaged), *shown)
+    assert np.isposinf(data_of(tmp_path / "x.html")[1]["value"]).any()
+    why = ("why", str(damaged), "--evaluation=planner-seed20", "--episode=1", "--step=1")
+    assert "best return" in run(*why, "--json").stdout.replace("_", " ")
+    assert re.search(r"push-left +0\.\d+ +inf\n", run(*why).stdout)
+    forge("planner-seed20", "reward")  # no model predicts that
+    for command in (("report", str(damaged), *shown), why):
+        assert "block-000000.npz is damaged: reward holds inf" in run(*command, expect=1).stderr
+    block = shutil.copy(folder / "block-000000.npz", damaged / "recording")
+    with pytest.raises(RunError, match="block-000000.npz is damaged"):
+        open_session(str(damaged), tmp_path)
+    assert f"{block} is damaged" in run("why", str(damaged), expect=1).stderr
 
 
 def test_mistakes_are_told(run: Run, trained: Path) -> None:
