@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+from serp.pddl.scope import INSTEAD, REQUIREMENTS_INSTEAD
+
+_REFUSED = {**INSTEAD, **REQUIREMENTS_INSTEAD}
 MEANINGS = {
+    **{
+        word: f"Not supported: {instead}."
+        for word, instead in _REFUSED.items()
+        if word.startswith(":") or word in ("oneof", "probabilistic", "preference")
+    },
     "define": "A file holds one definition: a domain, or a problem of it.",
     "domain": "The name of the domain; the task of the same name belongs to it.",
     "problem": "The name of the problem.",
@@ -59,6 +67,29 @@ MEANINGS = {
     "sin": "The sine of an angle in radians.",
     "cos": "The cosine of an angle in radians.",
     "atan2": "The angle, in radians, of a point with coordinates y and x.",
+    "object": "The type that all objects have.",
+    "number": "What functions have; it need not be written.",
+    "minimize": "What it loses in a step is the reward of the step.",
+    "maximize": "What it gains in a step is the reward of the step.",
+    "total-time": "The time since the start; a metric can read it.",
+    ":strips": "The file has predicates, and effects on them.",
+    ":typing": "The file gives types to objects and parameters.",
+    ":equality": "The file compares objects: `(= ?a ?b)`.",
+    ":negative-preconditions": "The file has conditions with `not`.",
+    ":disjunctive-preconditions": "The file has conditions with `or` or `imply`.",
+    ":existential-preconditions": "The file has conditions with `exists`.",
+    ":universal-preconditions": "The file has conditions with `forall`.",
+    ":quantified-preconditions": "The file has conditions with `exists` or `forall`.",
+    ":conditional-effects": "The file has effects under `when` or `forall`.",
+    ":adl": "The file has types, conditions of every kind, and conditional effects.",
+    **dict.fromkeys((":fluents", ":numeric-fluents"), "The file has functions of numbers."),
+    ":action-costs": "The file has functions of numbers that are increased only, as costs.",
+    **dict.fromkeys(
+        (":time", ":hybrid", ":continuous-effects"), "The file has processes, or events."
+    ),
+    ":processes": "The file has processes.",
+    ":events": "The file has events.",
+    ":math-functions": "The file has `sqrt`, `sin` and the like, which other PDDL tools refuse.",
 }
 """Word → its meaning."""
 

@@ -12,7 +12,7 @@ from serp.pddl.sexpr import Group, Word, read_group
 from serp.pddl.source import DomainError, Source
 from serp.pddl.syntax import MATH_REQUIREMENT
 
-_SUPPORTED = frozenset(
+SUPPORTED_REQUIREMENTS = frozenset(
     (
         *(":strips", ":typing", ":equality", ":adl", ":conditional-effects"),
         *(":negative-preconditions", ":disjunctive-preconditions", ":quantified-preconditions"),
@@ -21,6 +21,7 @@ _SUPPORTED = frozenset(
         *(":time", ":processes", ":events", ":continuous-effects", ":hybrid", MATH_REQUIREMENT),
     )
 )
+"""What a file may list under `:requirements`."""
 _FILE_NAME = re.compile(r"[a-z0-9][a-z0-9_.\-]*\Z")
 
 
@@ -76,8 +77,8 @@ def read_requirements(group: Group | None) -> frozenset[str]:
         if (instead := REQUIREMENTS_INSTEAD.get(node.text)) is not None:
             text = f"requirement `{node.text}` is not supported"
             node.place.warn(text, "unknown-requirement", advice=instead)
-        elif node.text not in _SUPPORTED:
-            advice = did_you_mean(node.text, _SUPPORTED)
+        elif node.text not in SUPPORTED_REQUIREMENTS:
+            advice = did_you_mean(node.text, SUPPORTED_REQUIREMENTS)
             text = f"requirement `{node.text}` is unknown; {advice}"
             node.place.warn(text, "unknown-requirement")
         listed.add(node.text)

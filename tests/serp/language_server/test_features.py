@@ -14,8 +14,13 @@ from serp.language_server.completion import choices
 from serp.language_server.features import code_actions, symbols
 from serp.language_server.hover import explained
 from serp.language_server.index import Index
+from serp.language_server.keywords import MEANINGS
 from serp.language_server.positions import Positions
 from serp.lint.findings import findings_of
+from serp.pddl.balance import SECTIONS
+from serp.pddl.declarations import RESERVED_WORDS
+from serp.pddl.definition import SUPPORTED_REQUIREMENTS
+from serp.pddl.scope import REQUIREMENTS_INSTEAD
 from serp.pddl.source import Source
 from tests.serp.cli.conftest import WALK
 from tests.serp.pddl.test_fuzz import SHIPPED, damage
@@ -43,6 +48,18 @@ def test_damaged_files_are_explained_as_far_as_they_can_be_read() -> None:
             except SerpError:
                 continue
             assert len({place.text.lower() for place in places}) == 1
+
+
+def test_every_word_of_the_language_is_explained() -> None:
+    words = RESERVED_WORDS | SUPPORTED_REQUIREMENTS | REQUIREMENTS_INSTEAD.keys() | SECTIONS
+    assert sorted(words - {"preference"} - MEANINGS.keys()) == []
+    text = "(define (domain d) (:requirements :typing :durative-actions))"
+    source = Source("d.pddl", text)
+    found = [explained(Index(source), source, text.index(w)) for w in (":typing", ":durative")]
+    assert [said and said[0] for said in found] == [
+        "The file gives types to objects and parameters.",
+        "Not supported: write an action, and a process for what goes on meanwhile.",
+    ]
 
 
 @pytest.mark.parametrize(
