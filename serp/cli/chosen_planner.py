@@ -129,9 +129,10 @@ class ChosenPlanner(MonitorReplanner):
             repeat = 1
         each = f", each repeated for {repeat} control periods" if repeat > 1 else ""
         states = f": {plural(plan.nodes, 'state')}" if near else ""
-        saw = (
-            f"{self._called} looked ahead {plural(plan.depth, 'action')}{each}{states}, {discount}."
-        )
+        closes = not isinstance(self._planner, Lookahead)
+        began = "could not follow all that can be reached, and " if closes else ""
+        ahead = f"{plural(plan.depth, 'action')}{each}{states}"
+        saw = f"{self._called} {began}looked ahead {ahead}, {discount}."
         if plan.bound is Bound.CELLS:
             saw += " Values of cells stand for what lies beyond."
         elif plan.bound is Bound.UNKNOWN:

@@ -49,6 +49,7 @@ def describe(
         "repeat": planner.settings.repeat,
         "control_period": planner.model.dt,
         "bound": plan.bound.name.lower(),
+        "partial": plan.bound.partial,
         "nodes": plan.nodes,
         "actions": told["alternatives"],
         "runner_up": told["runner_up"],
@@ -93,7 +94,8 @@ def verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
         if not planner.model.actions:
             return ["The domain has no ground action: there is nothing to decide."]
         return ["No action is applicable here."]
-    lines = [f"Chosen: {plan.name}, best return {readable(plan.reward)}."]
+    kind = "return in sight" if plan.bound.partial else "best return"
+    lines = [f"Chosen: {plan.name}, {kind} {readable(plan.reward)}."]
     lines += special_about(plan.forecast)
     return [*lines, planner.sight(plan)]
 
@@ -127,7 +129,7 @@ def print_alternatives(console: Console, account: Explanation, refused: str = ""
         mark = "→" if taken else "✗" if each.name == refused else ""
         rows.append((mark, each.name, *numbers, each.remark))
         styles.append(style)
-    head = ("", "action", "reward", "best return", "remarks")
+    head = ("", "action", "reward", account.kind_of_return, "remarks")
     print_table(console, head, rows, styles=styles, right=(2, 3))
     if len(order) > _ACTIONS_SHOWN:
         rest = plural(len(order) - _ACTIONS_SHOWN, "more action")

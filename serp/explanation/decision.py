@@ -22,6 +22,7 @@ from serp.explanation.runner_up import RunnerUp, runner_up_of
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
 
 _NOISE: Final = 1e-9
 """Share of a reward that is a difference by rounding."""
@@ -51,6 +52,10 @@ class Predicted(Protocol):
     @property
     def flags(self) -> NDArray[np.int64]:
         """Flags of one control period."""
+
+    @property
+    def bound(self) -> Bound:
+        """What ended the planner's sight."""
 
 
 @dataclass(frozen=True)
@@ -151,12 +156,19 @@ class Explanation:
         alternatives: All actions, in their order.
         chosen: Position of the action that was taken; None for none.
         runner_up: The best other action, and what is between the two; None where there is none.
+        partial: Whether the best returns are those of the steps in sight alone.
     """
 
     state: dict[str, float | bool]
     alternatives: tuple[Alternative, ...]
     chosen: int | None
     runner_up: RunnerUp | None
+    partial: bool
+
+    @property
+    def kind_of_return(self) -> str:
+        """What a return of an action is called."""
+        return "return in sight" if self.partial else "best return"
 
     @property
     def taken(self) -> Alternative | None:
@@ -171,6 +183,7 @@ class Explanation:
             "alternatives": [each.as_dict() for each in self.alternatives],
             "chosen": self.chosen,
             "runner_up": None if other is None else asdict(other),
+            "partial": self.partial,
         }
 
 
@@ -210,7 +223,8 @@ def explain(
         for k, g in enumerate(ground)
     )
     values = model.values(state)
-    return Explanation(values, alternatives, chosen, runner_up_of(predicted, names, chosen))
+    other = runner_up_of(predicted, names, chosen)
+    return Explanation(values, alternatives, chosen, other, predicted.bound.partial)
 
 
 def _alternative(

@@ -21,6 +21,10 @@ TO_THE_UNKNOWN: Final = (
     "to what is not known; best returns count that as the most that there could be."
 )
 """What the bound `UNKNOWN` of a planner's sight means."""
+IN_SIGHT: Final = (
+    "The planner did not see to the end of the task: a return in sight leaves out what comes later."
+)
+"""What a bound that is `partial` means."""
 
 
 def told(cause: Cause) -> str:
@@ -65,7 +69,7 @@ def between(runner_up: RunnerUp, name: str) -> str:
     if runner_up.by == "order":
         return f"To the planner {other} is worth the same and comes first in the file."
     better = {
-        "value": f"its best return is larger by {readable(abs(runner_up.gap))}",
+        "value": f"its return is larger by {readable(abs(runner_up.gap))}",
         "delay": "it is worth as much, and does not put that off",
         "rank": "it is safer one step ahead",
         "risk": f"its path has less risk{_risks(runner_up)}",
@@ -78,7 +82,7 @@ def lesser(other: RunnerUp) -> str:
     """Say, to follow its name, why the planner prefers the action taken to another one."""
     return {
         "order": "which is worth the same and comes later in the file",
-        "value": f"whose best return is smaller by {readable(abs(other.gap))} (units of reward)",
+        "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
         "delay": "which is worth as much, but puts that off",
         "rank": "which is less safe one step ahead, whatever it gains",
         "risk": f"whose path has more risk{_risks(other)}, whatever it gains",
@@ -102,6 +106,8 @@ def special_about(forecast: Forecast) -> list[str]:
             "All safe actions have the same best return (the planner is indifferent): "
             f"{why}. The first in the file is taken."
         )
+    if chosen >= 0 and forecast.bound.partial:
+        said.append(IN_SIGHT)
     if chosen < 0 or forecast.safe:
         return said
     steps, risk = int(forecast.safe_steps[chosen]), float(forecast.path_risk[chosen])

@@ -30,6 +30,11 @@ class Bound(IntEnum):
     CELLS = 4
     UNKNOWN = 5
 
+    @property
+    def partial(self) -> bool:
+        """Whether returns are those of the steps in sight, and leave out what comes later."""
+        return self in (Bound.DEPTH, Bound.NODES, Bound.TIME)
+
 
 def node_budget(max_nodes: int, actions: int) -> int:
     """Return the most nodes to expand, with `actions` edges at each."""

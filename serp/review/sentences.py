@@ -10,7 +10,13 @@ from serp._util.text import plural
 from serp.control.decision import Actor, Reason
 from serp.explanation.causes import Cause
 from serp.explanation.refusals import unsafe_ahead
-from serp.explanation.sentences import TO_THE_UNKNOWN, lines_of_causes, lines_of_flips, told
+from serp.explanation.sentences import (
+    IN_SIGHT,
+    TO_THE_UNKNOWN,
+    lines_of_causes,
+    lines_of_flips,
+    told,
+)
 from serp.planning.limits import Bound
 from serp.review.predictions import PredictedFluent
 from serp.review.step_account import StepAccount
@@ -76,7 +82,7 @@ def who_decided(
     bound: Bound,
     why: str,
 ) -> list[str]:
-    """Say who decided and why, and whether the planner's values are those of what is not known.
+    """Say who decided and why, and what the planner's values leave out, or take of the unknown.
 
     Args:
         reason: Why the executed action was executed.
@@ -107,7 +113,9 @@ def who_decided(
             if action != proposal
             else f"{action} was executed all the same: nothing better was left."
         )
-    return [*lines, TO_THE_UNKNOWN] if bound is Bound.UNKNOWN else lines
+    if bound is Bound.UNKNOWN:
+        lines.append(TO_THE_UNKNOWN)
+    return [*lines, IN_SIGHT] if bound.partial else lines
 
 
 def why_refused(

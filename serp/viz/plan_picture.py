@@ -100,7 +100,8 @@ def _foot(picture: PlanPicture, plan: Plan, planner: MonitorReplanner, wide: int
         ended = ", ended by the limit on nodes" if plan.bound is Bound.NODES else ""
         sentences.append(f"Lookahead: {actions}; discount {settings.discount:g}{ended}.")
     if plan.path:
-        sentences.append("A number beside a first action is its best return.")
+        kind = "return in sight" if plan.bound.partial else "best return"
+        sentences.append(f"A number beside a first action is its {kind}.")
     sentences += special_about(plan.forecast)
     edges = plan.graph.number_of_edges()
     if len(layout.branches) < edges:

@@ -80,6 +80,7 @@ class FarSightPlanner:
         self._revision = model.revision
         self._saved = self._decisions = self._attempt_at = self._cells_at = 0
         self._limit, self._price = _SMALL_GRAPH, 1
+        self._needed = 0
         self._closes = self._favoured = False
         self._trial_at = _FIRST_TRIAL
 
@@ -118,10 +119,11 @@ class FarSightPlanner:
         """Return whether another attempt at a closed graph is worth what it may cost.
 
         Between numbers that are not whole there are always others: most such graphs do not close.
+        Where the newest one did, the next will take about as much.
         """
         if self._decisions == 1 or _whole(state):
             return self._saved >= 0
-        return self._saved >= self._limit
+        return self._saved >= (self._needed if self._closes else self._limit)
 
     def _grow(self, state: Vector) -> Forecast | None:
         """Grow the closed graph, or build it anew; return its forecast if it has one."""
@@ -144,6 +146,8 @@ class FarSightPlanner:
             edges += self.search.steps + self.graph.edges
         self._saved -= edges
         self._closes = found is not None and graph.complete
+        if self._closes:
+            self._needed = edges
         if found is None:
             if full:
                 self._limit = min(2 * self._limit, MAX_EDGES)
@@ -231,6 +235,7 @@ class FarSightPlanner:
             "ahead": self._ahead,
             "price": self._price,
             "closes": self._closes,
+            "needed": self._needed,
             "trial_at": self._trial_at,
             "favoured": self._favoured,
             "revision": self._revision,
@@ -251,6 +256,7 @@ class FarSightPlanner:
         self._attempt_at, self._cells_at = saved.whole("attempt_at"), saved.whole("cells_at")
         self._limit, self._ahead = saved.whole("limit", 1, MAX_EDGES), saved.whole("ahead")
         self._price, self._closes = saved.whole("price", 0, _SAVED), saved.truth("closes")
+        self._needed = saved.whole("needed")
         self._trial_at, self._favoured = saved.whole("trial_at"), saved.truth("favoured")
         cells = self.cells
         cells.bins, cells.explores = saved.real("bins", 0.0, FINEST), saved.truth("explores")

@@ -20,7 +20,7 @@ _MOST_CAUSES = 3
 _DEEPEST = 30
 _PLACE = "(e) => { const b = e.target.closest('[data-place]'); if (b) emit(b.dataset.place) }"
 _HEAD = (
-    "<thead><tr><th></th><th>action</th><th>reward</th><th>best return</th><th>risk</th>"
+    "<thead><tr><th></th><th>action</th><th>reward</th><th>{}</th><th>risk</th>"
     "<th>why</th></tr></thead>"
 )
 
@@ -74,7 +74,8 @@ class DecisionPane(Pane):
         rows = "".join(_row(alternatives[k], decision.account.chosen) for k in decision.order)
         if left := len(alternatives) - len(decision.order):
             rows += f'<tr><td></td><td colspan="5">… and {left:,} more</td></tr>'
-        self._table.set_content(f'<table class="serp-actions">{_HEAD}<tbody>{rows}</tbody></table>')
+        head = _HEAD.format(decision.account.kind_of_return)
+        self._table.set_content(f'<table class="serp-actions">{head}<tbody>{rows}</tbody></table>')
         self._verdict.set_text(" ".join(decision.verdict))
         self._graph.set_content(decision.graph)
 
