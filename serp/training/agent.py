@@ -235,8 +235,7 @@ class Agent:
         """
         vetoes, say = self.arbiter.vetoes, self.task.on_notice
         relied_on = vetoes.lookahead_reliable
-        if vetoes.observe(step):
-            self.adaptation.reset_visits()
+        vetoes.observe(step)
         if relied_on and not vetoes.lookahead_reliable and say is not None:
             say(
                 f"{vetoes.lookahead_failures} something unsafe happened that was avoidable by the "
