@@ -15,8 +15,14 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def closest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that is most like another one; None where none is like it."""
-    close = difflib.get_close_matches(word, sorted(set(known)), n=1, cutoff=0.6)
+    """Return the known word that is most like another one; None where none is like it.
+
+    Nothing is more like `ball-to-robot` than `robot-to-ball`.
+    """
+    names = sorted(set(known))
+    parts = sorted(word.split("-"))
+    turned = [name for name in names if sorted(name.split("-")) == parts]
+    close = turned or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     return close[0] if close else None
 
 

@@ -71,6 +71,7 @@ _WARNINGS = {
     "not-portable": "Other PDDL tools do not read this.",
     "not-reached": "What cannot happen from the problem's `:init` on.",
     "nothing-unsafe": "No action will ever be refused.",
+    "one-way": "A number only ever moves away from a limit.",
     "other-domain": "The problem names another domain.",
     "out-of-range": "A number far outside what the task observes.",
     "redundant-condition": "A condition that another one beside it makes needless.",

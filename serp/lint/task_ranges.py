@@ -97,9 +97,9 @@ def _numbers_of(ground: g.GroundModel, theta: list[float]) -> Iterator[tuple[int
     for schema in ground.schemas:
         for test in (*schema.preconditions, *(effect.condition for effect in schema.effects)):
             for comparison in g.comparisons_of(test):
-                found = threshold(comparison, theta)
-                if found is not None:
-                    yield (*found, comparison.place)
+                if (limit := threshold(comparison, theta)) is not None:
+                    fluent, _, number = limit
+                    yield fluent, number, comparison.place
         for effect in schema.effects:
             if (
                 isinstance(effect, g.SetNumber)

@@ -84,7 +84,7 @@ def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[x.SchemaParamete
 
 def _comparison(group: Group, scope: Scope) -> x.Condition:
     if len(group.items) != 3:
-        raise DomainError(f"`{group.head}` compares two things", group.place)
+        raise slips.not_two(group, f"`{group.head}` compares two things")
     left, right = (as_function(node, scope) for node in group.items[1:])
     if group.head == "=" and not any(isinstance(n, Group) or is_number(n) for n in (left, right)):
         return x.SameObject(parse_term(left, scope), parse_term(right, scope), group.place)

@@ -68,10 +68,14 @@ def typed_list(
         if variables:
             if not isinstance(node, Word) or not _VARIABLE.match(node.text):
                 shown = node.text if isinstance(node, Word) else "a list"
+                advice = "variables begin with `?`, as in `?robot`"
+                if waiting and isinstance(node, Word) and is_name(node):
+                    last = waiting[-1].text
+                    advice = f"write `{last} - {shown}` for a type, `?{shown}` for a variable"
                 raise DomainError(
                     f"expected a variable for {what}, found `{shown}`",
                     node.place,
-                    "variables begin with `?`, as in `?robot`",
+                    advice,
                 )
             waiting.append(node)
         else:

@@ -113,7 +113,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
 
 def _change(group: Group, scope: Scope) -> x.ChangeFunction:
     if len(group.items) != 3:
-        raise DomainError(f"`{group.head}` takes a function and a value", group.place)
+        raise slips.not_two(group, f"`{group.head}` takes a function and a value")
     change = _CHANGES[group.head]
     if is_number(group.items[1]) and isinstance(group.items[2], Group):
         problem = f"`{group.head}` takes a function first, then a value"

@@ -16,6 +16,7 @@ from serp.pddl.source import DomainError, Place
 from serp.pddl.syntax import MATH_FUNCTIONS, MATH_REQUIREMENT, Declaration
 
 _COMMA = re.compile(r"([+-]?\d+),(\d+)\Z", re.ASCII)
+_PLAIN = re.compile(r"(\d+\.?\d*|\.\d+)\Z", re.ASCII)
 _DASHES = dict.fromkeys(map(ord, "\u2212\u2013\u2014\u2010\u2011"), "-")
 _COMPARISONS = {"==": "=", "=<": "<=", "=>": ">=", "!=": "not =", "<>": "not ="}
 _CONNECTIVES = {"&&": "and", "&": "and", "||": "or", "|": "or", "->": "imply"}
@@ -156,8 +157,29 @@ def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
     )
 
 
+def not_two(group: Group, problem: str) -> DomainError:
+    """Return the error of a form that takes two numbers, and has other parts."""
+    if len(group.items) == 4:
+        sign, number = group.items[2:]
+        if isinstance(sign, Word) and sign.text == "-" and _PLAIN.match(written(number)):
+            return DomainError(
+                "a minus stands apart from its number",
+                group.place.source.place(sign.place.start, number.place.end),
+                write=f"-{written(number)}",
+                code="bad-number",
+            )
+    return DomainError(problem, group.place)
+
+
 def several_after(group: Group, at: int, problem: str) -> DomainError:
     """Return the error of a form whose items from one position on have to be one."""
+    words = [node for node in group.items[1:] if isinstance(node, Word)]
+    if len(words) == 1 and len(group.items) == at + 2:
+        place = words[0].place
+        behind = group.items[group.items.index(words[0]) + 1 :]
+        end = behind[0].place.start if behind else place.end
+        fix = Fix((Edit(place.start, end, ""),))
+        return DomainError(f"{problem}, not `{words[0].text}`", place, "leave it out", fix=fix)
     if len(group.items) <= at + 1 or any(isinstance(node, Word) for node in group.items[at:]):
         return DomainError(problem, group.place)
     kept = " ".join(written(node) for node in group.items[:at])

@@ -95,9 +95,10 @@ def thresholds(model: TransitionModel) -> dict[int, list[float]]:
     for schema in model.ground.schemas:
         conditions = [*schema.preconditions, *(effect.condition for effect in schema.effects)]
         for test in (c for condition in conditions for c in g.comparisons_of(condition)):
-            limit = threshold(test, theta)
-            if limit is not None and math.isfinite(limit[1]):
-                found.setdefault(limit[0], []).append(limit[1])
+            if (limit := threshold(test, theta)) is not None:
+                fluent, _, number = limit
+                if math.isfinite(number):
+                    found.setdefault(fluent, []).append(number)
     return found
 
 

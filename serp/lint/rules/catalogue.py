@@ -11,6 +11,7 @@ from serp.lint.rules import (
     copies,
     dynamics,
     effects,
+    limits,
     omissions,
     requirements,
     semantics,
@@ -40,6 +41,7 @@ RULES: Mapping[str, Callable[[LintSubject], Iterator[DomainWarning]]] = MappingP
         **effects.RULES,
         **copies.RULES,
         **dynamics.RULES,
+        **limits.RULES,
         **unused.RULES,
         **requirements.RULES,
     }

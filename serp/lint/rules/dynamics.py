@@ -31,9 +31,11 @@ def _never_read(subject: LintSubject) -> Iterator[DomainWarning]:
         name = declaration.name
         if name in changed and name not in read and name not in _FLAGS:
             what = "function" if declaration.numeric else "predicate"
+            flags = "`(reward)` needs" if declaration.numeric else "`(unsafe)`, `(terminal)` need"
             yield DomainWarning(
                 f"{what} `{name}` is changed, but nothing reads it: no condition, no reward",
                 declaration.place,
+                advice=f"only {flags} no reader",
             )
 
 

@@ -46,13 +46,17 @@ def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | Non
     return None
 
 
-def threshold(test: g.Compare, theta: Sequence[float]) -> tuple[int, float] | None:
-    """Return the fluent and the number that a comparison compares; None for any other."""
+def threshold(test: g.Compare, theta: Sequence[float]) -> tuple[int, str, float] | None:
+    """Return fluent, operator and number of a comparison that puts a limit to one fluent.
+
+    The operator is the one between them in this order. None for any other comparison.
+    """
     form = _difference(test, theta)
     if len(form.terms) == 1:
         ((atom, factor),) = form.terms.items()
         if isinstance(atom, int):
-            return atom, float(-form.constant / factor)
+            operator = test.operator if factor > 0 else _MIRRORED[test.operator]
+            return atom, operator, float(-form.constant / factor)
     return None
 
 

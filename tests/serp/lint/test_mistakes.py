@@ -1,4 +1,4 @@
-"""Sixty mistakes are found, in their places, and the suggestions are right."""
+"""Seventy mistakes are found, in their places, and the suggestions are right."""
 
 from __future__ import annotations
 
