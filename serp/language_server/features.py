@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 
 from lsprotocol import types
@@ -14,7 +15,7 @@ from serp.language_server.positions import Positions
 from serp.lint.findings import Finding, Severity
 from serp.pddl.edits import Edit
 from serp.pddl.sexpr import Group
-from serp.pddl.source import Source
+from serp.pddl.source import Place, Source
 
 _START = types.Range(types.Position(0, 0), types.Position(0, 0))
 _COMPLETIONS = {
@@ -84,15 +85,17 @@ def hover(index: Index, source: Source, position: int, positions: Positions) -> 
 
 def symbols(index: Index, positions: Positions) -> list[types.DocumentSymbol]:
     """Return the outline of a file: its sections, and what each of them declares."""
-    return [_section(section, index, positions) for section in index.sections]
-
-
-def _section(section: Group, index: Index, positions: Positions) -> types.DocumentSymbol:
-    declared = [
-        o
-        for o in index.declared(*_SYMBOLS)
-        if section.place.start <= o.place.start < section.place.end
+    declared: dict[Place, list[Occurrence]] = defaultdict(list)
+    for occurrence in index.declared(*_SYMBOLS):
+        declared[occurrence.inside].append(occurrence)
+    return [
+        _section(section, declared[section.place.opening], positions) for section in index.sections
     ]
+
+
+def _section(
+    section: Group, declared: list[Occurrence], positions: Positions
+) -> types.DocumentSymbol:
     schemas = (NameKind.ACTION, NameKind.PROCESS, NameKind.EVENT)
     schema = next((o for o in declared if o.kind in schemas), None)
     opening = section.place.opening

@@ -14,6 +14,7 @@ from serp.lint.codes import CODES
 from serp.lint.findings import Finding, spot
 
 _SARIF = "https://json.schemastore.org/sarif-2.1.0.json"
+_HELP = "docs/reference/checks.md has an example of each code, and how a warning is silenced."
 _ESCAPED = {"%": "%25", "\r": "%0D", "\n": "%0A"}
 _ESCAPED_VALUE = {**_ESCAPED, ":": "%3A", ",": "%2C"}
 
@@ -31,13 +32,11 @@ def as_sarif(findings: Iterable[Finding]) -> str:
     """
     found = list(findings)
     codes = sorted({finding.code for finding in found})
-    rules = [
-        {
-            "id": code,
-            "shortDescription": {"text": CODES[code].meaning if code in CODES else code},
-        }
-        for code in codes
-    ]
+    rules = []
+    for code in codes:
+        meaning = {"text": CODES[code].meaning if code in CODES else code}
+        rules.append({"id": code, "shortDescription": meaning, "fullDescription": meaning,
+                      "help": {"text": f"{meaning['text']} {_HELP}"}})  # fmt: skip
     run = {
         "tool": {"driver": {"name": "serp check", "version": __version__, "rules": rules}},
         "columnKind": "unicodeCodePoints",
@@ -56,12 +55,13 @@ def _result(finding: Finding, codes: Sequence[str]) -> dict[str, Any]:
         "message": {"text": text},
     }
     place = finding.place
+    # GitHub refuses a result without a location.
+    artifact = {"uri": _uri(place.source.name) if place is not None else "."}
+    physical: dict[str, Any] = {"artifactLocation": artifact}
+    result["locations"] = [{"physicalLocation": physical}]
     if place is None:
         return result
-    artifact = {"uri": _uri(place.source.name)}
-    result["locations"] = [
-        {"physicalLocation": {"artifactLocation": artifact, "region": _region(spot(place))}}
-    ]
+    physical["region"] = _region(spot(place))
     if finding.fix is not None:
         replacements = [
             {

@@ -166,10 +166,11 @@ def test_sarif_and_workflow_commands_name_places() -> None:
     log = json.loads(as_sarif(findings))
     assert log["version"] == "2.1.0"
     ((rule,), (result,)) = log["runs"][0]["tool"]["driver"]["rules"], log["runs"][0]["results"]
-    assert rule == {
-        "id": "unknown-name",
-        "shortDescription": {"text": CODES["unknown-name"].meaning},
-    }
+    # GitHub takes rules with all of these, and results with a location.
+    assert {*rule} == {"id", "shortDescription", "fullDescription", "help"}
+    assert rule["shortDescription"] == {"text": CODES["unknown-name"].meaning}
+    unread = json.loads(as_sarif(findings_of("no-such.pddl")))["runs"][0]["results"][0]
+    assert unread["locations"] == [{"physicalLocation": {"artifactLocation": {"uri": "."}}}]
     assert (result["ruleId"], result["ruleIndex"], result["level"]) == ("unknown-name", 0, "error")
     (location,) = result["locations"]
     region = {"startLine": 10, "startColumn": 51, "endLine": 10, "endColumn": 56}
