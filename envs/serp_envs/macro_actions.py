@@ -83,6 +83,10 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
             # `gymnasium.make` collects a picture of every step that an option makes.
             self.metadata = {**env.metadata, "render_modes": [*modes, "rgb_array_list"]}
 
+    def get_action_meanings(self) -> list[str]:
+        """Return the names of the options, as environments of Atari games name their actions."""
+        return [*self.options]
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:

@@ -128,19 +128,27 @@ def _actions(env: gym.Env[Any, Any], space: ActionSpace) -> tuple[Listed, ...]:
 def _told(env: gym.Env[Any, Any], count: int) -> list[str] | None:
     """Return the names that an environment has for its actions; None where it has none.
 
-    They are what `get_action_meanings()` returns, as environments of Atari games have it, or an
-    attribute of the environment, or of its attributes, whose name speaks of actions: an enumeration
-    of all actions, a list of their names, or a mapping from numbers to names.
+    The outermost wrapper that has names is asked. They are what `get_action_meanings()` returns, as
+    environments of Atari games have it, or an attribute of the environment, or of its attributes,
+    whose name speaks of actions: an enumeration of all actions, a list of their names, or a mapping
+    from numbers to names.
     """
-    inner = env.unwrapped
-    meanings = getattr(inner, "get_action_meanings", None)
+    layer: Any = env
+    while (found := _told_by(layer, count)) is None and isinstance(layer, gym.Wrapper):
+        layer = layer.env
+    return found
+
+
+def _told_by(layer: Any, count: int) -> list[str] | None:
+    """Return the names that an environment has, or one of its wrappers, without what is inside."""
+    meanings = getattr(layer, "get_action_meanings", None)
     if callable(meanings):
         try:
             if found := _names_in(meanings(), count):
                 return found
         except Exception:  # it is the environment's, and only asked for help
             pass
-    for value in _speaking_of_actions(inner):
+    for value in _speaking_of_actions(layer):
         if found := _names_in(value, count):
             return found
         if not isinstance(value, spaces.Space) and hasattr(value, "__dict__"):

@@ -12,8 +12,13 @@ _FLAGS = (x.REWARD, x.UNSAFE, x.TERMINAL)
 
 
 def _never_read(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find functions that effects change, and that nothing reads but these effects."""
+    """Find functions that effects change, and that nothing reads but these effects.
+
+    A domain without `(reward)` is for problems with a goal, which may read anything.
+    """
     domain = subject.domain
+    if domain.problem_syntax is None and x.REWARD not in domain.syntax.declarations:
+        return
     read: set[str] = set()
     for schema in domain.syntax.schemas:
         for condition in x.conditions_of(schema):

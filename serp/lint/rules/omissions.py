@@ -69,7 +69,8 @@ def _schemas_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
                 f"there is no object of type `{empty}`"
                 + ("" if domain.problem_syntax else " (nor a problem file that could name some)")
                 if empty
-                else f"its precondition can never hold{_looked_at(subject)}"
+                else "its precondition can never hold"
+                + (" in this problem" if domain.problem_syntax else "")
             )
             yield DomainWarning(f"{what} has no instance: {why}", schema.place.opening)
         elif not any(map(writes, instances)) and not (
@@ -77,12 +78,6 @@ def _schemas_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
             schema.kind is x.Kind.ACTION and not schema.effects and subject.anywhere.processes
         ):
             yield DomainWarning(f"{what} changes nothing", schema.place.opening)
-
-
-def _looked_at(subject: LintSubject) -> str:
-    """Say where other states than those that can be reached were too many to look at."""
-    everywhere = subject.anywhere is not subject.domain.model.ground
-    return "" if everywhere or not subject.domain.problem_syntax else " from the problem's :init on"
 
 
 def _type_without_objects(

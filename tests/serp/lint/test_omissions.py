@@ -152,6 +152,12 @@ def test_a_domain_that_waits_for_its_problem_is_told_so_once() -> None:
     assert "give the problem file" in found.advice
 
 
+def test_a_goal_that_is_not_known_may_read_anything() -> None:
+    text = """(define (domain car) (:requirements :numeric-fluents) (:functions (way))
+      (:action go :parameters () :precondition (and) :effect (and (increase (way) 1))))"""
+    assert {f.code for f in findings_of(Source("d.pddl", text))} == {"no-reward", "nothing-unsafe"}
+
+
 def test_an_event_that_can_never_fire_is_warned_of(tmp_path: Path) -> None:
     event = "(:event e :parameters () :precondition {} :effect (and (unsafe)))(:action rest"
     text = WALK.replace(":typing", ":adl :time").replace("(:action rest", event)

@@ -22,6 +22,7 @@ from serp.scaffold.environment import describe
 from serp.scaffold.files import new_task
 from serp.scaffold.names import Names
 from serp.tasks.custom_tasks import custom_task
+from serp_envs.macro_actions import MacroActions, option
 
 OWN = '''
 import gymnasium
@@ -130,6 +131,12 @@ def test_names_are_taken_from_attributes_that_speak_of_actions() -> None:
         describe(env, "env")
     env.observation_space = spaces.Dict({"say": spaces.Text(3), "to": spaces.Box(0, 1)})
     assert [entry.name for entry in describe(env, "env").numbers] == ["to-0"]
+
+
+def test_the_names_of_options_are_those_of_the_actions() -> None:
+    hold = option(lambda seen: 0, steps=2)
+    env = MacroActions(gym.make("CartPole-v1"), {"hold still": hold, "push": hold})
+    assert [entry.name for entry in describe(env, "env").actions] == ["hold-still", "push"]
 
 
 def test_an_environment_that_fails_in_silence_is_told_by_its_line(folder: Path) -> None:
