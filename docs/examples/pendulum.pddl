@@ -13,7 +13,8 @@
     :effect (and (decrease (energy) 5)))
   (:action coast :parameters () :precondition (and (>= (energy) -1) (<= (energy) 1))
     :effect (and (assign (lean) 0.2)))
-  (:action balance :parameters () :precondition (and (<= (lean) 0.4) (>= (energy) -3) (<= (energy) 3))
+  (:action balance :parameters ()
+    :precondition (and (<= (lean) 0.4) (>= (energy) -3) (<= (energy) 3))
     :effect (and (assign (lean) 0) (assign (energy) 0)))
 
   (:event leaning :parameters () :precondition (and)
