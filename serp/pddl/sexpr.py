@@ -110,11 +110,9 @@ class _Reader:
                 self._position = line_end(text, begin)
                 continue
             if hole := _PLACEHOLDER.match(text, begin):
-                with self._source.recovering():
-                    raise _template(self._source.place(begin, hole.end()))
-                match, place = hole, self._source.place(begin, hole.end())
+                raise _template(self._source.place(begin, hole.end()))
             self._position = match.end()
-            self._take(match[0] if hole is None else "template", place)
+            self._take(match[0], place)
         if self._open:
             raise self._balance.at_end()
         if self._top is None:
@@ -165,6 +163,8 @@ class _Reader:
     def resume(self, error: DomainError) -> bool:
         """Keep an error and go on with the next section; say whether that is possible."""
         recovery, text = self._source.recovery, self._source.text
+        if error.code == "foreign-syntax":
+            return False  # no part of a template is meant to be read
         sections = self._open[0] if self._open else [*self._top.items] if self._top else None
         if recovery is None or sections is None:
             return False
@@ -210,7 +210,7 @@ def _template(place: Place) -> DomainError:
         f"`{place.text}` is filled in by a template engine, and no PDDL",
         place,
         "check the file that is made of the template",
-        code="stray-text",
+        code="foreign-syntax",
     )
 
 

@@ -69,16 +69,18 @@ OBJECTS = """\
 
 
 def test_of_what_is_not_supported_the_first_place_is_told_and_nothing_that_follows() -> None:
-    problem = """(define (problem {{ name }}) (:domain d) (:objects v - van a b - place)
+    problem = """(define (problem p) (:domain d) (:objects v - van a b - place)
       (:init (= (place-of v) a) (= (fuel v) 3) (at 2 (= (fuel v) 5)) (at 9 (= (fuel v) 5)))
       (:goal (and (= (place-of v) b))))"""
     found = [f for f in found_in(OBJECTS, problem) if f.severity == "error"]
     assert [f.message for f in found] == [
         "functions with values other than numbers are not supported (2 places)",
-        "`{{ name }}` is filled in by a template engine, and no PDDL",
         "timed initial literals are not supported (2 places)",
     ]
     assert all(f.advice for f in found)
+    template = problem.replace("(= (fuel v) 3)", "{{ fuel }} {% if x %} (( {% endif %}")
+    messages = [f.message for f in found_in(WALK, template)]
+    assert messages == ["`{{ fuel }}` is filled in by a template engine, and no PDDL"]
 
 
 def test_errors_of_both_files_are_found() -> None:
