@@ -34,8 +34,8 @@ class WorldOptions(Section):
     def _something_may_work(self) -> Self:
         if self.failure + self.slip > 1.0:
             raise ValueError(
-                f"failure and slip are {self.failure!r} and {self.slip!r}; together they must be "
-                "at most 1"
+                f"failure and world.slip are {self.failure!r} and {self.slip!r}; an action fails, "
+                "slips or is carried out, so together they must be at most 1"
             )
         return self
 

@@ -77,8 +77,9 @@ def test_keys_and_options_that_do_not_fit_are_refused(walk: Path) -> None:
         ("--keys=x=reset", "expected key=action"),
         ("--noise=-1", "--noise must be greater than or equal to 0, not -1"),
         ("--env-steps=5", "--env-steps is for a training: add --train"),
+        ("--failure=.7 --slip=.6", "--failure and --slip are 0.7 and 0.6; an action fails, slips"),
     ):
-        assert said in typed("", "walk.pddl", wrong, expect=2)
+        assert said in typed("", "walk.pddl", *wrong.split(), expect=2)
 
 
 def test_without_a_problem_all_begins_at_nothing(folder: Path) -> None:
