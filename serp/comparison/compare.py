@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from serp.comparison.analysis.results import Results
-from serp.comparison.engines import LOCAL, open_pool, runs_here
+from serp.comparison.engines import ONE_AFTER_ANOTHER, at_once, open_pool, runs_here
 from serp.comparison.fairness import judges_alike, made_alike
 from serp.comparison.folder import writing
 from serp.comparison.merging import merge_into
@@ -164,18 +163,13 @@ def _run(
     if not missing:
         return failed
     jobs = [prepared.job(trial) for trial in missing]
-    engine, most = request.engine, request.jobs or 0
-    if engine == LOCAL:
-        most = min(most or os.cpu_count() or 1, len(jobs))
+    engine = request.engine
+    most = at_once(engine, request.jobs, len(jobs))
     env_steps = prepared.plan.protocol.env_steps
     with Display(missing, env_steps, quiet=request.quiet) as display, ExitStack() as stack:
-        here = engine == LOCAL and most == 1
-        if not here and runs_here(engine, jobs):
-            here = True
-            display.say(
-                "The trials run one after another: the task has functions that cannot be imported "
-                "from other processes (lambdas, or functions of a notebook or of __main__)."
-            )
+        here = runs_here(engine, jobs, most)
+        if here and most != 1:
+            display.say(ONE_AFTER_ANOTHER)
 
         def stopped() -> bool:
             answer = stopping.answer(

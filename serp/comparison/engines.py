@@ -25,6 +25,12 @@ GROUP: Final = "serp.engines"
 LOCAL: Final = "local"
 """The engine of this library: processes of this machine."""
 
+ONE_AFTER_ANOTHER: Final = (
+    "The trials run one after another: the task has functions that cannot be imported from other "
+    "processes (lambdas, or functions of a notebook or of __main__)."
+)
+"""What is said where jobs run in this process though several might run at the same time."""
+
 Engine = Callable[[str | None, int | None], AbstractContextManager[Pool]]
 """(address of a cluster, most trials at the same time) → the workers, while the context lasts.
 
@@ -36,7 +42,7 @@ at the same time as there are cores."""
 def open_pool(engine: str, address: str | None, most: int) -> Iterator[Pool]:
     """Yield the workers of an engine; see `serp.compare`.
 
-    `most` is how many trials run at the same time; 0 is for the engine to say.
+    `most` is how many trials run at the same time, see `at_once`.
 
     Raises:
         RunError: The engine cannot be started.
@@ -46,17 +52,31 @@ def open_pool(engine: str, address: str | None, most: int) -> Iterator[Pool]:
         with find_engine(engine)(address, most or None) as pool:
             yield pool
         return
-    most = most or os.cpu_count() or 1
     with Processes(most) as processes:
         yield Pool(processes, most, processes.told)
 
 
-def runs_here(engine: str, jobs: Sequence[Job]) -> bool:
-    """Return whether jobs have to run in this process.
+def at_once(engine: str, asked: int | None, jobs: int) -> int:
+    """Return how many of so many jobs run at the same time; 0 is for the engine to say."""
+    return min(asked or os.cpu_count() or 1, jobs) if engine == LOCAL else asked or 0
+
+
+def runs_here(engine: str, jobs: Sequence[Job], most: int) -> bool:
+    """Return whether jobs run in this process.
+
+    Those do of which one runs at a time: another process would only have to import and to load
+    compiled code once more. So do those that cannot be sent to other processes.
+
+    Args:
+        engine: The engine.
+        jobs: The jobs.
+        most: What `at_once` returns.
 
     Raises:
         RunError: They cannot be sent to the workers, and the engine is not `local`.
     """
+    if engine == LOCAL and most == 1:
+        return True
     if portable(jobs):
         return False
     if engine != LOCAL:

@@ -12,7 +12,7 @@ from typing import Any
 
 from serp._util.number_format import readable
 from serp._util.terminal import open_console
-from serp.comparison.engines import LOCAL, open_pool, runs_here
+from serp.comparison.engines import ONE_AFTER_ANOTHER, at_once, open_pool, runs_here
 from serp.errors import Interrupted, RunError, SettingsError, TaskError, needs_extra
 from serp.runs.new_folder import default_path
 from serp.settings import Changes
@@ -87,8 +87,8 @@ def tune(task: Task | str, **options: Any) -> Tuned:
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     search = Search(find_task(task) if isinstance(task, str) else task, request)
     jobs = search.jobs({})
-    most = request.jobs or 0
-    here = runs_here(request.engine, jobs) or (request.engine == LOCAL and most == 1)
+    most = at_once(request.engine, request.jobs, len(jobs))
+    here = runs_here(request.engine, jobs, most)
     storage = request.storage or f"sqlite:///{default_path(f'tune-{search.name}')}.db"
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     found = open_study(optuna, storage, request.study or search.name, search.digest)
@@ -98,10 +98,11 @@ def tune(task: Task | str, **options: Any) -> Tuned:
         if not request.quiet:
             console.print(text, soft_wrap=True)
 
+    if here and most != 1:
+        say(ONE_AFTER_ANOTHER)
     with ExitStack() as stack, stop_between_episodes() as stopping:
         pool = None
         if not here:
-            most = min(most, len(jobs)) if request.engine == LOCAL and most else most
             pool = stack.enter_context(open_pool(request.engine, request.address, most))
 
         def stopped() -> bool:

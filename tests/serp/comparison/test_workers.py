@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from serp.comparison.algorithms import find_algorithm
-from serp.comparison.engines import open_pool
+from serp.comparison.engines import at_once, open_pool, runs_here
 from serp.comparison.trial_records import Trial
 from serp.comparison.workers import (
     Ended,
@@ -150,6 +150,17 @@ def test_a_lost_worker_costs_its_trial_only_which_is_begun_again(tmp_path: Path)
     gone.shutdown()
     with pytest.raises(RunError, match="takes no more trials .RuntimeError: cannot schedule new"):
         list(run_in_executor(todo, Pool(gone, 2), silent, lambda: False))
+
+
+def test_one_job_at_a_time_runs_in_this_process_and_a_cluster_says_how_many(tmp_path: Path) -> None:
+    one, two = ([job(walk(tmp_path), "dqn", seed) for seed in range(n)] for n in (1, 2))
+    assert at_once("local", 9, 1) == at_once("local", None, 1) == at_once("local", 1, 2) == 1
+    assert runs_here("local", one, 1) and runs_here("local", two, 1)
+    assert (at_once("local", 9, 2), at_once("ray", None, 2), at_once("ray", 1, 2)) == (2, 0, 1)
+    assert not runs_here("local", two, 2) and not runs_here("ray", one, 1)
+    assert runs_here(
+        "local", [job(walk(tmp_path, ground=lambda seen: {"x": seen[0]}), "dqn", 0)] * 2, 2
+    )
 
 
 def test_functions_that_cannot_be_imported_are_noticed(tmp_path: Path) -> None:
