@@ -26,22 +26,27 @@ def asked_own_task() -> Task | None:
     return custom_task(name)
 
 
-def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Task | None:
+def asked_task(
+    domain: str | None, max_ground_schemas: int | None = None, *, worlds: bool = False
+) -> Task | None:
     """Return the task that `--task` and `--domain` mean together; None where neither is given.
 
     `--domain` is an installed task or a domain file; beside `--task`, another domain file for it.
+    `worlds` is that of `serp.tasks.registry.find_task`.
     """
     from serp.tasks.registry import find_domain_file, find_task
 
     task = asked_own_task()
     if task is None:
-        task = find_task(domain, max_ground_schemas) if domain is not None else None
+        if domain is None:
+            return None
+        task = find_task(domain, max_ground_schemas, worlds=worlds)
     elif domain is not None:
         file = find_domain_file(domain)
         if file is None:
             raise SerpError(f"--domain {domain}: beside --task it is a domain file")
         task = dataclasses.replace(task, domain=file, problem=None)
-    if task is None or max_ground_schemas is None:
+    if max_ground_schemas is None:
         return task
     return with_domain(task, domain_of(task, None, max_ground_schemas))
 

@@ -62,8 +62,9 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     the missing trials, and continues an interrupted comparison.
 
     Args:
-        task: The task, the name of an installed one, or a domain file that belongs to one. None:
-            that of the comparison in `out`.
+        task: The task, the name of an installed one, or a domain file; one that belongs to no
+            installed task is a world, as `serp.file_task` makes it. None: that of the comparison in
+            `out`.
         **options: All of them optional. When a comparison is continued, the defaults are its own
             values.
 

@@ -24,7 +24,7 @@ from serp.comparison.prepared import PreparedComparison, named_algorithms, trial
 from serp.errors import RunError, SettingsError, TaskError
 from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
-from serp.tasks.registry import find_task, load_task
+from serp.tasks.registry import find_task, load_task, task_entries
 from serp.tasks.task import Task
 
 ALGORITHMS: Final = (SERP, PLANNER, DQN)
@@ -85,16 +85,25 @@ def requested_task(
     if isinstance(task, Task):
         return task
     if isinstance(task, str):
-        return find_task(task)
+        return find_task(task, worlds=True)
     if task is not None:
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     if folder is None:
         raise RunError("say what to compare on: name a task")
     if before is None:
         raise RunError(f"say what to compare on: name a task; {folder} holds no comparison yet")
+    try:
+        own = load_task(before.task)
+    except TaskError as error:
+        if before.task in task_entries():
+            raise
+        raise TaskError(
+            f"{folder} compares on task {before.task}, which is not installed: name it again, as a "
+            "serp.Task (--task), or by the domain file that is its world (--domain)"
+        ) from error
     # The copy, because the original file may have changed.
     kept = kept_file(folder, before.base)
-    return with_domain(load_task(before.task), kept, limit=before.max_ground_schemas)
+    return with_domain(own, kept, limit=before.max_ground_schemas)
 
 
 def prepare(

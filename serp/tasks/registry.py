@@ -50,11 +50,12 @@ def find_domain_file(domain: str) -> Path | None:
     return None if domain in task_entries() else _shipped_beside(domain)
 
 
-def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
+def find_task(domain: str, max_ground_schemas: int | None = None, *, worlds: bool = False) -> Task:
     """Return the task that `--domain` means: the name of an installed task, or a domain file.
 
     A file belongs to the task with the name of its domain, or with the name of the file up to a
-    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`).
+    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`). With `worlds`, one
+    that belongs to none is a world, as in `serp play` (`serp.file_task`).
 
     Raises:
         TaskError: There is no such file, or no task for it.
@@ -67,6 +68,10 @@ def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
         return load_task(domain)
     loaded = load_domain(path, observed=True, max_ground_schemas=max_ground_schemas)
     task = task_of(loaded, path)
+    if task is None and worlds:
+        from serp.tasks.worlds.file_world import file_task
+
+        return file_task(load_domain(path, max_ground_schemas=max_ground_schemas))
     if task is None:
         raise TaskError(
             f"{path}: no task is installed for domain `{loaded.name}` "

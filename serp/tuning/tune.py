@@ -53,7 +53,8 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     study has `trials` in all; several processes may work on one study.
 
     Args:
-        task: The task, the name of an installed one, or a domain file that belongs to one.
+        task: The task, the name of an installed one, or a domain file; one that belongs to no
+            installed task is a world, as `serp.file_task` makes it.
         **options: All but `vary` are optional.
 
             * `vary`: name of a setting (`learner.learning_rate`) → its values: a text (`A..B`,
@@ -85,7 +86,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
         import optuna
     if not isinstance(task, Task | str):
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
-    search = Search(find_task(task) if isinstance(task, str) else task, request)
+    search = Search(find_task(task, worlds=True) if isinstance(task, str) else task, request)
     jobs = search.jobs({})
     most = at_once(request.engine, request.jobs, len(jobs))
     here = runs_here(request.engine, jobs, most)

@@ -107,6 +107,15 @@ def test_a_training_in_the_world_of_a_file_is_a_run_like_any_other(run: Run, wal
     assert "nothing about reward" in run("play", "dull.pddl", "--train", expect=1).stderr
 
 
+def test_a_file_that_belongs_to_no_task_is_a_world_to_compare_in(run: Run, walk: Path) -> None:
+    quick = ("--env-steps=9", "--evaluate-every=9", "--evaluation-episodes=1", "--final-episodes=1")
+    asked = ("compare", "--algorithms=mrp", "--jobs=1", "--set=planner.name=lookahead", *quick)
+    told = run(*asked, "--domain=walk.pddl", "--seeds=1", "--out=compared").stdout
+    assert "serp compare --domain walk.pddl --out compared --seeds 10" in told
+    told = run("compare", "--out=compared", "--seeds=2", expect=1).stderr
+    assert "is not installed: name it again, as a serp.Task (--task), or by the domain file" in told
+
+
 @pytest.mark.skipif(os.name == "nt", reason="there are no pseudo-terminals")
 def test_on_a_terminal_a_key_is_an_action(walk: Path) -> None:
     import pty

@@ -35,7 +35,9 @@ if TYPE_CHECKING:
         "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
     ),
 )
-@click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
+@click.option("--domain", metavar="NAME|FILE",
+              help="Installed task, or a domain file of one; any other file is a world, as in "
+                   "serp play.")  # fmt: skip
 @own_task_option
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
               help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
@@ -99,7 +101,7 @@ def command(
     if listing:
         _list()
         return None
-    task = asked_task(domain, max_ground_schemas)
+    task = asked_task(domain, max_ground_schemas, worlds=True)
     if task is None and options["out"] is None:
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
@@ -130,7 +132,7 @@ def command(
     if options["quiet"]:
         print_result(comparison.path)
     else:
-        _print_results(comparison)
+        _print_results(comparison, domain if task is not None and task.world else None)
     return None
 
 
@@ -158,9 +160,10 @@ def _list() -> None:
     print_table(open_console(), ("algorithm", ""), rows)
 
 
-def _print_results(comparison: Comparison) -> None:
+def _print_results(comparison: Comparison, world: str | None) -> None:
     own = own_task_name()
-    more = ["serp", "compare", *(("--task", own) if own else ()), "--out", str(comparison.path)]
+    more = ["serp", "compare", *(("--task", own) if own else ())]
+    more += [*(("--domain", world) if world else ()), "--out", str(comparison.path)]
     more += ["--seeds", "10"]
     console = open_console()
     console.print("")

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
         "serp tune --domain soccer --vary learner.n_step=1..10 --algorithm dqn --prune",
     ),
 )
-@click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
+@click.option("--domain", metavar="NAME|FILE",
+              help="Installed task, or a domain file of one; any other file is a world, as in "
+                   "serp play.")  # fmt: skip
 @own_task_option
 @click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME[=VALUES]",
               help="A setting and its values: a range (2..7, log:1e-4..1e-2), or values "
@@ -80,7 +82,7 @@ def command(
     With the same --storage the study goes on, in one process or in several. Its seeds are not
     those of `serp compare`, so that results are not those of the seeds that were tuned on.
     """
-    task = asked_task(domain, max_ground_schemas)
+    task = asked_task(domain, max_ground_schemas, worlds=True)
     if task is None:
         raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
     varied = {name: values for name, _, values in (text.partition("=") for text in vary)}
