@@ -10,52 +10,23 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from serp._util.number_format import percent
 from serp.explanation.causes import Cause, causes_of
+from serp.explanation.predicted import Predicted
 from serp.explanation.refusals import unsafe_ahead, what_fails, what_flags
 from serp.explanation.runner_up import RunnerUp, runner_up_of
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE
-from serp.planning.limits import Bound
 
 _NOISE: Final = 1e-9
 """Share of a reward that is a difference by rounding."""
 _NOTICEABLE: Final = 1e-3
 """Share of a best return beyond what is listed that is told."""
-
-
-class Predicted(Protocol):
-    """What a planner predicts for each of some actions, `[A]` or `[E]`; see `Forecast`."""
-
-    @property
-    def value(self) -> NDArray[np.float64]:
-        """Discounted sum of rewards of the best path."""
-
-    @property
-    def path_risk(self) -> NDArray[np.float64]:
-        """Probability of an unsafe step on that path."""
-
-    @property
-    def safe_steps(self) -> NDArray[np.int64]:
-        """Control periods on that path before the first risk."""
-
-    @property
-    def reward(self) -> NDArray[np.float64]:
-        """Reward of one control period."""
-
-    @property
-    def flags(self) -> NDArray[np.int64]:
-        """Flags of one control period."""
-
-    @property
-    def bound(self) -> Bound:
-        """What ended the planner's sight."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from serp.model.flags import APPLICABLE
 from serp.planning.preference import path_score, rank_of
 
 if TYPE_CHECKING:
-    from serp.explanation.decision import Predicted
+    from serp.explanation.predicted import Predicted
     from serp.planning.preference import PathScore
 
 By = Literal["rank", "risk", "safe steps", "value", "delay", "order"]
