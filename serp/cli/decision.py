@@ -9,7 +9,13 @@ from serp._util.number_format import percent, readable
 from serp._util.text import plural
 from serp.cli.output import print_table
 from serp.explanation.decision import Alternative, Explanation, explain
-from serp.explanation.sentences import between, beyond_of, lines_of_causes, special_about
+from serp.explanation.sentences import (
+    between,
+    beyond_of,
+    kind_of_return,
+    lines_of_causes,
+    special_about,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -94,7 +100,7 @@ def verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
         if not planner.model.actions:
             return ["The domain has no ground action: there is nothing to decide."]
         return ["No action is applicable here."]
-    kind = "return in sight" if plan.bound.partial else "best return"
+    kind = kind_of_return(plan.bound.partial)
     lines = [f"Chosen: {plan.name}, {kind} {readable(plan.reward)}."]
     lines += special_about(plan.forecast)
     return [*lines, planner.sight(plan)]
@@ -129,7 +135,7 @@ def print_alternatives(console: Console, account: Explanation, refused: str = ""
         mark = "→" if taken else "✗" if each.name == refused else ""
         rows.append((mark, each.name, *numbers, each.remark))
         styles.append(style)
-    head = ("", "action", "reward", account.kind_of_return, "remarks")
+    head = ("", "action", "reward", kind_of_return(account.partial), "remarks")
     print_table(console, head, rows, styles=styles, right=(2, 3))
     if len(order) > _ACTIONS_SHOWN:
         rest = plural(len(order) - _ACTIONS_SHOWN, "more action")

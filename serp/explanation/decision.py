@@ -137,11 +137,6 @@ class Explanation:
     partial: bool
 
     @property
-    def kind_of_return(self) -> str:
-        """What a return of an action is called."""
-        return "return in sight" if self.partial else "best return"
-
-    @property
     def taken(self) -> Alternative | None:
         """The action that was taken."""
         return None if self.chosen is None else self.alternatives[self.chosen]

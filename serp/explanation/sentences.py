@@ -27,6 +27,11 @@ IN_SIGHT: Final = (
 """What a bound that is `partial` means."""
 
 
+def kind_of_return(partial: bool) -> str:
+    """Return what the return of an action is called; `partial` as in `Explanation`."""
+    return "return in sight" if partial else "best return"
+
+
 def told(cause: Cause) -> str:
     """Return a cause as a line."""
     return _line([[cause]])

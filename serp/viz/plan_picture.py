@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from serp._util.figures import colour, style_sheet
 from serp._util.number_format import readable
-from serp.explanation.sentences import special_about
+from serp.explanation.sentences import kind_of_return, special_about
 from serp.planning.limits import Bound
 from serp.viz.plan_svg import CHARACTER, DASHES, ENDS, HARMS, SIZE, PlanPicture, draw_plan, end_mark
 
@@ -100,7 +100,7 @@ def _foot(picture: PlanPicture, plan: Plan, planner: MonitorReplanner, wide: int
         ended = ", ended by the limit on nodes" if plan.bound is Bound.NODES else ""
         sentences.append(f"Lookahead: {actions}; discount {settings.discount:g}{ended}.")
     if plan.path:
-        kind = "return in sight" if plan.bound.partial else "best return"
+        kind = kind_of_return(plan.bound.partial)
         sentences.append(f"A number beside a first action is its {kind}.")
     sentences += special_about(plan.forecast)
     edges = plan.graph.number_of_edges()

@@ -11,7 +11,7 @@ from nicegui import ui
 from serp._util.number_format import percent, readable
 from serp.explanation.causes import Cause
 from serp.explanation.decision import Alternative
-from serp.explanation.sentences import told
+from serp.explanation.sentences import kind_of_return, told
 from serp.studio.pages.live import Live, Pane
 from serp.studio.session import Request, Session
 from serp.studio.view import View
@@ -74,7 +74,7 @@ class DecisionPane(Pane):
         rows = "".join(_row(alternatives[k], decision.account.chosen) for k in decision.order)
         if left := len(alternatives) - len(decision.order):
             rows += f'<tr><td></td><td colspan="5">… and {left:,} more</td></tr>'
-        head = _HEAD.format(decision.account.kind_of_return)
+        head = _HEAD.format(kind_of_return(decision.account.partial))
         self._table.set_content(f'<table class="serp-actions">{head}<tbody>{rows}</tbody></table>')
         self._verdict.set_text(" ".join(decision.verdict))
         self._graph.set_content(decision.graph)
