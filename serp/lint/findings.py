@@ -12,6 +12,7 @@ from serp.lint.codes import NOTES
 from serp.lint.portability import beyond_pddl, one_per_rule, outside_portable_subset
 from serp.lint.rules.catalogue import LOCAL, warnings_of
 from serp.lint.silencing import silenced
+from serp.lint.subject import MOST_INSTANCES
 from serp.model.loading import Domain, problem_beside
 from serp.pddl.domain_parser import parse_domain
 from serp.pddl.edits import Fix
@@ -225,6 +226,9 @@ def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Doma
     domain = Domain(sources[0], sources[1] if len(sources) > 1 else None, syntax, problem)
     if limit is not None:
         domain = dataclasses.replace(domain, max_ground_schemas=limit)
+    if recovery.errors:  # it is instantiated for what the rules find in single schemas
+        most = min(MOST_INSTANCES, domain.max_ground_schemas)
+        domain = dataclasses.replace(domain, max_ground_schemas=most)
     try:
         domain.model  # noqa: B018  (instantiated now, for the errors that only this finds)
     except DomainError as error:

@@ -14,8 +14,8 @@ from serp.pddl.source import DomainError, Place
 
 SCHEMAS = (":action", ":process", ":event")
 """Sections that define an action, a process or an event."""
-_MOST = 5_000
-"""Most instances that the rules look at beyond those that the problem's `:init` reaches."""
+MOST_INSTANCES = 5_000
+"""Most instances that the rules look at beyond those of a domain that is right."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class LintSubject:
 
         Where that is too large, or needs numbers that are not given, it is what can be reached.
         """
-        most = min(_MOST, self.domain.max_ground_schemas)
+        most = min(MOST_INSTANCES, self.domain.max_ground_schemas)
         try:
             return replace(self.domain.observed(), max_ground_schemas=most).model.ground
         except DomainError:
