@@ -15,6 +15,8 @@ _COMPARATORS = ("<", "<=", "=", ">=", ">")
 
 def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
     """Parse a condition; None for the empty `()`."""
+    if slip := slips.bare(node, "a condition", scope.declarations):
+        raise slip
     group = expect_group(node, "a condition")
     if not group.items:
         return None

@@ -162,11 +162,14 @@ def parse_types(group: Group) -> dict[str, str]:
 def check_type(word: Word, parents: dict[str, str]) -> str:
     """Return the name of a declared type."""
     if word.text != x.OBJECT and word.text not in parents:
+        known = [*parents, x.OBJECT]
+        advice, guess = did_you_mean(word.text, known), closest(word.text, known)
+        others = "... " if parents else ""
         raise DomainError(
             f"unknown type `{word.text}`",
             word.place,
-            did_you_mean(word.text, [*parents, x.OBJECT]),
-            guess=closest(word.text, [*parents, x.OBJECT]),
+            advice if guess else f"{advice}; or declare it: `(:types {others}{word.text})`",
+            guess=guess,
             code="unknown-type",
         )
     return word.text

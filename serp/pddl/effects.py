@@ -16,6 +16,8 @@ _CHANGES = {change.value: change for change in x.Change}
 
 def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tuple[x.Effect, ...]:
     """Parse an effect into its parts, with every `and` flattened."""
+    if slip := slips.bare(node, "an effect", scope.declarations):
+        raise slip
     group = expect_group(node, "an effect")
     if not group.items:
         return ()
@@ -68,6 +70,13 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
             "write the condition under :precondition, or write two processes",
             code="process-effect",
         )
+    if len(group.items) == 2 and (apart := _effect_in(group.items[1], scope)):
+        raise DomainError(
+            "the effect of `when` stands within the `and` of its condition",
+            group.place,
+            write=f"(when {apart})",
+            code="unbalanced-parentheses",
+        )
     if len(group.items) != 3:
         raise slips.several_after(group, 2, "`when` takes one condition and one effect")
     condition, effect = group.items[1:]
@@ -88,6 +97,20 @@ def _changes(node: Node, scope: Scope) -> bool:
     return node.head in _CHANGES or (
         node.head == "and" and any(_changes(item, scope) for item in node.items[1:])
     )
+
+
+def _effect_in(condition: Node, scope: Scope) -> str | None:
+    """Return a condition and an effect that stand under one `and`; None if the last is no effect.
+
+    Only changes and flags are effects for certain: no condition of an action may ask for those.
+    """
+    if not isinstance(condition, Group) or condition.head != "and" or len(condition.items) < 3:
+        return None
+    *asked, last = condition.items
+    flag = isinstance(last, Group) and last.head in (x.UNSAFE, x.TERMINAL)
+    if not (flag or _changes(last, scope)):
+        return None
+    return f"({' '.join(map(slips.written, asked))}) {slips.written(last)}"
 
 
 def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.SetPredicate:
@@ -151,10 +174,11 @@ def _rate(node: Node, scope: Scope) -> x.Expression:
             return parse_expression(right, scope)
         if isinstance(right, Word) and right.text == "#t":
             return parse_expression(left, scope)
+    rate = slips.written(node) if "#t" not in node.place.text.lower() else None
     raise DomainError(
         "the change in a process must be a rate times `#t`",
         node.place,
-        "write `(* #t rate)`",
-        guess=f"(* #t {slips.written(node)})" if "#t" not in node.place.text.lower() else None,
+        f"write `(* #t {rate or 'rate'})`",
+        guess=f"(* #t {rate})" if rate else None,
         code="process-effect",
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from serp._util.text import closest, did_you_mean
+from serp._util.text import closest, did_you_mean, plural
+from serp.pddl import slips
 from serp.pddl import syntax as x
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError
@@ -112,12 +113,12 @@ def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
         if term.name not in scope.parameters:
             only = next(iter(scope.parameters)) if len(scope.parameters) == 1 else None
             meant = only or closest(term.name, scope.parameters)
+            binding = "`:parameters`, `forall` and `exists` bind variables"
+            known = did_you_mean(meant or term.name, scope.parameters)
             raise DomainError(
                 f"unknown variable `{term.name}`",
                 node.place,
-                f"did you mean `{meant}`?"
-                if meant is not None
-                else did_you_mean(term.name, scope.parameters) or "no variable is bound here",
+                f"{known or 'no variable is bound here'}{'' if meant else ';'} {binding}",
                 guess=meant,
                 code="unknown-variable",
             )
@@ -148,9 +149,13 @@ def parse_arguments(
     what = "function" if declaration.numeric else "predicate"
     found = len(group.items) - 1
     if found != len(declaration.parameters):
+        wanted = plural(len(declaration.parameters), "argument")
+        problem = f"{what} `{declaration.name}` takes {wanted}, found {found}"
+        one_more = found == len(declaration.parameters) + 1
+        if one_more and not declaration.numeric and (slip := slips.truth_behind(group, problem)):
+            raise slip
         raise DomainError(
-            f"{what} `{declaration.name}` takes {len(declaration.parameters)} "
-            f"argument{'' if len(declaration.parameters) == 1 else 's'}, found {found}",
+            problem,
             group.place,
             f"it is declared as {declaration.place.text}",
             code="wrong-arity",

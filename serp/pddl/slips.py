@@ -35,6 +35,7 @@ _EFFECTS = {
     **{"=": "assign", "set": "assign", ":=": "assign", "<-": "assign", "if": "when"},
     **{"+=": "increase", "-=": "decrease", "*=": "scale-up", "/=": "scale-down"},
 }
+_ARITHMETIC = "+-*/"
 _CONDITION_WORDS = ("and", "or", "not", "imply", "exists", "forall")
 _EFFECT_WORDS = ("and", "not", "when", "forall", "assign", "increase", "decrease")
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
@@ -90,7 +91,7 @@ def in_word(word: Word) -> DomainError | None:
 def in_number(group: Group, declared: Declared) -> DomainError | None:
     """Recognise infix arithmetic, functions of other languages, and a number in parentheses."""
     head = group.head
-    if infix := _infix(group, {operator: operator for operator in "+-*/"}, declared):
+    if infix := _infix(group, {operator: operator for operator in _ARITHMETIC}, declared):
         return infix
     if head in declared:
         return None
@@ -120,6 +121,35 @@ def in_condition(group: Group, declared: Declared) -> DomainError | None:
         or _other_word(group, _CONDITIONS, "a condition", declared)
         or _missing_and(group, "conditions")
         or _misspelt(group, _CONDITION_WORDS, declared)
+    )
+
+
+def bare(node: Node, what: str, declared: Declared) -> DomainError | None:
+    """Recognise the name of a predicate without its parentheses."""
+    if not isinstance(node, Word) or node.text not in declared:
+        return None
+    declaration = declared[node.text]
+    if declaration.numeric or declaration.parameters:
+        return None
+    return DomainError(
+        f"expected {what} in parentheses, found `{node.text}`",
+        node.place,
+        write=f"({node.place.text})",
+        code="foreign-syntax",
+    )
+
+
+def truth_behind(group: Group, problem: str) -> DomainError | None:
+    """Recognise `(has box false)`: a truth value behind the arguments of a predicate."""
+    value = group.items[-1]
+    if not isinstance(value, Word) or value.text not in ("true", "false"):
+        return None
+    atom = f"({' '.join(map(written, group.items[:-1]))})"
+    return DomainError(
+        problem,
+        group.place,
+        write=atom if value.text == "true" else f"(not {atom})",
+        code="wrong-arity",
     )
 
 
@@ -197,20 +227,27 @@ def written(node: Node) -> str:
 
 
 def _infix(group: Group, words: Mapping[str, str], declared: Declared) -> DomainError | None:
-    if len(group.items) != 3:
+    """Recognise `(x < 3)` and `(x = x + 1)`."""
+    if len(group.items) not in (3, 5):
         return None
-    left, middle, right = group.items
+    left, middle, *right = group.items
     if not isinstance(middle, Word):
         return None
-    if group.head in declared and len(declared[group.head].parameters) == 2:
+    if group.head in declared and len(declared[group.head].parameters) == len(group.items) - 1:
         return None  # an object may be called `or`
     if middle.text not in words or (isinstance(left, Word) and left.text in words):
         return None
+    operand = _operand(right[0], declared)
+    if len(right) == 3:
+        operator = right[1]
+        if middle.text in _ARITHMETIC or written(operator) not in _ARITHMETIC:
+            return None
+        operand = _prefix(written(operator), (right[0], right[2]), declared)
     return DomainError(
         f"`{middle.text}` stands between what it is applied to",
         group.place,
         "in PDDL the operator comes first",
-        write=_prefix(words[middle.text], (left, right), declared),
+        write=_applied(words[middle.text], f"{_operand(left, declared)} {operand}"),
         code="foreign-syntax",
     )
 
@@ -244,8 +281,11 @@ def _misspelt(group: Group, words: Sequence[str], declared: Declared) -> DomainE
 
 
 def _prefix(word: str, operands: Sequence[Node], declared: Declared) -> str:
-    shown = " ".join(_operand(node, declared) for node in operands)
-    return f"(not (= {shown}))" if word == "not =" else f"({word} {shown})"
+    return _applied(word, " ".join(_operand(node, declared) for node in operands))
+
+
+def _applied(word: str, operands: str) -> str:
+    return f"(not (= {operands}))" if word == "not =" else f"({word} {operands})"
 
 
 def _operand(node: Node, declared: Declared) -> str:

@@ -12,22 +12,12 @@ from serp.model.loading import Domain
 from serp.model.transition_model import StateError, TransitionModel
 from serp.pddl.source import DomainError, Place, Recovery, Source
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
+from serp.scenarios import advice
 from serp.scenarios import syntax as s
 from serp.scenarios.line import Line
 
 MOST_STEPS: Final = 10_000
 """Steps that one expectation looks ahead at most."""
-_BEGINNINGS = {
-    "chooses": "chooses push-left",
-    "does not choose": "does not choose push-left",
-    "refuses": "refuses push-left because unsafe",
-    "allows": "allows push-right",
-    "is indifferent": "is indifferent",
-    "value of": "value of push-right is about 2.5",
-    "reward of": "reward of push-right is at least 0",
-    "after": "after 3 steps (pole-angle) is about 0.05",
-}
-"""How an expectation begins → an example."""
 
 
 def observed_in(source: Source, domain: Domain) -> Domain:
@@ -104,7 +94,7 @@ def _refuse_empty(scenario: s.Scenario | None, begun: int) -> None:
         raise DomainError(
             f"nothing is expected in the scenario `{scenario.title}`",
             scenario.place,
-            "an expectation is a line such as " + listed([*_BEGINNINGS.values()][:4]),
+            "an expectation is a line such as " + listed([*advice.BEGINNINGS.values()][:4]),
         )
 
 
@@ -219,14 +209,8 @@ class _Statement(Line):
             if self._begins(words.split()):
                 found: s.Expectation = read()
                 return found
-        word = self._text(self.tokens[0])
-        raise DomainError(
-            f"`{word}` begins neither a situation nor an expectation",
-            self.tokens[0].place,
-            did_you_mean(word, _BEGINNINGS)
-            if did_you_mean(word, _BEGINNINGS).startswith("did")
-            else "an expectation begins with " + listed(_BEGINNINGS),
-        )
+        fluents = [fluent.name for fluent in self._model.fluents]
+        raise advice.for_beginning(self._rest(0), self.tokens[0].place, fluents)
 
     def _chooses(self) -> s.Expectation:
         actions = [self._action({"or"})]
@@ -306,7 +290,7 @@ class _Statement(Line):
         except StateError:
             place = self.place.source.place(words[0].place.start, words[-1].place.end)
             raise DomainError(
-                f"there is no action `{name}`", place, did_you_mean(name, known)
+                f"there is no action `{name}`", place, advice.for_action(name, known)
             ) from None
 
     def _fluent(self, *, given: bool) -> tuple[str, bool, Place]:

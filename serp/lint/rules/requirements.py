@@ -34,7 +34,7 @@ def _missing_requirements(subject: LintSubject) -> Iterator[DomainWarning]:
     missing = [need for need in _needs(subject.domain.syntax) if need not in declared]
     if missing:
         place = section.place if section else subject.domain.syntax.place
-        why = " (processes and events need it)" if ":time" in missing else ""
+        why = " (processes and events need `:time`)" if ":time" in missing else ""
         fix = None
         if section is not None:
             fix = Fix((Edit(place.end - 1, place.end - 1, f" {' '.join(missing)}"),))

@@ -74,7 +74,7 @@ def test_of_what_is_shipped_nothing_is_left_to_say(file: Path) -> None:
          "11:33: parameter `?c` of `(forall` is not used"),
         ("(:action rest", "(:process p :parameters () :precondition (and)"
          " :effect (and (increase (walked) #t)))(:action rest",
-         ":requirements: :time (processes and events need it)"),
+         ":requirements: :time (processes and events need `:time`)"),
         ("(:types place)", "(:types place - area tree)",
          "walk.pddl:4:24: type `tree` is declared, but no object or parameter has it"),
     ],

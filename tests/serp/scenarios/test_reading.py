@@ -89,7 +89,9 @@ def test_about_a_number_are_those_that_round_to_it(number: Decimal, places: int)
     [
         ("(heatt) = 1", 3, "there is no `(heatt)`\n.*\n.*\n  did you mean `heat`?"),
         ("(heat) 1", 10, "expected `=`, found `1`"),
-        ("heat = 1", 3, "`heat` begins neither a situation nor an expectation"),
+        ("heat = 1", 3, "neither a situation nor an expectation\n.*\n.*\n.*: `(heat) = 1`"),
+        ("lit hall", 3, "a fluent stands in parentheses: `(lit hall)`"),
+        ("xyz", 3, "an expectation begins with `chooses`"),
         ("(lit hall) = 1", 3, "true or false\n.*\n.*\n  write\n.*(lit hall)"),
         ("not (heat)", 3, "is a number"),
         ("(heat) = 1e999", 12, "too large"),
@@ -100,6 +102,7 @@ def test_about_a_number_are_those_that_round_to_it(number: Decimal, places: int)
         ("choses wait", 3, "did you mean `chooses`"),
         ("chooses", 10, "expected an action, the line ends"),
         ("chooses wat", 11, "there is no action `wat`\n.*\n.*\n  did you mean `wait`?"),
+        ("refuses wait as unsafe", 11, "the action is `wait`; a reason follows `because`"),
         ("chooses wait or", 18, "expected an action"),
         ("refuses wait because dull", 24, "no reason to refuse"),
         ("value of wait is 3", 20, "expected `about`, `at least` or `at most`, found `3`"),
