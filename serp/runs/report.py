@@ -45,7 +45,11 @@ def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bo
             "![Learning curve: return per episode, and who decided](learning-curve.png)"
         )
     if "learned_from" in summary:
-        source = describe_source(summary["learned_from"], in_file=bool(summary["file_rewards"]))
+        source = describe_source(
+            summary["learned_from"],
+            in_file=bool(summary["file_rewards"]),
+            world=metadata.get("config", {}).get("world") is not None,
+        )
         sections.append(f"The learner learns from {source}.")
     safety = [
         (what, "–" if summary[name] is None else f"{summary[name]:,}")

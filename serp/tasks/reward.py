@@ -77,11 +77,13 @@ def reward_source(declared: Literal["domain", "environment"], settings: Settings
     return declared if choice == "task" else choice
 
 
-def describe_source(source: Source, *, in_file: bool) -> str:
+def describe_source(source: Source, *, in_file: bool, world: bool = False) -> str:
     """Return the end of a sentence that begins with "the learner learns from".
 
-    `in_file` says whether the domain file gives rewards.
+    `in_file` says whether the domain file gives rewards, `world` whether it is the environment.
     """
+    if world and source == "environment" and in_file:
+        return "the rewards of the domain file, for what really happened"
     match source:
         case "domain":
             return "the rewards of the domain file"

@@ -160,7 +160,12 @@ def train(
                 trainer.recorder = stack.enter_context(recorder)
             if settings.tensorboard:
                 events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
-            source = describe_source(trainer.judge.source, in_file=trainer.task.model.rewarding)
+            task = trainer.task
+            source = describe_source(
+                trainer.judge.source,
+                in_file=task.model.rewarding,
+                world=task.task.world is not None,
+            )
             for note in (f"The learner learns from {source}.", *trainer.agent.notices):
                 progress.note(note)
             if budget.spent_by(trainer):

@@ -9,6 +9,7 @@ import pytest
 
 from serp.errors import SettingsError
 from serp.settings import resolve
+from serp.tasks.reward import describe_source
 from serp.tasks.task import Task
 from serp.training.plan_and_learn import plan_and_learn
 from serp.training.trainer import Trainer
@@ -67,6 +68,14 @@ def test_rewards_that_the_file_does_not_give_cannot_be_learned_from(tmp_path: Pa
             Trainer(task.bind(), settings, 0)
     with pytest.raises(SettingsError, match="'environment' or 'sum', not 'both'"):
         resolve("default", task.settings, {"training": {"reward": "both"}})
+
+
+def test_the_source_is_the_file_where_the_world_is_made_of_it() -> None:
+    assert "rewards of the domain file, for" in describe_source(
+        "environment", in_file=True, world=True
+    )
+    assert "gives none" in describe_source("environment", in_file=False, world=True)
+    assert "planner plans with" in describe_source("environment", in_file=True)
 
 
 @without_pictures()
