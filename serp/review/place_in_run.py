@@ -7,8 +7,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from serp.control.decision import Reason
 from serp.errors import RunError
 from serp.runs.recording import VETO_COLUMNS, Recording, vetoed
+from serp.runs.recording_format import REASONS
 
 _TIME: Final = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d+)?)")
 _LARGEST: Final = 1e12
@@ -22,13 +24,21 @@ class FoundStep(NamedTuple):
 
 
 def most_telling(recording: Recording) -> FoundStep:
-    """Return the newest vetoed step; without one the newest unsafe step, else the last one.
+    """Return the step of the newest veto; without one the newest unsafe step, else the last one.
+
+    A veto for harm, risk or reward tells more than one of a proposal that is not applicable.
 
     Raises:
         RunError: There is no step yet.
     """
     columns = recording.columns(*VETO_COLUMNS, "unsafe")
-    for what, steps in (("refused proposal", vetoed(columns)), ("unsafe step", columns["unsafe"])):
+    refused = vetoed(columns)
+    applicable = columns["reason"] != REASONS.index(Reason.NOT_APPLICABLE)
+    for what, steps in (
+        ("refused proposal that was applicable", refused & applicable),
+        ("unsafe step", columns["unsafe"]),
+        ("refused proposal", refused),
+    ):
         if steps.any():
             return FoundStep(int(np.flatnonzero(steps)[-1]), f"the last {what}")
     if not len(recording):

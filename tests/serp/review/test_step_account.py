@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from serp.review.place_in_run import FoundStep, clock, most_telling, seconds_of,
 from serp.review.run_model import RunModel
 from serp.review.sentences import what_came, what_would_differ, who_acted, who_decided
 from serp.review.step_account import account_of_step
+from serp.runs.recording import Recording
+from serp.runs.recording_format import ACTORS, REASONS
 from tests.serp.sample_tasks import corridor
 from tests.serp.training.runs import train
 
@@ -70,10 +73,27 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
     assert {Reason.PLANNER_TURN, Reason.ACCEPTED, Reason.UNSAFE} <= reasons
 
 
+def test_a_proposal_that_was_not_applicable_tells_less_than_an_unsafe_one() -> None:
+    reasons = [Reason.UNSAFE, Reason.ACCEPTED, Reason.NOT_APPLICABLE]
+
+    class Made:
+        def columns(self, *_: str) -> dict[str, Any]:
+            return {
+                "proposed_by": np.full(3, ACTORS.index(Actor.LEARNER)),
+                "reason": np.array([REASONS.index(reason) for reason in reasons]),
+                "unsafe": np.zeros(3, bool),
+            }
+
+    found = most_telling(cast("Recording", Made()))
+    assert found == (0, "the last refused proposal that was applicable")
+    reasons[0] = Reason.ACCEPTED
+    assert most_telling(cast("Recording", Made())) == (2, "the last refused proposal")
+
+
 def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     recording = run.recording()
     found = most_telling(recording)
-    assert found.because == "the last refused proposal"
+    assert found.because == "the last refused proposal that was applicable"
     made = account_of_step(run, recording, found)
     assert made.vetoed and made.veto_flips is not None and made.choice_flips is not None
     (flip,) = made.veto_flips.found

@@ -50,8 +50,8 @@ def command(
 
     Who acted and why; the state; every action with its value, risk and reward, and what of the
     domain file is behind them; what was predicted and what came; the next best action, and what
-    would have had to differ for it. Without a step, the last refused proposal is explained, else
-    the last unsafe step, else the last one.
+    would have had to differ for it. Without a step, the last refused proposal that was applicable
+    is explained, else the last unsafe step, else the last refused proposal, else the last step.
     """
     from serp.review.run_model import RunModel
     from serp.review.step_account import account_of_step
