@@ -6,8 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -46,6 +46,18 @@ class StatefulPlanner(Planner, Protocol):
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned."""
+
+
+@contextmanager
+def undisturbed(planner: Planner) -> Iterator[None]:
+    """Restore, at the end, what a planner kept from one decision to the next."""
+    stateful = planner if isinstance(planner, StatefulPlanner) else None
+    kept = None if stateful is None else stateful.state_dict()
+    try:
+        yield
+    finally:
+        if stateful is not None and kept is not None:
+            stateful.load_state_dict(*kept)
 
 
 @runtime_checkable

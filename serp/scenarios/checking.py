@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -147,7 +146,7 @@ class _Checker:
             actions |= dict.fromkeys(expected.actions[:1])
         elif not isinstance(expected, s.Indifferent):
             actions = {expected.action: None}
-        alternatives = self._explanation.alternatives
+        alternatives = self._explained(actions).alternatives
         behind = {
             self._decider.name(action): lines_of(
                 alternatives[self._decider.environment_action(action)]
@@ -167,16 +166,19 @@ class _Checker:
         actions = self._decider.arbiter.actions
         return [actions.name(number) for number in range(actions.size)]
 
-    @functools.cached_property
-    def _explanation(self) -> Explanation:
+    def _explained(self, actions: Collection[int]) -> Explanation:
+        """Return the account of the decision, with what lies ahead of some ground actions."""
         forecast = self._decision.forecast
+        ground = forecast.ground.tolist()
         return explain(
             self._decider.model,
             self._state,
             forecast,
             self._decision.action,
             names=self._names,
-            ground=forecast.ground.tolist(),
+            ground=ground,
+            paths=[self._decider.path(self._state, g) if g in actions else () for g in ground],
+            discount=self._decider.settings.discount,
         )
 
     def _chooses(self, expected: s.Chooses) -> str:
@@ -207,7 +209,7 @@ class _Checker:
 
     def _worth(self, action: int) -> str:
         forecast, number = self._decision.forecast, self._decider.environment_action(action)
-        remark = self._explanation.alternatives[number].remark
+        remark = self._explained(()).alternatives[number].remark
         return f"worth {readable(float(forecast.value[number]))}" + (remark and f" ({remark})")
 
     def _why(self, action: int) -> str:

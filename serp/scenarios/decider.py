@@ -13,7 +13,7 @@ from serp.errors import RunError
 from serp.model.loading import Domain
 from serp.model.transition_model import Vector
 from serp.planning.action_map import ActionMap
-from serp.settings import Settings
+from serp.settings import PlannerSettings, Settings
 from serp.tasks.task import Task
 
 if TYPE_CHECKING:
@@ -26,15 +26,17 @@ class Decider:
     Args:
         arbiter: Planner and vetoes.
         domain: The domain, whose initial state scenarios begin with.
+        settings: Those of the planner.
 
     Attributes:
-        arbiter, domain: As given.
+        arbiter, domain, settings: As given.
         model: The model that is planned with.
     """
 
-    def __init__(self, arbiter: Arbiter, domain: Domain) -> None:
+    def __init__(self, arbiter: Arbiter, domain: Domain, settings: PlannerSettings) -> None:
         self.arbiter = arbiter
         self.domain = domain
+        self.settings = settings
         self.model = arbiter.model
 
     @classmethod
@@ -57,7 +59,8 @@ class Decider:
         planner = make_planner(model, settings.planner, own)
         horizon = settings.planner.depth * settings.planner.repeat
         vetoes = VetoPolicy(actions, settings.arbiter, horizon)
-        return cls(Arbiter(planner, actions, settings.arbiter, vetoes=vetoes), domain)
+        arbiter = Arbiter(planner, actions, settings.arbiter, vetoes=vetoes)
+        return cls(arbiter, domain, settings.planner)
 
     @classmethod
     def of_agent(cls, agent: Agent) -> Decider:
@@ -65,7 +68,7 @@ class Decider:
 
         The learner is not asked: its input may be an observation, of which a scenario says nothing.
         """
-        return cls(agent.guarded, agent.task.domain)
+        return cls(agent.guarded, agent.task.domain, agent.settings.planner)
 
     @property
     def start(self) -> dict[str, float]:
@@ -78,6 +81,18 @@ class Decider:
     def decide(self, state: Vector) -> Decision:
         """Return the planner's decision in a state `[F]`."""
         return self.arbiter.plan(state)
+
+    def path(self, state: Vector, action: int) -> list[int]:
+        """Return where a ground action leads by the planner's choices, as far as its depth."""
+        path: list[int] = []
+        while action >= 0 and len(path) < self.settings.depth:
+            step = self.model.step(state, action)
+            if not step.applicable:
+                break
+            path.append(action)
+            state = step.state
+            action = -1 if step.terminal else self.executed(self.decide(state))
+        return path
 
     def executed(self, decision: Decision) -> int:
         """Return the ground action that a decision executes; -1 if the model does not know it."""

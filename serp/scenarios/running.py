@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from serp.control.protocols import undisturbed
 from serp.errors import SerpError
 from serp.model.loading import Domain
 from serp.pddl.source import Source
@@ -56,12 +57,16 @@ class ScenarioFile:
     def run(self, recorded: Recorded, words: str = "") -> Iterator[Result]:
         """Check scenarios one by one; with `words`, those whose title has them.
 
+        What the planner keeps of one is forgotten before the next, so that none depends on others.
+
         Raises:
             DomainError: The file is wrong.
         """
         for scenario in self.scenarios():
             if words.lower() in scenario.title.lower():
-                yield check(scenario, self.decider, recorded)
+                with undisturbed(self.decider.arbiter.planner):
+                    result = check(scenario, self.decider, recorded)
+                yield result
 
 
 def scenarios_beside(domain: Domain) -> Path:

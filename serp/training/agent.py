@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from typing import Any
 
 import gymnasium as gym
@@ -23,6 +23,7 @@ from serp.control.protocols import (
     Mask,
     Proposer,
     StatefulPlanner,
+    undisturbed,
 )
 from serp.control.registry import find_learner, find_strategy, make_planner, planner_names
 from serp.control.step_record import StepRecord
@@ -318,13 +319,6 @@ class Agent:
             self.arbiter.planner.load_state_dict(*saved.part("planner"))
         self._random.bit_generator.state = saved.generator_state("random", self._random)
 
-    @contextmanager
-    def undisturbed(self) -> Iterator[None]:
+    def undisturbed(self) -> AbstractContextManager[None]:
         """Restore, at the end, what the planner kept from one decision to the next."""
-        planner = self.arbiter.planner
-        kept = planner.state_dict() if isinstance(planner, StatefulPlanner) else None
-        try:
-            yield
-        finally:
-            if kept is not None and isinstance(planner, StatefulPlanner):
-                planner.load_state_dict(*kept)
+        return undisturbed(self.arbiter.planner)

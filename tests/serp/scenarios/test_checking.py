@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from serp.control.protocols import StatefulPlanner
 from serp.model.loading import load_domain
 from serp.pddl.source import Source
 from serp.scenarios.checking import Result
@@ -65,7 +67,7 @@ def test_a_failure_says_what_holds_instead() -> None:
     told = found(leaning + "chooses push-left")
     assert (
         told.startswith("push-right is chosen, worth ")
-        and "; it comes before push-left, whose best" in told
+        and "; it comes before push-left, whose return" in told
     )
     assert found(leaning + "does not choose push-right").startswith("push-right is chosen")
     assert "push-right is chosen" in found(leaning + "is indifferent")
@@ -89,3 +91,20 @@ def test_the_shipped_domains_do_what_their_scenarios_say(name: str) -> None:
     results = list(file.run(lambda step: {}))
     assert len(results) >= 2
     assert [failure for result in results for failure in result.failures] == []
+
+
+def test_the_planner_keeps_nothing_of_a_scenario_for_the_next_one() -> None:
+    source = Source("cartpole.scenarios", "scenario one\nchooses push-right\nchooses push-left\n")
+    far = Settings().replace({"planner": {"name": "far-sight"}})
+    file = ScenarioFile.open(source, CARTPOLE, far, 0.02)
+    planner = file.decider.arbiter.planner
+    assert isinstance(planner, StatefulPlanner)
+
+    def kept() -> str:
+        return repr(planner.state_dict())
+
+    before = kept()
+    assert not all(result.passed for result in file.run(lambda step: {}))
+    assert kept() == before
+    file.decider.decide(np.zeros(4))
+    assert kept() != before
