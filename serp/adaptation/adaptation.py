@@ -33,7 +33,8 @@ class ModelAdaptation:
     Attributes:
         model: The model to plan with: the adapted one, or `written` where nothing is adapted.
         experience: The newest transitions.
-        visits: `[A]` how often each ground action, or an equivalent one of its schema, was visited.
+        visits: `[A]` how often each ground action, or an equivalent one of its schema, was visited
+            since the last `reset_visits`.
         notice: A message on what is not adapted despite the settings; None if there is none.
     """
 
@@ -102,6 +103,10 @@ class ModelAdaptation:
             ),
             fluents=() if self._learners is None else self._learners.adoption(),
         )
+
+    def reset_visits(self) -> None:
+        """Treat all actions as unknown."""
+        self.visits[:] = 0
 
     def _learn(
         self, adapted: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool

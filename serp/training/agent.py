@@ -236,7 +236,8 @@ class Agent:
         """
         vetoes, say = self.arbiter.vetoes, self.task.on_notice
         relied_on = vetoes.lookahead_reliable
-        vetoes.observe(step)
+        if vetoes.observe(step):
+            self.adaptation.reset_visits()
         if relied_on and not vetoes.lookahead_reliable and say is not None:
             say(
                 f"{vetoes.lookahead_failures} something unsafe happened that was avoidable by the "
