@@ -129,7 +129,7 @@ def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(
 def test_ctrl_c_before_the_run_leaves_nothing(run: Run) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "serp.tasks.registry.find_task", lambda *_: signal.raise_signal(signal.SIGINT)
+            "serp.tasks.registry.find_task", lambda *_, **__: signal.raise_signal(signal.SIGINT)
         )
         assert run(*TRAIN, "--out=r", expect=130).stderr.strip() == "Stopped."
     assert not Path("r").exists()

@@ -33,11 +33,11 @@ def test_a_literal_and_what_is_missing_beside_it_are_told_together() -> None:
     )  # fmt: skip
     (remark,) = remarks(findings, model.ground)
     assert remark.text == (
-        "`push-left`, line 38: `(increase (pole-velocity) 0.29)`; observed 0.21 ± 0.02 in 412 "
+        "`push-left`, line 39: `(increase (pole-velocity) 0.29)`; observed 0.21 ± 0.02 in 412 "
         "steps; plus 0.31 × pole-angle that the file does not mention"
     )
     assert remark.cost == 0.75
-    assert remark.line == 38
+    assert remark.line == 39
     assert len(remark.findings) == 2
 
 
