@@ -79,6 +79,15 @@ class Document:
         """Whether the text differs from what was read or last written."""
         return self.text != self.saved
 
+    @property
+    def outdated(self) -> bool:
+        """Whether the file on the disk is not the one that was read or last written.
+
+        Raises:
+            SerpError: It cannot be read.
+        """
+        return self._on_disk() != self._digest
+
     def save(self, *, anyway: bool = False) -> Path:
         """Write the text to `target` atomically, and return that.
 
@@ -89,7 +98,7 @@ class Document:
             ChangedOnDisk: The file there is not the one that was read or last written.
             RunError: It cannot be written.
         """
-        if not anyway and self._on_disk() != self._digest:
+        if not anyway and self.outdated:
             raise ChangedOnDisk(f"{self.target} was changed by another program since it was read")
         content = self._write(self.target)
         self._digest, self.saved, self.path = _digest(content), self.text, self.target

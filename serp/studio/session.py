@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -99,12 +99,17 @@ class Session:
     def take_over(self, let_go: Callable[[], None]) -> int:
         """Let go of the page that owned the session; return the number of the new owner.
 
+        Where nothing waits to be saved, the new page shows what other programs have written.
+
         Args:
             let_go: Called when another page takes over; this one may no longer change anything.
         """
         self._let_go()
         self._let_go = let_go
         self.owner += 1
+        with suppress(SerpError):  # a file that cannot be read is told of when it is saved
+            if not self.changed and any(each.outdated for each in self.documents.values()):
+                self.reload()
         return self.owner
 
     # Editing -----------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from serp.studio.guard import Guard
 from serp.studio.measured import MeasuredRun
 from serp.studio.opening import open_session
 from serp.studio.reading import Surroundings, read
-from serp.studio.session import Session
+from serp.studio.session import DOMAIN, Session
 from serp.studio.shown_state import ShownState
 from serp.studio.training import BackgroundTraining
 from serp.studio.versions import compare_versions
@@ -155,6 +155,21 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> Non
     with pytest.raises(Exception, match="leads out of"):
         document.save()
     assert outside.read_text() == "theirs"
+
+
+def test_a_page_that_opens_shows_what_other_programs_wrote_unless_something_is_not_saved(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "a.pddl"
+    file.write_text("one\n")
+    session = Session(tmp_path, Document(file, tmp_path), None, Surroundings())
+    file.write_text("two\n")
+    session.take_over(lambda: None)
+    assert session.documents[DOMAIN].text == "two\n"
+    session.edit(DOMAIN, "mine\n")
+    file.write_text("three\n")
+    session.take_over(lambda: None)
+    assert session.documents[DOMAIN].text == "mine\n"
 
 
 def test_a_problem_moves_with_its_domain_so_that_the_training_is_of_what_is_shown(
