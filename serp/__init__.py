@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0.dev0"
 
 _NAMES = {
-    "serp.comparison.compare": ("Comparison", "compare"),
-    "serp.control.arbiter": ("Arbiter",),
-    "serp.control.decision": ("Decision",),
-    "serp.control.protocols": ("Learner", "Planner"),
-    "serp.control.step_record": ("StepRecord",),
-    "serp.control.strategies.strategy": ("Situation", "Strategy"),
-    "serp.control.veto": ("NoVeto", "VetoPolicy"),
-    "serp.diagnosis.diagnosis": ("Diagnosis", "diagnose"),
-    "serp.diagnosis.repair.repair": ("repair",),
+    "serp.runs.comparison.compare": ("Comparison", "compare"),
+    "serp.agent.arbiter": ("Arbiter",),
+    "serp.agent.decision": ("Decision",),
+    "serp.agent.protocols": ("Learner", "Planner"),
+    "serp.agent.step_record": ("StepRecord",),
+    "serp.agent.strategy": ("Situation", "Strategy"),
+    "serp.agent.veto": ("NoVeto", "VetoPolicy"),
+    "serp.runs.diagnosis.diagnosis": ("Diagnosis", "diagnose"),
+    "serp.runs.diagnosis.repair": ("repair",),
     "serp.errors": ("RunError", "SerpError", "SettingsError", "TaskError"),
-    "serp.export.policy": ("export_policy",),
+    "serp.runs.policy_export": ("export_policy",),
     "serp.learning.dqn": ("DQN", "Proposal"),
-    "serp.model.loading": ("Domain", "load_domain"),
+    "serp.model.domain": ("Domain", "load_domain"),
     "serp.model.transition_model": ("TransitionModel",),
     "serp.pddl.source": ("DomainError",),
     "serp.planning.forecast": ("Forecast",),
@@ -32,7 +32,7 @@ _NAMES = {
     "serp.planning.plan_follower": ("PlanFollower",),
     "serp.planning.replanner": ("MonitorReplanner", "Plan"),
     "serp.runs.recording": ("Recording", "StoredStep"),
-    "serp.runs.rows": ("MetricsRow",),
+    "serp.runs.tables": ("MetricsRow",),
     "serp.settings": (
         "AdaptationSettings",
         "ArbiterSettings",
@@ -42,14 +42,14 @@ _NAMES = {
         "Settings",
         "TrainingSettings",
     ),
-    "serp.tasks.declared_symmetry": ("Symmetry",),
+    "serp.tasks.symmetry": ("Symmetry",),
     "serp.tasks.registry": ("load_task",),
     "serp.tasks.task": ("Task",),
-    "serp.tasks.worlds.file_world": ("file_task",),
-    "serp.training.environments.guarded_env": ("GuardedEnv",),
-    "serp.training.plan_and_learn": ("plan_and_learn",),
-    "serp.training.run": ("Run", "load_run"),
-    "serp.tuning.tune": ("Tuned", "tune"),
+    "serp.tasks.file_world": ("file_task",),
+    "serp.runs.guarded_env": ("GuardedEnv",),
+    "serp.runs.train": ("plan_and_learn",),
+    "serp.runs.run": ("Run", "load_run"),
+    "serp.runs.tuning": ("Tuned", "tune"),
 }
 """Module → the public names that it defines."""
 _HOMES = {name: module for module, names in _NAMES.items() for name in names}
@@ -57,29 +57,23 @@ _HOMES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [*sorted(_HOMES), "__version__"]
 
 if TYPE_CHECKING:
-    from serp.comparison.compare import Comparison as Comparison
-    from serp.comparison.compare import compare as compare
-    from serp.control.arbiter import Arbiter as Arbiter
-    from serp.control.decision import Decision as Decision
-    from serp.control.protocols import Learner as Learner
-    from serp.control.protocols import Planner as Planner
-    from serp.control.step_record import StepRecord as StepRecord
-    from serp.control.strategies.strategy import Situation as Situation
-    from serp.control.strategies.strategy import Strategy as Strategy
-    from serp.control.veto import NoVeto as NoVeto
-    from serp.control.veto import VetoPolicy as VetoPolicy
-    from serp.diagnosis.diagnosis import Diagnosis as Diagnosis
-    from serp.diagnosis.diagnosis import diagnose as diagnose
-    from serp.diagnosis.repair.repair import repair as repair
+    from serp.agent.arbiter import Arbiter as Arbiter
+    from serp.agent.decision import Decision as Decision
+    from serp.agent.protocols import Learner as Learner
+    from serp.agent.protocols import Planner as Planner
+    from serp.agent.step_record import StepRecord as StepRecord
+    from serp.agent.strategy import Situation as Situation
+    from serp.agent.strategy import Strategy as Strategy
+    from serp.agent.veto import NoVeto as NoVeto
+    from serp.agent.veto import VetoPolicy as VetoPolicy
     from serp.errors import RunError as RunError
     from serp.errors import SerpError as SerpError
     from serp.errors import SettingsError as SettingsError
     from serp.errors import TaskError as TaskError
-    from serp.export.policy import export_policy as export_policy
     from serp.learning.dqn import DQN as DQN
     from serp.learning.dqn import Proposal as Proposal
-    from serp.model.loading import Domain as Domain
-    from serp.model.loading import load_domain as load_domain
+    from serp.model.domain import Domain as Domain
+    from serp.model.domain import load_domain as load_domain
     from serp.model.transition_model import TransitionModel as TransitionModel
     from serp.pddl.source import DomainError as DomainError
     from serp.planning.forecast import Forecast as Forecast
@@ -87,9 +81,21 @@ if TYPE_CHECKING:
     from serp.planning.plan_follower import PlanFollower as PlanFollower
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
     from serp.planning.replanner import Plan as Plan
+    from serp.runs.comparison.compare import Comparison as Comparison
+    from serp.runs.comparison.compare import compare as compare
+    from serp.runs.diagnosis.diagnosis import Diagnosis as Diagnosis
+    from serp.runs.diagnosis.diagnosis import diagnose as diagnose
+    from serp.runs.diagnosis.repair import repair as repair
+    from serp.runs.guarded_env import GuardedEnv as GuardedEnv
+    from serp.runs.policy_export import export_policy as export_policy
     from serp.runs.recording import Recording as Recording
     from serp.runs.recording import StoredStep as StoredStep
-    from serp.runs.rows import MetricsRow as MetricsRow
+    from serp.runs.run import Run as Run
+    from serp.runs.run import load_run as load_run
+    from serp.runs.tables import MetricsRow as MetricsRow
+    from serp.runs.train import plan_and_learn as plan_and_learn
+    from serp.runs.tuning import Tuned as Tuned
+    from serp.runs.tuning import tune as tune
     from serp.settings import AdaptationSettings as AdaptationSettings
     from serp.settings import ArbiterSettings as ArbiterSettings
     from serp.settings import GuideSettings as GuideSettings
@@ -97,16 +103,10 @@ if TYPE_CHECKING:
     from serp.settings import PlannerSettings as PlannerSettings
     from serp.settings import Settings as Settings
     from serp.settings import TrainingSettings as TrainingSettings
-    from serp.tasks.declared_symmetry import Symmetry as Symmetry
+    from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
+    from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
-    from serp.tasks.worlds.file_world import file_task as file_task
-    from serp.training.environments.guarded_env import GuardedEnv as GuardedEnv
-    from serp.training.plan_and_learn import plan_and_learn as plan_and_learn
-    from serp.training.run import Run as Run
-    from serp.training.run import load_run as load_run
-    from serp.tuning.tune import Tuned as Tuned
-    from serp.tuning.tune import tune as tune
 
 
 def __getattr__(name: str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from serp.cli import main
+from serp.ui import main
 
 if __name__ == "__main__":
     main()

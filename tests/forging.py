@@ -20,10 +20,10 @@ import numpy as np
 
 from serp import plan_and_learn
 from serp.errors import SerpError
-from serp.runs import results
+from serp.runs import report as results
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
 from serp.runs.folder import METRICS
-from serp.runs.reading import read_metrics
+from serp.runs.tables import read_metrics
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 BEGUN, FURTHER = 600, 40

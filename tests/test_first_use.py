@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from serp.cli import main
-from tests.serp.training.runs import rows, without_pictures
+from serp.ui.main import main
+from tests.serp.runs.runs import rows, without_pictures
 
 # An untrained learner acts without help: short episodes, little to wait for.
 QUICK = [

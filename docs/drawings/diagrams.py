@@ -137,7 +137,7 @@ def line() -> str:
         chain(
             60,
             (
-                ("nested lists", "serp.pddl.sexpr"),
+                ("nested lists", "serp.pddl.reader"),
                 ("syntax", "pddl.domain_parser"),
                 ("ground model", "model.instantiate"),
                 ("program text", "model.codegen"),

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from serp.report.report import write_report
-from serp.training.run import load_run
-from tests.serp.studio.browser import chromium
+from serp.runs.run import load_run
+from serp.ui.report.report import write_report
+from tests.serp.ui.studio.browser import chromium
 
 _LAST_DRAWN = 1100
 """An episode among the last ones, which are drawn."""

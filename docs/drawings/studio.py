@@ -11,7 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from tests.serp.studio.browser import chromium, served
+from tests.serp.ui.studio.browser import chromium, served
 
 
 def main() -> None:

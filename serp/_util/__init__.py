@@ -1,1 +1,1 @@
-"""What every other package uses: files, numbers, text, compiled code, and nothing of the domain."""
+"""What every other room uses: files, numbers, text, compiled code, and nothing of the domain."""

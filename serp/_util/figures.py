@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
 PALETTE: Final[Mapping[str, tuple[str, str]]] = {
     "surface": ("#ffffff", "#14171c"),
     "ink": ("#1f2430", "#e6e9ee"),
@@ -48,7 +49,7 @@ ACTORS: Final[Mapping[str, str]] = {
     "exploration": PALETTE["green"][0],
     "fallback": LINE,
 }
-"""Values of `serp.control.arbiter.Actor` → colour."""
+"""Values of `serp.agent.arbiter.Actor` → colour."""
 
 STYLE: Final[dict[str, Any]] = {
     "figure.facecolor": "white",

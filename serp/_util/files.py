@@ -10,12 +10,38 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
+import math
 import os
 import stat
 from collections.abc import Iterator, Mapping
+from enum import Enum
 from pathlib import Path
+from typing import Any, Final, Self
 
-from serp.errors import RunError
+import numpy as np
+
+from serp.errors import RunError, SerpError
+
+
+class Closing:
+    """A context manager that calls `close` on exit; a subclass defines `close`.
+
+    An error of `close` never hides an error of the body.
+    """
+
+    def close(self) -> None:
+        """Release what is held; a second call does nothing."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        hidden = (SerpError, OSError) if kind is not None else ()
+        with contextlib.suppress(*hidden):
+            self.close()
+
 
 _BINARY = getattr(os, "O_BINARY", 0)  # Windows would translate line ends without it
 _NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
@@ -199,3 +225,53 @@ def cannot_write(path: Path, error: OSError, kept: str) -> RunError:
     reason = error.strerror or str(error)
     advice = _ADVICE.get(error.errno or 0, "Correct that")
     return RunError(f"cannot write {path}: {reason}. {kept} {advice}, then try again.")
+
+
+_LARGEST: Final = 1 << 26
+"""Largest size of a file that is read, in bytes."""
+
+
+def json_text(value: object) -> str:
+    """Return indented JSON that ends with a line break, of paths, enums and NumPy values, too.
+
+    NaN and the infinities, which JSON cannot express, are a ValueError; see `finite`.
+    """
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=_as_json)
+    return text + "\n"
+
+
+def finite(value: Any) -> Any:
+    """Return a value with null for NaN and the infinities, which JSON does not have."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read_json(file: Path, advice: str) -> dict[str, Any]:
+    """Read a file that holds one JSON object.
+
+    `advice` ends the message of the `RunError` if it cannot be read.
+    """
+    try:
+        content = json.loads(read_regular(file, _LARGEST).decode("utf-8"))
+    except OSError as error:
+        raise RunError(f"cannot read {file}: {error.strerror or error}. {advice}") from error
+    except (ValueError, RecursionError) as error:
+        raise RunError(f"{file} is damaged ({error}). {advice}") from error
+    if not isinstance(content, dict):
+        raise RunError(f"{file} is damaged (not a JSON object). {advice}")
+    return content
+
+
+def _as_json(value: object) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"a {type(value).__name__} cannot be written as JSON")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import multiprocessing
 import os
 import signal
@@ -10,6 +12,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
+
+import threadpoolctl
+import torch
 
 _SAFE: Final = "PYTHONSAFEPATH"
 _OURS: Final = "serp"
@@ -63,3 +68,28 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit torch and BLAS to one thread: in small networks more threads are slower."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with threadpoolctl.threadpool_limits(1):
+            yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@functools.cache
+def _libraries() -> threadpoolctl.ThreadpoolController:
+    """Return the libraries that are loaded when this is first called; to find them takes 2 ms."""
+    return threadpoolctl.ThreadpoolController()
+
+
+@contextlib.contextmanager
+def blas_on_one_thread() -> Iterator[None]:
+    """Limit BLAS to one thread for a call in somebody else's loop, so that bits do not differ."""
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield

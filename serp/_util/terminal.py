@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.segment import Segment
     from rich.text import Text
 
+
 _HIDDEN: Final = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control, format, surrogate, line separators
 _ODD: Final = re.compile(r"[^\n\t\x20-\x7e\xa0-\xac\xae-\xff]")
 """Characters to check; the usual ones are excluded for speed."""

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+import math
+import re
+from collections.abc import Iterable, Sequence
+
+from serp._util.terminal import visible
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -36,3 +40,126 @@ def listed(names: Iterable[str], most: int = 8) -> str:
 def plural(count: int, noun: str, several: str | None = None) -> str:
     """Return a count with its noun: `1 action`, `3 actions`."""
     return f"{count:,} {noun if count == 1 else several or noun + 's'}"
+
+
+_DIGITS = 6
+"""Decimals beyond which a standard error is not shown."""
+
+
+def readable(value: float | None) -> str:
+    """Return a number with four significant digits: `1,234`, `−0.2618`, `–` for none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if isinstance(value, int) or 1e3 <= abs(value) < 1e9:
+        return _minus(f"{value:,.0f}")
+    return _minus(f"{value + 0.0:.4g}")
+
+
+def plain(value: float) -> str:
+    """Return a number with six significant digits."""
+    return f"{value + 0.0:.6g}"
+
+
+def measured(value: float, error: float) -> str:
+    """Return a value with its standard error: `0.21 ± 0.02`."""
+    decimals = _decimals(value, error)
+    if decimals is None:
+        return _minus(plain(value))
+    return f"{_minus(_fixed(value, decimals))} ± {_fixed(round(error, decimals), decimals)}"
+
+
+def rounded(value: float, error: float) -> str:
+    """Return a value with as many digits as its standard error justifies, never `0`."""
+    decimals = _decimals(value, error)
+    if decimals is None:
+        return _minus(plain(value))
+    if round(value, decimals) == 0.0:
+        return _minus(f"{value:.1g}")
+    return _minus(_fixed(value, decimals))
+
+
+def percent_measured(share: float, error: float) -> str:
+    """Return a share of 1 with its standard error in percent: `33 ± 2 %`."""
+    if not math.isfinite(error) or error < 0.0005:
+        return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
+    decimals = 1 if error < 0.005 else 0
+    return f"{100 * share:.{decimals}f} ± {100 * error:.{decimals}f} %"
+
+
+def percent(share: float) -> str:
+    """Return a share of 1 in percent with two significant digits, such as `1.3 %`.
+
+    An integer part is shown in full, a share below 0.01 % as such.
+    """
+    value = 100 * share
+    if 0 < value < 0.01:
+        return "< 0.01 %"
+    return f"{value:,.0f} %" if value >= 10 else f"{value:.2g} %"
+
+
+def duration(seconds: float) -> str:
+    """Return a time for people to read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
+    if seconds < 59.95:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02} s"
+    return f"{minutes // 60} h {minutes % 60:02} min"
+
+
+def _decimals(value: float, error: float) -> int | None:
+    """Return the decimals up to the first digit of an error, or to the second if the first is 1.
+
+    None if the error is negligible or unknown.
+    """
+    if not math.isfinite(error) or error <= 1e-9 * abs(value):
+        return None
+    place = math.floor(math.log10(error))
+    first = int(error / 10.0**place)
+    decimals = -place + (1 if first == 1 else 0)
+    return decimals if decimals <= _DIGITS else None
+
+
+def _fixed(value: float, decimals: int) -> str:
+    if decimals < 0 and abs(value) >= 1e9:
+        return f"{value:.3g}"
+    return f"{round(value, decimals) + 0.0:,.{max(0, decimals)}f}"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−", 1) if text.startswith("-") else text
+
+
+def markdown_text(text: object) -> str:
+    """Return text escaped for Markdown, on one line, so that it also fits a table cell.
+
+    Control and format characters become visible escapes.
+    """
+    line = visible(" ".join(str(text).split()))
+    line = re.sub(r"([\\`*_\[\]<>|#&~$!])", r"\\\1", line)
+    # These would begin a list or underline a heading.
+    return re.sub(r"^(\d*)([-+.)](?= |$)|[-=]+$)", r"\1\\\2", line)
+
+
+def sentence(text: object) -> str:
+    """Return text as `plain` does, but with names between backticks as code."""
+    return re.sub(
+        r"\\`(?! )((?:[\w ()?.-]|\\_)+)(?<! )\\`",
+        lambda name: "`" + name[1].replace("\\_", "_") + "`",
+        markdown_text(text),
+    )
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:
+    """Return a table of Markdown cells; the first `left` columns are text, the others numbers."""
+    marks = ["---"] * left + ["---:"] * (len(head) - left)
+    lines = [head, marks, *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def code(text: str, language: str = "sh") -> str:
+    """Return a code block, with control and format characters escaped."""
+    text = visible(text)
+    longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
+    fence = "`" * max(3, longest + 1)
+    return f"{fence}{language}\n{text}\n{fence}"

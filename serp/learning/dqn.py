@@ -13,7 +13,7 @@ See `serp.learning.network` about threads and determinism.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,14 +22,49 @@ import numpy.typing as npt
 from serp._util.numbers import FLOAT32_MAX, best_of
 from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
-from serp.learning.export import network_as_onnx
-from serp.learning.learning import QLearning
-from serp.learning.mean_q import MeanQ
-from serp.learning.replay import ReplayBuffer
-from serp.learning.return_bounds import ReturnBounds
-from serp.learning.samples import SampleSpec, type_F32
+from serp.learning.network import MeanQ
+from serp.learning.onnx_export import network_as_onnx
+from serp.learning.q_learning import QLearning
+from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
 from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
+
+
+class ReturnBounds:
+    """The smallest and the largest possible return, for a discount γ in [0, 1)."""
+
+    def __init__(self, discount: float) -> None:
+        self._horizon = 1.0 / (1.0 - discount)
+        self._going_on = [math.inf, -math.inf]
+        self._terminal = [math.inf, -math.inf]
+        self._update()
+
+    def observe(self, reward: float, terminated: bool) -> None:
+        """Update the bounds with the reward of one step."""
+        seen = self._terminal if terminated else self._going_on
+        if seen[0] <= reward <= seen[1]:
+            return
+        seen[0] = min(seen[0], reward)
+        seen[1] = max(seen[1], reward)
+        self._update()
+
+    def _update(self) -> None:
+        lower = min(self._going_on[0] * self._horizon, self._terminal[0])
+        upper = max(self._going_on[1] * self._horizon, self._terminal[1])
+        nothing_known = lower > upper
+        self.lower: float = -math.inf if nothing_known else lower
+        self.upper: float = math.inf if nothing_known else upper
+
+    def state(self) -> list[float]:
+        """Return smallest and largest reward of going on, and of terminating; ±inf where unseen."""
+        return [*self._going_on, *self._terminal]
+
+    def load_state(self, state: Sequence[float]) -> None:
+        """Continue from what `state` returned."""
+        low, high, terminal_low, terminal_high = map(float, state)
+        self._going_on = [low, high]
+        self._terminal = [terminal_low, terminal_high]
+        self._update()
 
 
 class Proposal(NamedTuple):
@@ -232,7 +267,7 @@ class DQN:
     def as_onnx(self) -> bytes:
         """Return the network as ONNX, with the symmetries as a part of it.
 
-        See `serp.learning.export.network_as_onnx`.
+        See `serp.learning.onnx_export.network_as_onnx`.
         """
         return network_as_onnx(self.learning.online, self.symmetry)
 

@@ -5,19 +5,219 @@ Rewards are summed over n steps before storage (n-step returns, Sutton and Barto
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from serp._util.saved_state import LARGEST, Saved
 from serp.errors import RunError
-from serp.learning.n_step import PendingStep, PendingSteps
-from serp.learning.samples import Samples, SampleSpec, type_Bool
-from serp.learning.sampling import Sampler
+from serp.learning.kernels import compiled
 from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
+
+type_F32 = npt.NDArray[np.float32]
+type_I64 = npt.NDArray[np.int64]
+type_Bool = npt.NDArray[np.bool_]
+
+
+class SampleSpec(NamedTuple):
+    """The shape of a learner's samples: F inputs, A actions, and whether some imitate."""
+
+    input_size: int
+    action_count: int
+    imitates: bool = False
+
+
+class Samples(NamedTuple):
+    """Samples, one array per field; the leading axes N are the same in all.
+
+    The last field has no rows for a learner that does not imitate.
+
+    Attributes:
+        observation: float32 ``[*N, F]`` before the action.
+        action: int64 ``[*N]``.
+        reward: float32 ``[*N]``, the discounted sum of up to n rewards.
+        next_observation: float32 ``[*N, F]`` after the last of them.
+        discount: float32 ``[*N]``, γᵏ for k rewards; 0 where the episode terminated.
+        forbidden: bool ``[*N, A]``, actions that may not be chosen next; never all.
+        imitated: int64 ``[*N]``, action to be imitated in the current state; -1: none.
+    """
+
+    observation: type_F32
+    action: type_I64
+    reward: type_F32
+    next_observation: type_F32
+    discount: type_F32
+    forbidden: type_Bool
+    imitated: type_I64
+
+    @staticmethod
+    def zeros(count: int, spec: SampleSpec) -> Samples:
+        """Allocate `count` samples."""
+        return Samples(
+            observation=np.zeros((count, spec.input_size), np.float32),
+            action=np.zeros(count, np.int64),
+            reward=np.zeros(count, np.float32),
+            next_observation=np.zeros((count, spec.input_size), np.float32),
+            discount=np.zeros(count, np.float32),
+            forbidden=np.zeros((count, spec.action_count), np.bool_),
+            imitated=np.zeros(count if spec.imitates else 0, np.int64),
+        )
+
+    def arrays(self) -> dict[str, npt.NDArray[np.generic]]:
+        """Return field → array, without those that have no rows in this learner."""
+        named = self._asdict()
+        return {name: array for name, array in named.items() if len(array) == len(self.action)}
+
+    def split(self, *lead: int) -> Samples:
+        """Return views with the one leading axis split into several."""
+        return Samples._make(a.reshape(*(lead if len(a) else (0,)), *a.shape[1:]) for a in self)
+
+
+@dataclass(slots=True)
+class PendingStep:
+    """A step that waits for the rewards of later steps.
+
+    `reward` is the discounted sum so far.
+    """
+
+    observation: type_F32
+    action: int
+    imitated: int = -1
+    reward: float = 0.0
+
+
+class PendingSteps:
+    """The pending steps, at most `n_step`, the oldest first."""
+
+    def __init__(self, n_step: int, discount: float) -> None:
+        self._n_step = n_step
+        self._powers = [discount**k for k in range(n_step + 1)]
+        self.steps: deque[PendingStep] = deque()
+
+    @property
+    def complete(self) -> bool:
+        """Whether the oldest step has its n rewards."""
+        return len(self.steps) == self._n_step
+
+    @property
+    def discount(self) -> float:
+        """Weight of the value after the rewards of the oldest step."""
+        return self._powers[len(self.steps)]
+
+    def push(self, step: PendingStep, reward: float) -> None:
+        """Add a step; its reward counts for the earlier pending steps as well."""
+        self.steps.append(step)
+        for age, waiting in enumerate(reversed(self.steps)):
+            waiting.reward += self._powers[age] * reward
+
+    def state_dict(self, spec: SampleSpec) -> tuple[type_F32, dict[str, Any]]:
+        """Return the observations ``[pending, F]``, and the rest as JSON values."""
+        observations: type_F32 = np.zeros((len(self.steps), spec.input_size), np.float32)
+        for row, step in zip(observations, self.steps, strict=True):
+            row[:] = step.observation
+        meta: dict[str, Any] = {
+            "pending_action": [int(step.action) for step in self.steps],
+            "pending_return": [float(step.reward) for step in self.steps],
+        }
+        if spec.imitates:
+            meta["pending_imitated"] = [int(step.imitated) for step in self.steps]
+        return observations, meta
+
+    def checked(self, saved: Saved, spec: SampleSpec) -> deque[PendingStep]:
+        """Return the steps of a state.
+
+        Raises:
+            RunError: They do not fit this learner.
+        """
+        most = spec.action_count - 1
+        observations = saved.array("pending.observation", np.float32, (-1, spec.input_size))
+        count = len(observations)
+        if count >= self._n_step:  # the n-th step completes the first one
+            raise saved.wrong(f"{count} steps are pending, but at most {self._n_step - 1} can be")
+        columns = (
+            [row.copy() for row in observations],
+            saved.wholes("pending_action", count, 0, most),
+            saved.wholes("pending_imitated", count, -1, most) if spec.imitates else [-1] * count,
+            saved.reals("pending_return", count),
+        )
+        return deque(PendingStep(*entry) for entry in zip(*columns, strict=True))
+
+
+class Sampler:
+    """Draws E batches of B of the first rows of `store`.
+
+    Memory is allocated once. The other arguments are those of `ReplayBuffer`.
+    """
+
+    def __init__(
+        self,
+        store: Samples,
+        spec: SampleSpec,
+        shape: tuple[int, int],
+        rng: np.random.Generator,
+        symmetry: SymmetryGroup | None,
+    ) -> None:
+        self.rng = rng
+        self._group = symmetry or SymmetryGroup(spec.input_size, spec.action_count)
+        self._uniform = np.zeros(shape)
+        self._elements: type_I64 = np.zeros(shape, np.int64)
+        drawn = Samples.zeros(shape[0] * shape[1], spec)
+        self._batch = drawn.split(*shape)
+        # Plain tuples for the loop.
+        self._tables = (tuple(store), tuple(drawn))
+        self._symmetries = (self._group.columns, self._group.signs, self._group.actions)
+
+    def draw(self, count: int) -> Samples:
+        """Draw a batch for each member from the first rows, uniformly and with replacement.
+
+        Returns:
+            Samples with leading axes ``[members, batch]``, valid until the next draw.
+        """
+        self.rng.random(out=self._uniform)
+        rows = (self._uniform * count).astype(np.int64)
+        if len(self._group) > 1:
+            self.rng.random(out=self._uniform)
+            self._elements[:] = self._uniform * len(self._group)  # rounds down
+        _take_images(rows.ravel(), self._elements.ravel(), self._symmetries, *self._tables)
+        return self._batch
+
+
+@compiled
+def _take_images(rows: Any, elements: Any, symmetries: Any, store: Any, out: Any) -> None:
+    """Copy samples, each as its image under an element of a symmetry group.
+
+    Args:
+        rows: int64 ``[N]``, which samples.
+        elements: int64 ``[N]``, the element for each.
+        symmetries: Columns, signs and actions of a `SymmetryGroup`.
+        store: The memory, the fields of `Samples`.
+        out: Likewise, N samples, written.
+    """
+    columns, signs, images = symmetries
+    observation, action, reward, next_observation, discount, forbidden, imitated = store
+    (
+        to_observation, to_action, to_reward, to_next_observation, to_discount, to_forbidden,
+        to_imitated,
+    ) = out  # fmt: skip
+    imitates = len(imitated) > 0
+    for i in range(len(rows)):
+        row, g = rows[i], elements[i]
+        for j in range(columns.shape[1]):
+            sign, column = signs[g, j], columns[g, j]
+            to_observation[i, j] = sign * observation[row, column]
+            to_next_observation[i, j] = sign * next_observation[row, column]
+        to_action[i] = images[g, action[row]]
+        to_reward[i] = reward[row]
+        to_discount[i] = discount[row]
+        for k in range(images.shape[1]):
+            to_forbidden[i, images[g, k]] = forbidden[row, k]
+        if imitates:
+            to_imitated[i] = images[g, imitated[row]] if imitated[row] >= 0 else -1
 
 
 class ReplayBuffer:

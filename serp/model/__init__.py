@@ -1,1 +1,1 @@
-"""The transition model of a domain file: instantiation, code generation, prediction."""
+"""The transition model of a domain file: instantiation, prediction, and what a run learns of it."""

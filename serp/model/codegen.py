@@ -42,8 +42,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from serp.model import ground as g
-from serp.model.emit import Site, block, joined
-from serp.model.emit_effects import EffectEmitter, conjunction
+from serp.model.emit import EffectEmitter, Site, block, conjunction, joined
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 
 Part = Literal[

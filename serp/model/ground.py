@@ -6,8 +6,10 @@ entry of the parameter vector θ.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 from serp.pddl.source import Place
 from serp.pddl.syntax import Change, DomainSyntax, Kind
@@ -225,7 +227,7 @@ class GroundModel:
         goal: The problem's goal; None where there is none.
         goal_rewarded: Whether reaching the goal is a reward: the files declare no `(reward)`.
         goal_parameter: The entry of θ that is that reward in a problem with a metric, see
-            `serp.model.goal_value`; None: it is 1.
+            `serp.model.instantiate`; None: it is 1.
         metric: The problem's metric, where it is not `(reward)`.
         initial: The value of every fluent; None where the problem leaves a number out.
         static: Printable name → value of everything that the problem states and no effect changes.
@@ -308,3 +310,80 @@ def reads(schema: GroundSchema) -> set[int]:
 def writes(schema: GroundSchema) -> set[int]:
     """Return every fluent and flag target that the effects change."""
     return {effect.target for effect in schema.effects}
+
+
+FUNCTIONS: Mapping[str, Callable[..., float]] = {
+    **{"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "atan2": math.atan2},
+    **{"abs": abs, "min": min, "max": max},
+}
+ELAPSED = "elapsed"
+"""The atom of the control period."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A sum of atoms, each times a factor, and a constant.
+
+    An atom is the column of a fluent, ELAPSED, or an operation that is not linear: a tuple of its
+    operator and the keys of its operands.
+    """
+
+    terms: dict[Hashable, Fraction]
+    constant: Fraction
+
+    def plus(self, other: Linear, factor: Fraction) -> Linear:
+        """Return this sum plus another one times a factor."""
+        terms = dict(self.terms)
+        for atom, k in other.terms.items():
+            total = terms.get(atom, Fraction(0)) + k * factor
+            if total:
+                terms[atom] = total
+            else:
+                terms.pop(atom, None)
+        return Linear(terms, self.constant + other.constant * factor)
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for equal sums."""
+        return frozenset(self.terms.items()), self.constant
+
+
+_NOTHING = Linear({}, Fraction(0))
+
+
+def linear(value: Value, theta: Sequence[float]) -> Linear:
+    """Return a numeric expression as a sum, for given parameters."""
+    match value:
+        case Read(fluent):
+            return Linear({fluent: Fraction(1)}, Fraction(0))
+        case ParameterRef(parameter):
+            return Linear({}, Fraction(repr(float(theta[parameter]))))  # as it is written
+        case Unary("-", operand):
+            return _NOTHING.plus(linear(operand, theta), Fraction(-1))
+        case Elapsed():
+            return Linear({ELAPSED: Fraction(1)}, Fraction(0))
+        case Unary(operator, operand):
+            return _applied(operator, linear(operand, theta))
+        case Operation(operator, left, right):
+            one, other = linear(left, theta), linear(right, theta)
+            if operator in FUNCTIONS:
+                return _applied(operator, one, other)
+            if operator in "+-":
+                return one.plus(other, Fraction(1 if operator == "+" else -1))
+            if not other.terms and (operator == "*" or other.constant):
+                factor = other.constant
+                return _NOTHING.plus(one, factor if operator == "*" else 1 / factor)
+            if operator == "*" and not one.terms:
+                return _NOTHING.plus(other, one.constant)
+            return _applied(operator, one, other)
+
+
+def _applied(operator: str, *operands: Linear) -> Linear:
+    """Return an operation as one atom, or as its value where nothing varies."""
+    if operator in FUNCTIONS and not any(operand.terms for operand in operands):
+        try:
+            value = FUNCTIONS[operator](*(float(operand.constant) for operand in operands))
+            return Linear({}, Fraction(repr(value)))
+        except (ValueError, OverflowError):  # it has no result
+            pass
+    return Linear({(operator, *(operand.key for operand in operands)): Fraction(1)}, Fraction(0))

@@ -1,17 +1,20 @@
 """Instantiation: schemas over objects → ground actions, processes and events.
 
-A ground predicate or function that cannot vary (see `serp.model.facts`) is a constant: it can rule
-instances out, and has no column of the state. All others are fluents.
+A ground predicate or function that cannot vary (see `serp.model.reachability`) is a constant: it
+can rule instances out, and has no column of the state. All others are fluents.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable, Iterator
+import math
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from fractions import Fraction
 
 from serp.model import ground as g
-from serp.model.facts import (
+from serp.model.ground import ELAPSED, linear
+from serp.model.reachability import (
     MAX_GROUND_SCHEMAS,
     Binding,
     Facts,
@@ -21,11 +24,97 @@ from serp.model.facts import (
     conjuncts,
     key_of,
     no_value,
+    reachable,
 )
-from serp.model.goal_value import UNBOUNDED, GoalValue
-from serp.model.reachability import reachable
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError, Place
+from serp.pddl.syntax import Change
+
+STEPS = 100
+UNBOUNDED = 1_000_000.0
+"""The reward for reaching the goal where the gain of the metric is not bounded."""
+
+_SIGNS = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}
+_Effects = tuple[g.SetNumber, ...]
+
+
+class GoalValue:
+    """The reward for reaching the goal of a model with a metric, as a function of θ."""
+
+    def __init__(self, ground: g.GroundModel) -> None:
+        assert ground.metric is not None
+        self.metric = ground.metric.value
+        read = set(g.fluents_of(self.metric))
+
+        def relevant(schemas: Iterable[g.GroundSchema]) -> list[_Effects]:
+            numbers = (
+                tuple(e for e in s.effects if isinstance(e, g.SetNumber) and e.target in read)
+                for s in schemas
+            )
+            return [effects for effects in numbers if effects]
+
+        self.actions = list(dict.fromkeys(relevant(ground.actions)))
+        self.processes = relevant(ground.processes)
+        self.events = relevant(ground.events)
+
+    def bounded(self, theta: Sequence[float], dt: float) -> bool:
+        """Whether the gain of the metric in a step is bounded."""
+        return math.isfinite(self._range(theta, dt))
+
+    def value(self, theta: Sequence[float], dt: float) -> float:
+        """Return the reward for given parameters and a control period."""
+        worth = 1.0 + STEPS * self._range(theta, dt)
+        return worth if math.isfinite(worth) else UNBOUNDED
+
+    def _range(self, theta: Sequence[float], dt: float) -> float:
+        terms = linear(self.metric, theta).terms
+        weights = {atom: _number(factor) for atom, factor in terms.items() if isinstance(atom, int)}
+        elapsed = _number(terms.get(ELAPSED, Fraction(0))) * dt
+        if len(weights) + (ELAPSED in terms) < len(terms):  # not linear
+            return math.inf
+        low, high = min(elapsed, 0.0), max(elapsed, 0.0)
+        steps = [_change(effects, weights, theta) for effects in self.actions]
+        low += min((a for a, _ in steps), default=0.0)
+        high += max((b for _, b in steps), default=0.0)
+        for times, schemas in ((dt, self.processes), (1.0, self.events)):
+            for effects in schemas:
+                a, b = _change(effects, weights, theta)
+                low += times * a
+                high += times * b
+        return high - low
+
+
+def _change(
+    effects: _Effects, weights: dict[int, float], theta: Sequence[float]
+) -> tuple[float, float]:
+    """Bound the change of the metric by effects that may or may not be applied."""
+    low = high = 0.0
+    for effect in effects:
+        weight = weights.get(effect.target, 0.0)
+        if not weight:
+            continue
+        sign, amount = _SIGNS.get(effect.change), _constant(effect.value, theta)
+        if sign is None or amount is None:
+            return -math.inf, math.inf
+        change = sign * weight * amount
+        low, high = low + min(change, 0.0), high + max(change, 0.0)
+    return low, high
+
+
+def _constant(value: g.Value, theta: Sequence[float]) -> float | None:
+    """Return the value of an expression that reads no fluent; None for any other."""
+    if isinstance(value, g.ParameterRef):
+        return theta[value.parameter]
+    form = linear(value, theta)
+    return None if form.terms else _number(form.constant)
+
+
+def _number(fraction: Fraction) -> float:
+    try:
+        return float(fraction)
+    except OverflowError:
+        return math.inf
+
 
 _FLAGS = {x.UNSAFE: g.UNSAFE_TARGET, x.TERMINAL: g.TERMINAL_TARGET}
 _TRUE = g.Constant(True)

@@ -3,7 +3,7 @@
 The generated function is compiled separately, to a C callback. Loops over states (the lookahead,
 batches) are compiled once for all domains and call it through its address. After an edit of a
 domain file only one small function is compiled, or none where only numbers changed. Both are
-cached on disk, see `serp._util.code_cache`.
+cached on disk, see `serp._util.compilation`.
 """
 
 from __future__ import annotations

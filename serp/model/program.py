@@ -12,7 +12,8 @@ from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground import GroundModel, SetNumber, Test, Value, fluents_of
 
 if TYPE_CHECKING:
-    from serp.model.bytecode.virtual_machine import Machine
+    from serp.model.bytecode import Machine
+
 
 MAX_NATIVE_SIZE = 400
 """Largest size of a model that has machine code of its own; larger ones run as bytecode."""
@@ -151,7 +152,7 @@ class Program:
         its own. Bytecode has no other callback than that of the virtual machine.
         """
         if not self.has_own_code:
-            from serp.model.bytecode.virtual_machine import virtual_step
+            from serp.model.bytecode import virtual_step
 
             assert part == "step"
             return virtual_step()
@@ -168,7 +169,7 @@ class Program:
 
     @functools.cached_property
     def _machine(self) -> Machine:
-        from serp.model.bytecode.virtual_machine import Machine
+        from serp.model.bytecode import Machine
 
         return Machine(self.ground)
 

@@ -10,9 +10,8 @@ import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
-from serp.pddl.edits import Edit, Fix
-from serp.pddl.sexpr import Group, Node, Word
-from serp.pddl.source import DomainError, Place
+from serp.pddl.reader import Group, Node, Word
+from serp.pddl.source import DomainError, Edit, Fix, Place
 from serp.pddl.syntax import MATH_FUNCTIONS, MATH_REQUIREMENT, Declaration
 
 _COMMA = re.compile(r"([+-]?\d+),(\d+)\Z", re.ASCII)

@@ -7,13 +7,72 @@ import contextlib
 import functools
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from serp.errors import SerpError
-from serp.pddl.edits import Edit, Fix
+
+
+@dataclass(frozen=True)
+class Edit:
+    """The characters `start` to `end` (exclusive) give way to a text; none do for an insertion."""
+
+    start: int
+    end: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A change that mends what a finding tells of.
+
+    Attributes:
+        edits: Of the file of the finding.
+        sure: Whether the change is what was meant, as far as a program can tell; otherwise it is a
+            guess that somebody has to look at.
+    """
+
+    edits: tuple[Edit, ...]
+    sure: bool = True
+
+
+def edited(text: str, edits: Iterable[Edit]) -> str:
+    """Return the text with all edits made; insertions at one place keep their order."""
+    parts: list[str] = []
+    position = 0
+    for edit in sorted(edits, key=lambda e: (e.start, e.end)):
+        if not position <= edit.start <= edit.end <= len(text):
+            raise ValueError(f"edits overlap at character {edit.start}, or reach beyond the text")
+        parts += [text[position : edit.start], edit.text]
+        position = edit.end
+    return "".join([*parts, text[position:]])
+
+
+def line_start(text: str, position: int) -> int:
+    """Return where the line begins in which a position lies."""
+    return text.rfind("\n", 0, position) + 1
+
+
+def line_end(text: str, position: int) -> int:
+    """Return where that line ends, before its line break."""
+    end = text.find("\n", position)
+    end = len(text) if end < 0 else end
+    return end - 1 if end > position and text[end - 1] == "\r" else end
+
+
+def indent_at(text: str, position: int) -> str:
+    """Return the white space with which the line of a position begins."""
+    start = line_start(text, position)
+    line = text[start : line_end(text, start)]
+    return line[: len(line) - len(line.lstrip())]
+
+
+def newline_of(text: str) -> str:
+    """Return the line break that a text uses."""
+    return "\r\n" if "\r\n" in text else "\n"
+
 
 _LINE_END = re.compile(r"\r\n|\n|\r")
 _LARGEST: Final = 1 << 28
@@ -342,3 +401,54 @@ def _window(line: str, at: int) -> tuple[str, int]:
     end = begin + _WINDOW
     before, after = ("... " if begin else ""), (" ..." if end < len(line) else "")
     return before + _visible(line[begin:end]) + after, at - begin + len(before)
+
+
+_RULE: Final = re.compile(r"^[;\s]*[-=~*_#+]{3,}|[-=~*_#+]{3,}\s*$")
+"""Marks of a line that is drawn through a file."""
+_SILENCE: Final = re.compile(r"\bserp:[ \t]*ignore(-file)?(\[[^\]]*\])?")
+"""What is said to `serp check`, not to people."""
+
+
+def comment_of(place: Place) -> str:
+    """Return the comment of a place in one line, without its semicolons; empty where none is."""
+    source, line = place.source, place.line
+    begins_it = not source.line_text(line)[: place.column - 1].strip()
+    return _beside(source, line) or (_above(source, line) if begins_it else "")
+
+
+def _beside(source: Source, line: int) -> str:
+    """Return the comment after the text of a line, and what continues it below."""
+    code, mark, text = source.line_text(line).partition(";")
+    if not mark or not code.strip():
+        return ""
+    texts, column = [text], len(code)
+    for below in range(line + 1, len(source.line_starts) + 1):
+        blank, mark, text = source.line_text(below).partition(";")
+        if not mark or blank.strip() or len(blank) != column:
+            break
+        texts.append(text)
+    return _joined(texts)
+
+
+def _above(source: Source, line: int) -> str:
+    """Return the lines of comment that end right above a line; empty for the head of a section."""
+    texts: list[str] = []
+    columns: list[int] = []
+    above = line - 1
+    while above >= 1:
+        code, mark, text = source.line_text(above).partition(";")
+        if not mark or code.strip():
+            if mark and all(column == len(code) for column in columns):
+                return ""  # they continue the comment beside that line
+            break
+        texts.insert(0, text)
+        columns.append(len(code))
+        above -= 1
+    if any(_RULE.search(text) for text in texts):
+        return ""
+    return _joined(texts)
+
+
+def _joined(texts: list[str]) -> str:
+    said = (_SILENCE.sub("", text).lstrip(";").split() for text in texts)
+    return " ".join(map(" ".join, said)).strip()

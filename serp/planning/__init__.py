@@ -1,1 +1,1 @@
-"""Planning with the transition model: lookahead, planning graph, monitor-replanning (MrP)."""
+"""Planning with the transition model: lookahead, closed graph, cells, search for a goal."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
-from serp.planning.limits import Bound
+from serp.planning.edges import Bound
 from serp.planning.preference import PathScore, path_score, rank_of
 
 SAFE = 1 << 30

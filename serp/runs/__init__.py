@@ -1,1 +1,1 @@
-"""The run folder: what one training leaves behind, in open formats. See `serp.runs.folder`."""
+"""Runs: training, evaluation, comparison, and the folder that each leaves behind."""

@@ -16,27 +16,275 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
+import importlib.metadata
 import json
 import os
+import platform
 import re
-from collections.abc import Mapping, Sequence
+import socket
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from filelock import FileLock, Timeout
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from serp._util.closing import Closing
-from serp._util.files import aside_of, cannot_write, require_regular, sync_folder, write_durably
-from serp._util.json_files import read_json
+from serp._util.files import (
+    Closing,
+    aside_of,
+    cannot_write,
+    json_text,
+    read_json,
+    refuse_hard_link,
+    require_regular,
+    sync_folder,
+    write_durably,
+)
 from serp._util.saved_state import Saved
 from serp.errors import RunError
-from serp.model.loading import problem_beside
+from serp.model.domain import problem_beside
 from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
-from serp.runs.config import CONFIG, config_text, read_config
-from serp.runs.lock import RunLock
-from serp.runs.new_folder import make_empty, occupied
-from serp.runs.rows import DECISIONS_COLUMNS, METRICS_ADDED, METRICS_COLUMNS
-from serp.runs.tables import Position, Table
+from serp.runs.tables import DECISIONS_COLUMNS, METRICS_ADDED, METRICS_COLUMNS, Position, Table
+
+LOCK: Final = ".lock"
+
+
+class RunLock:
+    """A lock on a run folder, held until `release` or the end of the process.
+
+    The operating system releases it when the process dies, so that there are no stale locks. The
+    file ``.lock`` in the run names the owner of the lock and its time. A lock that another process
+    (or another lock of this one) holds, or that cannot be had, is a `RunError`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = require_regular(folder / LOCK)
+        # Any thread may release the lock. A soft lock, for file systems without locks, would
+        # survive a crash.
+        self._lock = FileLock(
+            self._path,
+            blocking=False,
+            thread_local=False,
+            fallback_to_soft=False,
+            on_acquired=self._write_owner,
+        )
+        try:
+            self._lock.acquire()
+        except Timeout:
+            raise RunError(
+                f"the run {folder} is being written by {self._owner()}. Wait until that has ended, "
+                "or begin a new run with another --out."
+            ) from None
+        except PermissionError as error:
+            raise cannot_write(self._path, error, "The run is unchanged.") from error
+        except OSError as error:
+            raise RunError(
+                f"the run {folder} cannot be locked: {error.strerror or error}. Give --out a "
+                "folder on a local disk."
+            ) from error
+
+    def release(self) -> None:
+        """Release the lock; a second call does nothing."""
+        self._lock.release()
+
+    def _write_owner(self, file: int) -> None:
+        refuse_hard_link(self._path, file)
+        now = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
+        text = f"process {os.getpid()} on {socket.gethostname()} since {now}\n"
+        with contextlib.suppress(OSError):  # informative only; a full disk must not stop a resume
+            os.ftruncate(file, 0)
+            os.write(file, text.encode())
+
+    def _owner(self) -> str:
+        with contextlib.suppress(OSError), open(self._path, "rb") as file:
+            return file.read(200).decode("utf-8", "replace").strip() or "another process"
+        return "another process"
+
+
+FORMAT = 2
+"""Raised where a run of before cannot be read any more."""
+CONFIG = "config.json"
+
+
+class _Config(BaseModel):
+    """What every ``config.json`` holds, and more."""
+
+    model_config = ConfigDict(strict=True)
+
+    created: str
+    command: list[str]
+    domain_files: dict[str, str]
+    config: dict[str, Any]
+    versions: dict[str, Any]
+    machine: dict[str, Any]
+
+
+_PACKAGES = (
+    "serp",
+    "numpy",
+    "torch",
+    "gymnasium",
+    "numba",
+    "scipy",
+    "unified-planning",
+    "networkx",
+    "pymunk",
+    "safetensors",
+    "stable-baselines3",
+)
+
+
+def config_text(
+    config: Mapping[str, Any],
+    domain_files: Mapping[str, str],
+    command: Sequence[str],
+    now: datetime.datetime,
+) -> str:
+    """Return the text of ``config.json``.
+
+    Args:
+        config: The resolved configuration; its ``seed`` is repeated at the top level.
+        domain_files: Name of each copy in the run → name of the original file.
+        command: The command line.
+        now: When the run began, local time.
+    """
+    return json_text(
+        {
+            "format": FORMAT,
+            "created": now.astimezone().isoformat(timespec="seconds"),
+            "command": list(command),
+            "seed": config.get("seed"),
+            "domain_files": dict(domain_files),
+            "config": dict(config),
+            "versions": versions(),
+            "machine": machine(),
+        }
+    )
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """Read the ``config.json`` of a run: the keys that `config_text` writes."""
+    if os.path.isfile(folder):
+        raise RunError(f"{folder} is a file; a run is given by its folder.")
+    if not os.path.isdir(folder):
+        raise RunError(f"there is no run {folder}: no such folder.")
+    file = folder / CONFIG
+    if not os.path.isfile(file):
+        if os.path.lexists(folder / LOCK):
+            raise RunError(
+                f"the run {folder} was stopped before it began: it has no {CONFIG}, so there is "
+                f"nothing to continue. Begin it again, with --out {folder}."
+            )
+        raise RunError(
+            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn wrote."
+        )
+    about = read_json(file, "Restore it from a copy.")
+    version = about.get("format")
+    if version != FORMAT:
+        versions = about.get("versions")
+        wrote = versions.get("serp") if isinstance(versions, dict) else None
+        raise RunError(
+            f"{file} was written by another version of serp ({wrote or 'unknown'}): it has format "
+            f"{version!r}, and this one reads format {FORMAT}. Use that version, or train again."
+        )
+    try:
+        _Config.model_validate(about)
+    except ValidationError as error:
+        wrong = error.errors(include_url=False)[0]
+        name = ".".join(map(str, wrong["loc"]))
+        raise RunError(
+            f"{file} was not written by serp, or is damaged: {name}: {wrong['msg']}. Restore it "
+            "from a copy."
+        ) from None
+    return about
+
+
+@functools.cache
+def versions() -> Mapping[str, str | None]:
+    """Return distribution → installed version (None if not installed), without importing any."""
+    found: dict[str, str | None] = {}
+    for name in _PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """Return Python version, operating system, kind of processor and number of cores."""
+    return {
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "platform": platform.platform(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+    }
+
+
+def _processor() -> str:
+    """Return the model of the processor, as far as the system names it."""
+    with contextlib.suppress(OSError):
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+        for line in text.splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path:
+    """Return the default folder of a run: ``runs/<domain>-<time>``, and ``-2``, … if it exists."""
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", domain_name).strip("-.") or "run"
+    stamp = (now or datetime.datetime.now()).strftime("%Y%m%d-%H%M%S")
+    first = path = Path("runs") / f"{name}-{stamp}"
+    number = 1
+    while os.path.lexists(path):
+        number += 1
+        path = first.with_name(f"{first.name}-{number}")
+    return path
+
+
+def make_empty(path: Path, is_trace: Callable[[str], bool]) -> None:
+    """Create the folder of a new run, unless it exists and is empty; see `refuse_occupied`."""
+    refuse_occupied(path, is_trace)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(path, error, "Nothing was made.") from error
+
+
+def refuse_occupied(path: Path, is_trace: Callable[[str], bool]) -> None:
+    """Raise a RunError if a new run cannot have a folder, because there is something in it.
+
+    The files that a run stopped before its beginning may have left (`is_trace`) are ignored.
+    """
+    if path.is_file():
+        raise RunError(f"{path} is a file. Give another folder with --out.")
+    try:
+        names = set(os.listdir(path))
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise cannot_write(path, error, "Nothing was made.") from error
+    # The lock file shows that a run left the other files. Without it, a domain.pddl may be the
+    # user's own.
+    if names and not (LOCK in names and all(map(is_trace, names - {LOCK}))):
+        raise occupied(path)
+
+
+def occupied(path: Path) -> RunError:
+    """Return the error for a folder that is not empty."""
+    if os.path.lexists(path / CONFIG):
+        return RunError(
+            f"{path} already holds a run. Continue it with --resume, or give another folder with "
+            "--out. Nothing was changed."
+        )
+    return RunError(
+        f"{path} is not empty. Give a new or empty folder with --out. Nothing was changed."
+    )
+
 
 METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"

@@ -25,15 +25,14 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from serp._util.files import read_regular
-from serp._util.json_files import json_text, read_json
-from serp.control.decision import Actor, Reason
-from serp.control.step_record import StepRecord
+from serp._util.files import json_text, read_json, read_regular
+from serp.agent.decision import Actor, Reason
+from serp.agent.step_record import StepRecord
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel
-from serp.planning.action_map import ActionMap
+from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
-from serp.planning.limits import Bound
+from serp.tasks.action_map import ActionMap
 
 RECORDING: Final = "recording"
 EVALUATIONS: Final = "evaluations"

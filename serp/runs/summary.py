@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from serp.control.decision_counts import SAFETY, STEPS_BY, sight_of, total
-from serp.runs.rows import METRICS_ADDED
+from serp.agent.step_record import SAFETY, STEPS_BY, sight_of, total
+from serp.runs.tables import METRICS_ADDED
 
 FIRST = 10  # episodes at the beginning of a run
 WINDOW = 20  # episodes of the moving mean, also in the learning curve
@@ -94,11 +94,11 @@ def summarize(
     """Summarise a run.
 
     Args:
-        metrics: What `serp.runs.reading.read_metrics` returns.
+        metrics: What `serp.runs.tables.read_metrics` returns.
         config: The resolved configuration, a part of which is repeated.
         vetoes_by_reason: Reason → proposals refused for it, in the order of the report.
         compile_seconds: Seconds of compilation, which are not part of ``wall_time``.
-        account: What `serp.training.account.account_of` returns, which is repeated.
+        account: What `serp.agent.agent.account_of` returns, which is repeated.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of all episodes, of the first

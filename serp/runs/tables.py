@@ -10,19 +10,157 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import math
 import os
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
 
-from serp._util.closing import Closing
-from serp._util.files import cannot_write, open_regular
+from serp._util.files import Closing, cannot_write, open_regular
+from serp.agent.step_record import DecisionCounts
 from serp.errors import RunError
-from serp.runs.rows import LONGEST
+
+if TYPE_CHECKING:
+    from serp.agent.arbiter import Arbiter
+    from serp.agent.decision import Decision
+    from serp.agent.step_record import EpisodeTotals
+    from serp.model.transition_model import Vector
+
+
+LONGEST: Final = 1 << 24
+"""Largest length of a line that is read, in bytes."""
+
+
+class MetricsRow(NamedTuple):
+    """One episode: a row of ``metrics.csv``, whose columns docs/reference/run-folder.md explains.
+
+    None is an empty cell.
+    """
+
+    episode: int
+    env_steps: int
+    return_: float
+    domain_return: float | None
+    length: int
+    terminated: bool
+    truncated: bool
+    rho: float | None
+    epsilon: float | None
+    planner_steps: int
+    learner_steps: int
+    exploration_steps: int
+    fallback_steps: int
+    vetoes: int
+    unsafe_predicted: int
+    unsafe_executed: int
+    avoidable_unsafe: int | None
+    unsafe_observed: int | None
+    no_safe_action: int
+    saw_all: int
+    by_cells: int
+    cut_short: int
+    layers_seen: int
+    indifferent: int
+    loss: float | None
+    wall_time: float
+
+
+class DecisionRow(NamedTuple):
+    """One decision: a row of ``decisions.csv``, explained in the same place.
+
+    A text may be an enum or any immutable object; it is converted to a string when the table is
+    flushed, not during the step.
+    """
+
+    step: int
+    episode: int
+    proposed_by: Any
+    proposed: Any
+    executed: Any
+    executed_by: Any
+    reason: Any
+    vetoed: bool
+    predicted_reward: float | None
+    proposal_unsafe: bool
+    unsafe: bool
+    risk: float | None
+    rho: float | None
+    depth: int
+    bound: Any
+    indifferent: bool
+    explanation: Any
+
+
+def metrics_row(
+    totals: EpisodeTotals,
+    *,
+    episode: int,
+    env_steps: int,
+    rho: float,
+    epsilon: float | None,
+    losses: Sequence[float],
+    wall_time: float,
+) -> MetricsRow:
+    """Return the row of an episode of training."""
+    return MetricsRow(
+        episode=episode,
+        env_steps=env_steps,
+        return_=totals.return_,
+        domain_return=totals.domain_return,
+        length=totals.length,
+        terminated=totals.terminated,
+        truncated=totals.truncated,
+        avoidable_unsafe=totals.avoidable_unsafe,
+        unsafe_observed=totals.unsafe_observed,
+        rho=rho,
+        epsilon=epsilon,
+        loss=float(np.mean(losses)) if losses else None,
+        wall_time=wall_time,
+        **totals.decisions.numbers(),
+    )
+
+
+def decision_row(
+    decision: Decision, arbiter: Arbiter, state: Vector, *, step: int, episode: int
+) -> DecisionRow:
+    """Return the row of an arbiter's decision in a state `[F]`."""
+    name = arbiter.actions.name
+    return DecisionRow(
+        step=step,
+        episode=episode,
+        proposed_by=decision.proposed_by,
+        proposed=name(decision.proposed) if decision.proposed >= 0 else "",
+        executed=name(decision.action),
+        executed_by=decision.executed_by,
+        reason=decision.reason,
+        vetoed=decision.vetoed,
+        predicted_reward=decision.predicted_reward,
+        proposal_unsafe=decision.proposal_unsafe,
+        unsafe=decision.unsafe,
+        risk=decision.risk,
+        rho=decision.rho,
+        depth=decision.depth,
+        bound=decision.bound,
+        indifferent=decision.indifferent,
+        explanation=arbiter.explain(decision, state),
+    )
+
+
+def _columns(row: type[NamedTuple]) -> tuple[str, ...]:
+    # `return` is a keyword of Python, so the field has an underscore and the column has none.
+    return tuple(field.rstrip("_") for field in row._fields)
+
+
+METRICS_COLUMNS = _columns(MetricsRow)
+METRICS_ADDED: Final = ("avoidable_unsafe", "unsafe_observed")
+"""Columns that runs of earlier versions lack; their cells are empty."""
+DECISIONS_COLUMNS = _columns(DecisionRow)
+
 
 _ROWS_HELD: Final = 1024  # formatted in about 5 ms, buffered in less than 1 MB
 _BLOCK: Final = 65_536
@@ -201,3 +339,102 @@ def _cell(value: Any) -> str | float | None:
         return value
     text = str(value)
     return " ".join(text.splitlines()) if "\n" in text or "\r" in text else text
+
+
+def read_rows(
+    path: Path, columns: Sequence[str], added: Sequence[str] = ()
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number (from 1; the header is line 1) and cells of every complete row.
+
+    A last line without a line break is incomplete (the run was killed, or is writing) and is left
+    out. A file that lacks the columns `added`, which earlier versions did not write, has empty
+    cells there.
+    """
+    number, found = 0, list(columns)
+    try:
+        with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
+            for number, line in enumerate(iter(lambda: file.readline(LONGEST), b""), start=1):
+                if len(line) == LONGEST:
+                    raise _malformed(path, number, f"longer than {LONGEST:,} bytes")
+                if number > 1 and not line.endswith(b"\n"):
+                    break
+                cells = _cells(path, number, line)
+                if number == 1:
+                    found = cells
+                    if found not in (list(columns), [c for c in columns if c not in added]):
+                        raise RunError(
+                            f"{path}:1: the columns are not {', '.join(columns)}. Was this file "
+                            "written by serp, of this version?"
+                        )
+                elif len(cells) != len(found):
+                    raise _malformed(
+                        path, number, f"{len(cells)} cells where the header has {len(found)}"
+                    )
+                else:
+                    if len(found) < len(columns):
+                        row = dict(zip(found, cells, strict=True))
+                        cells = [row.get(name, "") for name in columns]
+                    yield number, cells
+    except OSError as error:
+        raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
+    if number == 0:
+        raise RunError(f"{path} is empty; it should begin with a header.")
+
+
+def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """Read ``metrics.csv``: column → array ``[episodes]``.
+
+    Counts are int64, flags bool, everything else float64 with NaN for an empty cell.
+    """
+    hints = get_type_hints(MetricsRow)
+    kinds = {field.rstrip("_"): hints[field] for field in MetricsRow._fields}
+    columns: dict[str, list[float]] = {name: [] for name in METRICS_COLUMNS}
+    for number, cells in read_rows(path, METRICS_COLUMNS, METRICS_ADDED):
+        for name, cell in zip(METRICS_COLUMNS, cells, strict=True):
+            columns[name].append(_parse(path, number, name, kinds[name], cell))
+    return {
+        name: np.array(column, kinds[name] if kinds[name] in (int, bool) else float)
+        for name, column in columns.items()
+    }
+
+
+def count_decisions(path: Path) -> DecisionCounts:
+    """Count the decisions of ``decisions.csv``."""
+    tally = DecisionCounts()
+    for number, cells in read_rows(path, DECISIONS_COLUMNS):
+        row = dict(zip(DECISIONS_COLUMNS, cells, strict=True))
+        flags = {
+            name: bool(_parse(path, number, name, bool, row[name]))
+            for name in ("vetoed", "proposal_unsafe", "unsafe", "indifferent")
+        }
+        depth = int(_parse(path, number, "depth", int, row["depth"]))
+        tally.count(SimpleNamespace(**(row | flags | {"depth": depth})))
+    return tally
+
+
+def _parse(path: Path, number: int, name: str, kind: Any, cell: str) -> float:
+    try:
+        if kind is bool:
+            return {"0": False, "1": True}[cell]
+        if kind is int:
+            return int(np.int64(cell))
+        return float(cell) if cell else math.nan
+    except (KeyError, ValueError, OverflowError):
+        wanted = {bool: "0 or 1", int: "a whole number of 64 bits"}.get(kind, "a number")
+        raise _malformed(path, number, f"{name} is {cell!r}; it must be {wanted}") from None
+
+
+def _cells(path: Path, number: int, line: bytes) -> list[str]:
+    try:
+        text = line.decode("utf-8").rstrip("\r\n")
+        return next(csv.reader([text], strict=True), [])
+    except UnicodeDecodeError:
+        raise _malformed(path, number, "not UTF-8") from None
+    except csv.Error as error:
+        raise _malformed(path, number, str(error)) from None
+
+
+def _malformed(path: Path, number: int, why: str) -> RunError:
+    return RunError(
+        f"{path}:{number}: {why}. The file was changed or damaged; restore it from a copy."
+    )

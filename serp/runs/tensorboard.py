@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from serp._util.closing import Closing
-from serp.control.decision import Actor
-from serp.control.step_record import StepRecord
+from serp._util.files import Closing
+from serp.agent.decision import Actor
+from serp.agent.step_record import StepRecord
 from serp.errors import MissingExtra, RunError
-from serp.runs.rows import METRICS_COLUMNS, MetricsRow
+from serp.runs.tables import METRICS_COLUMNS, MetricsRow
 
 
 def require_tensorboard() -> None:

@@ -3,14 +3,142 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
+import inspect
+import sys
+import traceback
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 from serp._util import plugins
 from serp._util.text import did_you_mean
-from serp.errors import TaskError
-from serp.model.loading import Domain, load_domain
+from serp.errors import SerpError, TaskError
+from serp.model.domain import Domain, load_domain
 from serp.tasks.task import Task
+
+FORMS = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
+
+
+def custom_task(name: str) -> Task:
+    """Return the task that `--task` names.
+
+    The name, one of `FORMS`, refers to a `serp.Task`, or to a function without arguments that
+    returns one; a file with one task needs no function name. Installed modules come before those in
+    the working directory; importing a module runs it.
+
+    Raises:
+        TaskError: There is no such file, module or function, it fails, or it returns no task.
+    """
+    where, colon, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
+    if not where or (colon and not attribute):
+        raise TaskError(f"--task {name}: expected {FORMS}")
+    said = f"--task {name}"
+    is_file = where.endswith(".py")
+    module = import_file(Path(where), said) if is_file else _import_module(where, Path(), said)
+    found = attribute_of(module, attribute, said) if attribute else _only(module, name)
+    if isinstance(found, Task):
+        return found
+    if not callable(found):
+        raise TaskError(
+            f"--task {name}: `{attribute}` is a {type(found).__name__}, not a serp.Task"
+        )
+    try:
+        made = found()
+    except SerpError:
+        raise
+    except Exception as error:
+        raise _failed(f"--task {name}: making the task failed", error) from error
+    if not isinstance(made, Task):
+        raise TaskError(f"--task {name}: it returned {type(made).__name__}, not a serp.Task")
+    return made
+
+
+def import_file(file: Path, said: str) -> ModuleType:
+    """Import a file as a module of its name, so that other processes can import it, too.
+
+    `said` is the option that names it, for messages.
+    """
+    if not file.is_file():
+        raise TaskError(f"{said}: there is no such file")
+    module = _import_module(file.stem, file.parent, said)
+    if not module.__file__ or Path(module.__file__).resolve() != file.resolve():
+        raise TaskError(
+            f"{said}: another module is called `{file.stem}` ({module.__file__}); "
+            "give the file another name"
+        )
+    return module
+
+
+def _import_module(name: str, folder: Path, said: str) -> ModuleType:
+    place = str(folder.resolve())
+    if place not in sys.path:
+        sys.path.append(place)  # last, so that no file hides an installed module
+    importlib.invalidate_caches()
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+            raise _failed(f"{said}: importing it failed", error) from error
+        raise TaskError(
+            f"{said}: there is no module `{error.name}`, neither installed nor in {place}"
+        ) from None
+    except Exception as error:
+        raise _failed(f"{said}: importing it failed", error) from error
+
+
+def attribute_of(module: ModuleType, attribute: str, said: str) -> Any:
+    """Return what a module has under a name, which may have dots."""
+    found: Any = module
+    for part in attribute.split("."):
+        try:
+            found = getattr(found, part)
+        except AttributeError:
+            names = [n for n in dir(found) if not n.startswith("_")]
+            raise TaskError(
+                f"{said}: {module.__file__} has no `{attribute}`; {did_you_mean(part, names)}"
+            ) from None
+    return found
+
+
+def _only(module: ModuleType, name: str) -> Any:
+    """Return the only task of a file: a `serp.Task`, or a function annotated to return one."""
+    found = {
+        key: value
+        for key, value in vars(module).items()
+        if isinstance(value, Task) or _makes_task(value, module)
+    }
+    if len(found) == 1:
+        return next(iter(found.values()))
+    which = ", ".join(f"`--task {name}:{key}`" for key in found)
+    raise TaskError(
+        f"--task {name}: which task? Write {which}"
+        if found
+        else f"--task {name}: it holds no serp.Task, and no function `-> serp.Task`; name the "
+        f"function: `--task {name}:FUNCTION`"
+    )
+
+
+def _makes_task(value: Any, module: ModuleType) -> bool:
+    if not inspect.isfunction(value) or value.__module__ != module.__name__:
+        return False
+    returns = value.__annotations__.get("return")
+    return returns is Task or returns in ("Task", "serp.Task")
+
+
+def _failed(what: str, error: Exception) -> TaskError:
+    """Return an error that names the line that raised another one."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return TaskError(f"{what}: {error.filename}:{error.lineno}:{error.offset}: {error.msg}")
+    outside = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename != __file__ and "importlib" not in frame.filename
+    ]
+    place = f"{outside[-1].filename}:{outside[-1].lineno}: " if outside else ""
+    return TaskError(f"{what}: {place}{type(error).__name__}: {error}")
+
 
 GROUP = "serp.tasks"
 
@@ -69,7 +197,7 @@ def find_task(domain: str, max_ground_schemas: int | None = None, *, worlds: boo
     loaded = load_domain(path, observed=True, max_ground_schemas=max_ground_schemas)
     task = task_of(loaded, path)
     if task is None and worlds:
-        from serp.tasks.worlds.file_world import file_task
+        from serp.tasks.file_world import file_task
 
         return file_task(load_domain(path, max_ground_schemas=max_ground_schemas))
     if task is None:

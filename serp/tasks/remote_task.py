@@ -13,11 +13,11 @@ from typing import Any, Final
 
 from gymnasium.vector.utils import CloudpickleWrapper
 
-from serp._util.closing import Closing
+from serp._util.files import Closing
 from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp.errors import EnvironmentFailure, SerpError
 from serp.model.transition_model import Vector
-from serp.tasks.bound_task import BoundTask, EnvironmentCall
+from serp.tasks.task import BoundTask, EnvironmentCall
 
 _START: Final = "fork" if sys.platform == "linux" else "spawn"
 """How the processes begin. `fork` needs no import and no `__main__` guard in a user's script."""

@@ -2,25 +2,168 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import inspect
+import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import gymnasium as gym
+import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
-from serp.errors import TaskError
-from serp.model.loading import Domain, load_domain
-from serp.model.transition_model import TransitionModel
-from serp.tasks.declared_symmetry import Symmetry
-from serp.tasks.worlds.options import WorldOptions
+from serp._util.files import Closing
+from serp._util.numbers import COUNTED, real
+from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
+from serp.model.domain import Domain, load_domain
+from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.settings import Section
+from serp.tasks import wrapper_state
+from serp.tasks.action_map import ActionMap
+from serp.tasks.checks import reset_answer, step_answer
+from serp.tasks.observation import ActionSpace, Grounding, Observations
+from serp.tasks.symmetry import Symmetry
 
 if TYPE_CHECKING:
-    from serp.planning.advice import Advise
-    from serp.tasks.bound_task import BoundTask
+    from serp.planning.plan_follower import Advise
+    from serp.settings import Settings
+
+
+Source = Literal["domain", "environment", "sum"]
+
+
+class Judged(NamedTuple):
+    """The rewards and the safety of an observed step; see `serp.StepRecord`."""
+
+    reward: float
+    domain_reward: float
+    unsafe: bool
+
+
+class Judge:
+    """Judges the observed steps of a task; the setting `training.reward` chooses the reward.
+
+    Args:
+        task: The task.
+        settings: All settings; None where nothing is learned from the steps: the reward is then the
+            environment's.
+
+    Raises:
+        SettingsError: The domain's rewards are to be learned from, but it gives none.
+    """
+
+    def __init__(self, task: BoundTask, settings: Settings | None = None) -> None:
+        self.source: Source = "environment"
+        if settings is not None:
+            self.source = reward_source(task.rewarded_by, settings)
+        self._model = task.model
+        if self.source != "environment" and not task.model.rewarding:
+            raise SettingsError(
+                f"training: reward is {self.source}, but the domain of task {task.name} says "
+                "nothing about reward; let an action or event `(increase (reward) ...)`, or set "
+                "training.reward=environment"
+            )
+
+    def __call__(self, state: Vector, ground: int, next_state: Vector, env_reward: float) -> Judged:
+        """Judge an observed step by a ground action, -1 if the model does not know it.
+
+        Raises:
+            StateError: The domain's reward is learned from, and the file cannot judge this step.
+        """
+        try:
+            judged = self._model.judge(state, ground, next_state)
+        except StateError:
+            if self.source != "environment":
+                raise
+            return Judged(env_reward, 0.0, False)
+        if self.source == "environment":
+            reward = env_reward
+        elif self.source == "domain":
+            reward = judged.reward
+        else:
+            reward = judged.reward + env_reward
+        return Judged(reward, judged.reward, judged.unsafe)
+
+
+def reward_source(declared: Literal["domain", "environment"], settings: Settings) -> Source:
+    """Return the source of the reward that is learned from, given the one that a task declares."""
+    choice = settings.training.reward
+    return declared if choice == "task" else choice
+
+
+def describe_source(source: Source, *, in_file: bool, world: bool = False) -> str:
+    """Return the end of a sentence that begins with "the learner learns from".
+
+    `in_file` says whether the domain file gives rewards, `world` whether it is the environment.
+    """
+    if world and source == "environment" and in_file:
+        return "the rewards of the domain file, for what really happened"
+    match source:
+        case "domain":
+            return "the rewards of the domain file"
+        case "sum":
+            return "the environment's reward plus those of the domain file"
+    if not in_file:
+        return "the environment's reward; the domain file gives none"
+    return (
+        "the environment's reward; the planner plans with those of the domain file "
+        "(training.reward=sum or domain: the learner learns from these, too)"
+    )
+
+
+Chance = Annotated[float, Field(ge=0, lt=1)]
+"""A probability, at least 0 and below 1."""
+
+
+class WorldOptions(Section):
+    """The options of a world that is made of a file (`serp.file_task`)."""
+
+    failure: Chance = 0.0
+    """Probability that an action does nothing."""
+    slip: Chance = 0.0
+    """Probability that another action happens instead: one of those whose precondition holds, each
+    as likely as the others. Where there is none, nothing happens."""
+    noise: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Standard deviation of the change of a number, as a share of this change. What actions and
+    processes change by d becomes a change by d · (1 + noise · z), with z from the standard normal
+    distribution, before events are looked at."""
+    max_steps: Annotated[int, Field(ge=1, le=COUNTED)] = 1_000
+    """Steps after which an episode is cut off."""
+
+    @model_validator(mode="after")
+    def _something_may_work(self) -> Self:
+        if self.failure + self.slip > 1.0:
+            raise ValueError(
+                f"failure and world.slip are {self.failure!r} and {self.slip!r}; an action fails, "
+                "slips or is carried out, so together they must be at most 1"
+            )
+        return self
+
+    @classmethod
+    def from_dict(cls, values: Any) -> WorldOptions | None:
+        """Return the options that `as_dict` wrote; None for None.
+
+        Raises:
+            SettingsError: They are no options.
+        """
+        if values is None:
+            return None
+        if not isinstance(values, Mapping):
+            raise SettingsError(f"{values!r} does not describe a world")
+        return cls(**values)
+
+    @classmethod
+    def section(cls) -> str:
+        """Return what messages call the options."""
+        return "world"
+
 
 Draw = Callable[[Mapping[str, float | bool]], str]
 """Fluent → value, and returned: a picture of that state as text, an `svg` element."""
@@ -142,11 +285,283 @@ class Task:
             DomainError: The domain is wrong.
             TaskError: Environment, domain, grounding and actions do not fit together.
         """
-        from serp.tasks.bound_task import BoundTask  # it imports this module
-
         return BoundTask(self, render_mode=render_mode)
 
 
 def declared_reward(task: Task, model: TransitionModel) -> Literal["domain", "environment"]:
     """Return the source of the reward that a task or its domain declares."""
     return task.reward or ("domain" if model.rewarding else "environment")
+
+
+_SOURCES = ("domain", "environment")
+_SAMPLES = 8
+"""Number of sampled observations on which the grounding is tried."""
+
+
+class EnvironmentCall(NamedTuple):
+    """A call of the environment, and when it began, in seconds of the monotonic clock."""
+
+    what: str
+    since: float
+
+
+class BoundTask(Closing):
+    """A task with an environment, its loaded domain and its resolved actions.
+
+    As a context manager it closes its environment at the end. `task` is the task with its files
+    loaded; `rewarded_by` is the source of the
+    reward that the task declares, `domain` or `environment`; `grounding` the task's function;
+    `call` the call of the environment that has not returned yet; `on_notice`, if set, is called
+    with each line that the user should read.
+    """
+
+    def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
+        self.task = task = task.loaded()
+        self.domain = task.load()
+        self.name = str(task.name or self.domain.name)
+        self._check_fields()
+        self.grounding = self._grounding()
+        self.model: TransitionModel = self.domain.model.replace(dt=float(task.dt))
+        self.call: EnvironmentCall | None = None
+        self.env = self._make_env(render_mode)
+        try:
+            self._check_environment()
+        except BaseException:
+            with contextlib.suppress(Exception):  # the first error is the one to report
+                self.env.close()
+            raise
+        self.on_notice: Callable[[str], None] | None = None
+
+    def _check_fields(self) -> None:
+        task = self.task
+        dt = real(task.dt)
+        for wrong, name, allowed in (
+            (not isinstance(task.name, str | None), "name", "a text"),
+            (not callable(task.ground), "ground", "a function of an observation"),
+            (not callable(task.make_env), "make_env", "a function that returns an environment"),
+            (task.reward not in (None, *_SOURCES), "reward", "'domain' or 'environment'"),
+            (dt is None or dt <= 0, "dt (the control period)", "a number > 0"),
+        ):  # fmt: skip
+            if wrong:
+                value = getattr(task, name.split()[0])
+                raise TaskError(f"task {self.name}: {name} must be {allowed}, not {value!r}")
+
+    def _grounding(self) -> Grounding:
+        try:
+            return Grounding(self.task.ground)
+        except TaskError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
+
+    def _check_environment(self) -> None:
+        task = self.task
+        try:
+            self._action_space = ActionSpace(getattr(self.env, "action_space", None))
+            self.observations = Observations(getattr(self.env, "observation_space", None))
+        except ValueError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
+        self.observation_size = self.observations.size
+        given = self._tried_grounding()
+        if isinstance(given, Mapping):  # observed fluents are not constant, even if in :init
+            self.domain = self.domain.observed(map(str, given))
+            self.model = self.domain.model.replace(dt=self.model.dt)
+        try:
+            self.actions = ActionMap(self.model, self._action_space.size, self._numbered_actions())
+        except TaskError as error:
+            raise TaskError(f"task {self.name}, {self.domain.source.name}: {error}") from None
+        self.rewarded_by = declared_reward(task, self.model)
+        if self.rewarded_by == "domain" and not self.model.rewarding:
+            raise TaskError(
+                f"task {self.name}: the domain says nothing about reward; let an action or event "
+                "`(increase (reward) ...)`, or set reward='environment'"
+            )
+        try:
+            if isinstance(given, Mapping):
+                self.model.check_names(given)
+            elif given is not None:
+                self.model.check_shape(given)
+        except StateError as error:
+            raise TaskError(
+                f"task {self.name}: the grounding does not fit {self.domain.source.name}: {error}"
+            ) from None
+
+    def _numbered_actions(self) -> Any:
+        """Return the task's `actions` with numbers in place of combinations."""
+        named = self.task.actions
+        if not isinstance(named, Mapping):
+            return named
+        numbered = {}
+        for name, action in named.items():
+            try:
+                numbered[name] = self._action_space.number(action)
+            except ValueError as error:
+                raise TaskError(f"actions: `{name}` is mapped to {action!r}: {error}") from None
+        return numbered
+
+    def _tried_grounding(self) -> Any:
+        """Return what the grounding gives on a sampled observation; None if it fails on them all.
+
+        Of info and of states of the environment there are no samples: one that takes these is tried
+        on a reset.
+        """
+        if self.grounding.takes:
+            return self._grounded(*self.reset(seed=0), self.env)
+        return next(self.grounding.on_samples(self.observations.space, _SAMPLES), None)
+
+    def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
+        if render_mode is not None and self.task.world is not None:
+            raise TaskError(
+                f"task {self.name}: a world made of a file has no pictures; `serp why` shows "
+                "its steps"
+            )
+        if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
+            raise TaskError(
+                f"task {self.name}: make_env takes no render_mode, so nothing can be drawn; let it "
+                "take one and pass it on, as `lambda **options: gymnasium.make(..., **options)` "
+                "does"
+            )
+        try:
+            env = self.task.make_env(**({"render_mode": render_mode} if render_mode else {}))
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"task {self.name}: making the environment failed: {_short(error)}"
+            ) from error
+        if not isinstance(env, gym.Env):
+            raise TaskError(
+                f"task {self.name}: make_env returned {type(env).__name__}, not a gymnasium.Env"
+            )
+        return env
+
+    # Steps -------------------------------------------------------------------------------------
+
+    def observation(self, raw: Any) -> NDArray[np.float64]:
+        """Return an observation as a flat float64 vector, or raise an EnvironmentFailure."""
+        try:
+            return self.observations.read(raw)
+        except ValueError as error:
+            raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
+
+    def ground(
+        self,
+        raw: Any,
+        info: Mapping[str, Any] | None = None,
+        env: gym.Env[Any, Any] | None = None,
+    ) -> Vector:
+        """Return the state `[F]` of an observation.
+
+        Args:
+            raw: The observation.
+            info: What the environment returned beside it; needed if the grounding takes it.
+            env: The environment, which has just returned it; needed if the grounding takes it.
+
+        Raises:
+            TaskError: The grounding failed, or does not give the value of every fluent.
+        """
+        grounded = self._grounded(raw, info, env)
+        try:
+            if isinstance(grounded, Mapping):
+                return self.model.state(grounded)
+            return np.array(self.model.check_state(grounded))
+        except (StateError, TypeError, ValueError) as error:
+            raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
+
+    def _grounded(
+        self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None
+    ) -> Any:
+        missing = self.grounding.missing(info, env)
+        if missing:
+            raise TaskError(
+                f"task {self.name}: the grounding takes `{missing}` beside the observation; give "
+                "it, too"
+            )
+        try:
+            return self.grounding(raw, info, env)
+        except Exception as error:
+            raise TaskError(
+                f"task {self.name}: the grounding failed on {raw}: {_short(error)}"
+            ) from error
+
+    def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; return observation and info, or raise an EnvironmentFailure."""
+        with self._calling("reset"):
+            return reset_answer(self.env.reset(seed=seed))
+
+    def environment_action(self, action: int) -> Any:
+        """Return what the environment's `step` takes for an environment action 0 ... E-1."""
+        return self._action_space.action(action)
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Execute an environment action 0 ... E-1.
+
+        Returns:
+            Observation, the environment's reward, terminated, truncated, info.
+
+        Raises:
+            EnvironmentFailure: The environment raised, or did not return these.
+        """
+        with self._calling(f"step with action {self.actions.name(action)}"):
+            return step_answer(self.env.step(self.environment_action(action)))
+
+    @contextlib.contextmanager
+    def _calling(self, what: str) -> Iterator[None]:
+        """Record a call of the environment; raise EnvironmentFailure for whatever it raises."""
+        self.call = EnvironmentCall(what, time.monotonic())
+        try:
+            yield
+        except EnvironmentFailure as error:
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
+        except (Exception, SystemExit) as error:  # some exit when their window is closed
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
+        finally:
+            self.call = None
+
+    def close(self) -> None:
+        """Close the environment."""
+        with self._calling("closing the environment"):
+            self.env.close()
+
+    # State across episodes ---------------------------------------------------------------------
+
+    @property
+    def has_statistics(self) -> bool:
+        """Whether a layer of the environment keeps running statistics."""
+        return wrapper_state.has_statistics(self.env)
+
+    def environment_state(self) -> dict[str, Any]:
+        """Return what the layers of the environment keep across episodes, as JSON values."""
+        try:
+            saved = wrapper_state.save(self.env)
+            json.dumps(saved)
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"task {self.name}: the environment's state_dict() failed, or does not consist of "
+                f"JSON values: {_short(error)}"
+            ) from error
+        return saved
+
+    def restore_environment(
+        self, saved: Mapping[str, Any], *, statistics_only: bool = False
+    ) -> None:
+        """Restore what `environment_state` returned, or only the running statistics in it."""
+        try:
+            wrapper_state.restore(self.env, saved, statistics_only=statistics_only)
+        except Exception as error:
+            raise RunError(
+                f"task {self.name}: the environment cannot restore its saved state: "
+                f"{_short(error)}; continue with the environment it was saved with"
+            ) from error
+
+
+def _takes(function: Callable[..., Any], name: str) -> bool:
+    """Return whether a function accepts a keyword argument, by its signature."""
+    try:
+        accepts = inspect.signature(function).parameters
+    except ValueError:  # some callables written in C have no signature
+        return True
+    return name in accepts or any(p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values())
+
+
+def _short(error: BaseException) -> str:
+    """Return the message of an error in user code, and the line that raised it."""
+    said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
+    return f"{said} ({frames[-1].filename}:{frames[-1].lineno})" if frames else said

@@ -16,8 +16,8 @@ from time import perf_counter
 import numpy as np
 
 import serp
-from serp.planning.far_sight.cell_graph import CellGraph
-from serp.planning.far_sight.cell_values import value_at
+from serp.planning.cell_graph import CellGraph
+from serp.planning.cells import value_at
 from serp.settings import PlannerSettings
 
 DRIFT = """

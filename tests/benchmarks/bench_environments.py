@@ -20,11 +20,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from serp._util.threads import one_thread
+from serp._util.processes import one_thread
+from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task
 from serp.tasks.task import Task
-from serp.training.trainer import Trainer
 
 SECONDS = 0.005
 

@@ -18,8 +18,8 @@ from time import perf_counter
 import numpy as np
 
 import serp
-from serp.controller import Controller
-from serp.training.evaluation import play
+from serp.runs.controller import Controller
+from serp.runs.evaluation import play
 
 
 def main() -> None:

@@ -15,10 +15,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from serp.explanation.decision import explain
-from serp.studio.opening import open_session
-from serp.studio.reading import read
-from serp.studio.session import Session
+from serp.agent.explanation import explain
+from serp.ui.studio.opening import open_session
+from serp.ui.studio.reading import read
+from serp.ui.studio.session import Session
 
 _DOMAIN = """(define (domain logistics)
   (:requirements :strips :typing :numeric-fluents)

@@ -24,11 +24,11 @@ from typing import Any
 from pyperplan import planner as alone
 from pyperplan.task import Task
 
-from serp.model.loading import load_domain
+from serp.model.domain import load_domain
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
-from serp.tasks.worlds.file_world import FileWorld
-from serp.tasks.worlds.options import WorldOptions
+from serp.tasks.file_world import FileWorld
+from serp.tasks.task import WorldOptions
 from serp_adapters.pyperplan.planner import make
 from tests.generated.classical import blocks, gripper, logistics
 

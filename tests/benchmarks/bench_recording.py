@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import serp
-from serp.runs.recorder import Recorder
+from serp.runs.recording import Recorder
 
 spent = 0.0
 

@@ -15,8 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from serp.report.report import PICTURES, write_report
-from serp.training.run import load_run
+from serp.runs.run import load_run
+from serp.ui.report.report import PICTURES, write_report
 
 _DRAG = """async ([speed, frames]) => {
   const strip = document.querySelector('#run-strip'), box = strip.getBoundingClientRect();

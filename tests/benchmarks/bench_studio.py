@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.serp.studio.browser import chromium, served
+from tests.serp.ui.studio.browser import chromium, served
 
 _WATCH = """
 () => {

@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from serp.comparison.compare import compare
+from serp.runs.comparison.compare import compare
+from serp.runs.rollout import training_seed
 from serp.tasks.task import Task
-from serp.training.rollout import training_seed
-from tests.serp.comparison.contest import Walk, everything, walk
+from tests.serp.runs.comparison.contest import Walk, everything, walk
 
 WORKERS = 4
 STEPS = 20

@@ -25,12 +25,11 @@ import sb3_contrib
 import stable_baselines3
 
 import serp
-from serp.comparison.trials.external_env import ExternalEnv
+from serp.agent.agent import Agent
+from serp.runs.comparison.trial import ExternalEnv
+from serp.runs.guarded_env import EvaluationEnv, TaskEnv
 from serp.settings import resolve
 from serp.tasks.registry import find_task
-from serp.training.agent import Agent
-from serp.training.environments.guarded_env import EvaluationEnv
-from serp.training.environments.task_env import TaskEnv
 from serp_adapters.stable_baselines3 import ExecutedActionBuffer
 
 # As rl-baselines3-zoo tunes them for small tasks, as far as a budget of some thousand steps allows.

@@ -41,18 +41,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from serp._util.threads import one_thread
-from serp.cli.options import parse_settings
-from serp.comparison.algorithms import SERP, Algorithm, find_algorithm, merged
-from serp.comparison.trials.arena import Arena
-from serp.comparison.trials.contestant import Contestant, make_contestant
-from serp.comparison.trials.trial import without_forecast
-from serp.control.decision import Decision
-from serp.control.step_record import StepRecord
+from serp._util.processes import one_thread
+from serp.agent.decision import Decision
+from serp.agent.step_record import StepRecord
 from serp.model.transition_model import Vector
+from serp.runs.comparison.algorithms import SERP, Algorithm, find_algorithm, merged
+from serp.runs.comparison.trial import Arena, Contestant, make_contestant, without_forecast
+from serp.runs.rollout import Decide
 from serp.settings import Changes
 from serp.tasks.registry import find_task, task_entries
-from serp.training.rollout import Decide
+from serp.ui.options import parse_settings
 from serp_adapters.domains import domain_file
 
 Row = dict[str, Any]

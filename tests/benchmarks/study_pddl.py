@@ -22,9 +22,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from serp.control.registry import make_planner
+from serp.agent.registry import make_planner
 from serp.errors import SerpError
-from serp.model.loading import load_domain
+from serp.model.domain import load_domain
 from serp.settings import resolve
 
 

@@ -13,15 +13,15 @@ import argparse
 from collections import Counter
 from typing import Any
 
-from serp.control.decision import Decision
-from serp.control.step_record import StepRecord
+from serp.agent.agent import Agent
+from serp.agent.decision import Decision
+from serp.agent.step_record import StepRecord
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import Vector
+from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task
-from serp.training.agent import Agent
-from serp.training.trainer import Trainer
+from serp.tasks.task import BoundTask
 from tests.serp import lava
 
 

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from serp.control.arbiter import Arbiter
-from serp.control.registry import make_planner
+from serp.agent.arbiter import Arbiter
+from serp.agent.registry import make_planner
 from serp.settings import resolve
-from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import load_task
+from serp.tasks.task import BoundTask
 
 Policy = Callable[[Any, Mapping[str, Any]], int]
 

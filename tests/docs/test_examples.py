@@ -17,11 +17,11 @@ import click
 import pytest
 
 import serp
-from serp.cli import main
-from serp.cli.root import serp as group
+from serp.ui.main import main
+from serp.ui.main import serp as group
 from tests.docs.pages import EXAMPLES, PAGES, ROOT, Block, blocks, name_of, prose
-from tests.serp.studio.browser import served
-from tests.serp.training.runs import without_pictures
+from tests.serp.runs.runs import without_pictures
+from tests.serp.ui.studio.browser import served
 
 PUBLIC = ("serp", "serp_envs", "serp_adapters.stable_baselines3")
 """Packages that examples import from."""

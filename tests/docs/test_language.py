@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 import serp
-from serp.model.facts import InstantiationBudget
+from serp.authoring.scenarios.reading import read_scenarios
 from serp.model.program import MAX_NATIVE_SIZE
+from serp.model.reachability import InstantiationBudget
 from serp.pddl.source import Source
-from serp.scenarios.reading import read_scenarios
 from tests.docs.pages import EXAMPLES, ROOT, code, marks, table_after
 
 TEMPLATES = {

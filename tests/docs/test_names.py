@@ -14,14 +14,14 @@ from typing import get_args
 import pytest
 
 import serp
-from serp.cli.root import COMMANDS, SECTIONS
-from serp.comparison.algorithms import OWN, algorithm_entries
-from serp.comparison.compare import compare
-from serp.control.decision import Actor, Reason
+from serp.agent.decision import Actor, Reason
+from serp.runs.comparison.algorithms import OWN, algorithm_entries
+from serp.runs.comparison.compare import compare
+from serp.runs.evaluation import Policy
 from serp.runs.recording_format import COLUMNS
-from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.tasks.registry import task_entries
-from serp.training.policies import Policy
+from serp.ui.main import COMMANDS, SECTIONS
 from tests.docs.pages import PAGES, ROOT, code, marks, prose, table_after
 
 

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import serp
-from serp.cli import main
+from serp.ui.main import main
 from tests.docs.pages import EXAMPLES
-from tests.serp.training.runs import without_pictures
+from tests.serp.runs.runs import without_pictures
 
 
 @pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

@@ -9,8 +9,8 @@ from random import Random
 import numpy as np
 from hypothesis import strategies as st
 
-from serp.model.goal_value import GoalValue
-from serp.model.loading import Domain
+from serp.model.domain import Domain
+from serp.model.instantiate import GoalValue
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
 from tests.generated.oracle import Oracle, State
@@ -26,7 +26,7 @@ def load_texts(texts: Texts, *, observed: bool = False, limit: int = LIMIT) -> D
     """Load a domain from text, without files.
 
     Raises:
-        DomainError: As `serp.model.loading.load_domain`.
+        DomainError: As `serp.model.domain.load_domain`.
     """
     source = Source(DOMAIN_FILE, texts.domain)
     problem = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None

@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp.model.loading import Domain
+from serp.model.domain import Domain
 from serp.tasks.task import Task
 from tests.generated import Texts, load_texts
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import BoundTask
 from serp_adapters import cliff
 
 Table = dict[int, dict[int, list[tuple[float, int, float, bool]]]]

@@ -13,8 +13,8 @@ from gymnasium import Env
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import load_task
+from serp.tasks.task import BoundTask
 from serp_adapters import frozen_lake
 
 FORWARD, NOTHING = 2, 6  # actions of MiniGrid

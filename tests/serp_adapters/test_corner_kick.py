@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from serp.model.transition_model import TransitionModel
-from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import BoundTask
 from serp_adapters.soccer import corner_kick
 from serp_envs.soccer.corner_kick import CornerKick
 from serp_envs.soccer.physics.rolling import meeting

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import load_task, task_entries
-from serp.tasks.task_symmetry import declared_symmetries
+from serp.tasks.symmetry import declared_symmetries
+from serp.tasks.task import BoundTask
 
 STEPS = 300
 

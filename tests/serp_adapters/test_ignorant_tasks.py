@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task
-from serp.tasks.task_symmetry import declared_symmetries
+from serp.tasks.symmetry import declared_symmetries
+from serp.tasks.task import BoundTask
 from serp_envs import landing, swing_up
 
 Step = tuple[NDArray[np.float64], int, NDArray[np.float64], bool, dict[str, bool]]

@@ -14,8 +14,8 @@ from serp.errors import SerpError
 from serp.model.transition_model import TransitionModel
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
-from serp.tasks.worlds.file_world import FileWorld
-from serp.tasks.worlds.options import WorldOptions
+from serp.tasks.file_world import FileWorld
+from serp.tasks.task import WorldOptions
 from serp_adapters.pyperplan.planner import Search, make
 from serp_adapters.pyperplan.strips import Strips
 from tests.generated import Texts, load_texts

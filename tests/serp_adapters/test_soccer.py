@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from serp.model.transition_model import TransitionModel
-from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import BoundTask
 from serp_adapters.soccer import defender as soccer
 from tests.serp_adapters.test_soccer_tasks import planner_of
 

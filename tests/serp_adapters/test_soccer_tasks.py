@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from serp.control.arbiter import Arbiter
-from serp.control.registry import make_planner
+from serp.agent.arbiter import Arbiter
+from serp.agent.registry import make_planner
 from serp.settings import resolve
-from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import BoundTask
 from serp_adapters.soccer import corner_kick, defender
 from serp_envs.soccer.contest import Contest
 from serp_envs.soccer.corner_kick import CornerKick

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from serp.agent.agent import Agent
 from serp.model.transition_model import Judgement, Vector
+from serp.runs.evaluation import evaluate
+from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task, task_entries
-from serp.tasks.task_symmetry import declared_symmetries
-from serp.training.agent import Agent
-from serp.training.evaluation import evaluate
-from serp.training.trainer import Trainer
+from serp.tasks.symmetry import declared_symmetries
+from serp.tasks.task import BoundTask
 
 FOLDER = Path(__file__).resolve().parents[2] / "domains"
 VARIANTS = sorted(

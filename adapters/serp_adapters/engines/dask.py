@@ -7,8 +7,8 @@ from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 
 from serp._util.processes import safe_path
-from serp.comparison.workers import Pool
 from serp.errors import MissingExtra, RunError
+from serp.runs.comparison.workers import Pool
 
 if find_spec("distributed") is None:
     raise MissingExtra("the engine `dask`", "dask")

@@ -12,8 +12,8 @@ from importlib.util import find_spec
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from serp.comparison.workers import Pool
 from serp.errors import MissingExtra, RunError
+from serp.runs.comparison.workers import Pool
 
 if find_spec("ray") is None:
     raise MissingExtra("the engine `ray`", "ray")

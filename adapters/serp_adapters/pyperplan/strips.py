@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from serp import DomainError
 from serp.model import ground as g
-from serp.model.linear import linear
+from serp.model.ground import linear
 from serp.model.transition_model import Vector
 from serp.pddl.source import Place
 

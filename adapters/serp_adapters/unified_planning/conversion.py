@@ -13,7 +13,7 @@ from unified_planning.io import PDDLWriter
 from unified_planning.model import FNode, Problem
 from unified_planning.plans import ActionInstance
 
-from serp.model.loading import Domain
+from serp.model.domain import Domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
 

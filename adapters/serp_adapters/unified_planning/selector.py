@@ -17,7 +17,7 @@ from unified_planning.model import FNode, Problem
 from unified_planning.plans import ActionInstance
 
 from serp.errors import SerpError
-from serp.planning.far_sight.planner import FarSightPlanner
+from serp.planning.far_sight import FarSightPlanner
 from serp.settings import PlannerSettings
 from serp_adapters.unified_planning.conversion import ConvertedProblem
 from serp_adapters.unified_planning.engine import OwnEngine

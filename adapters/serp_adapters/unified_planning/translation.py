@@ -21,12 +21,12 @@ from fractions import Fraction
 from typing import Any, Final
 
 from serp.model import ground as g
-from serp.model.linear import Linear, linear
+from serp.model.ground import Linear, linear
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import DomainError, Place
 from serp.pddl.syntax import Change, Kind
-from serp.planning.far_sight.inert import inert_fluents
-from serp.planning.far_sight.relaxation import succeeds
+from serp.planning.array_graph import inert_fluents
+from serp.planning.relaxation import succeeds
 
 _ADVICE: Final = "the planners `far-sight` and `lookahead` of serp plan with it"
 _OPPOSITE: Final = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}

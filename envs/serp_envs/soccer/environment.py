@@ -201,7 +201,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
     def _draw(self) -> Viewer:
         if self._viewer is None:
-            from serp_envs.soccer.rendering import Viewer  # needs pygame
+            from serp_envs.soccer.rendering import Viewer
 
             self._viewer = Viewer(self.scenario.field)
         viewer, scenario = self._viewer, self.scenario

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from serp._util.code_cache import cache_folder
+from serp._util.compilation import cache_folder
 from serp.errors import Notice
 from serp.model.codegen import generate_code
 from serp.model.native import compile_native

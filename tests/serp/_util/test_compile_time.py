@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from numba import cfunc, njit, types
 
-from serp._util.compile_time import compile_seconds, compiled_functions, working_time
+from serp._util.compilation import compile_seconds, compiled_functions, working_time
+from serp.runs.progress import show_compiling
+from serp.runs.train import plan_and_learn
+from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.training.compile_progress import show_compiling
-from serp.training.plan_and_learn import plan_and_learn
-from serp.training.trainer import Trainer
+from tests.serp.runs.runs import without_pictures
 from tests.serp.sample_tasks import Corridor, corridor
-from tests.serp.training.runs import without_pictures
 
 
 def compile_something() -> float:
@@ -125,7 +125,7 @@ import gc
 from numba.core.registry import CPUDispatcher
 from serp.tasks.registry import find_task
 from serp.settings import resolve
-from serp.training.trainer import Trainer
+from serp.runs.trainer import Trainer
 
 def compiled():
     loops = [one for one in gc.get_objects() if isinstance(one, CPUDispatcher)]

@@ -10,16 +10,12 @@ import sys
 import numpy as np
 import pytest
 
-from serp._util.files import aside_of, write_durably, write_together
-from serp._util.json_files import read_json
+from serp._util.files import aside_of, read_json, write_durably, write_together
 from serp.errors import RunError, SerpError
 from serp.pddl.source import Source
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load_newest
-from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
-from serp.runs.lock import LOCK
-from serp.runs.reading import read_metrics
-from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
-from serp.runs.tables import Table
+from serp.runs.folder import DECISIONS, LOCK, METRICS, SUMMARY, RunFolder
+from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Table, read_metrics
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 

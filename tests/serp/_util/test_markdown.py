@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
-from serp._util.markdown import code, plain, sentence, table
 from serp._util.terminal import visible
+from serp._util.text import code, markdown_text, sentence, table
 
 READER = MarkdownIt("commonmark", {"html": False}).enable("table")
 texts = st.text(st.characters(min_codepoint=1, max_codepoint=0x2FF), max_size=30)
@@ -17,7 +17,7 @@ texts = st.text(st.characters(min_codepoint=1, max_codepoint=0x2FF), max_size=30
 
 @given(texts)
 def test_any_text_is_shown_as_it_is_and_stays_in_its_cell(text):
-    html = READER.render(table(["a", "b"], [[plain(text), "end"]], left=2))
+    html = READER.render(table(["a", "b"], [[markdown_text(text), "end"]], left=2))
     cells = html.split("<tbody>")[1].split("<td>")[1:]
     shown = [unescape(cell.split("</td>")[0]) for cell in cells]
     assert shown == [visible(" ".join(text.split())), "end"]
@@ -25,9 +25,9 @@ def test_any_text_is_shown_as_it_is_and_stays_in_its_cell(text):
 
 def test_plain_text_is_a_paragraph_and_ordinary_text_is_left_as_it_is():
     for text in ("- a", "1. a", "+", "# a", "---", "===", "> a", "12)", "* a"):
-        assert READER.render(plain(text)) == f"<p>{text.replace('>', '&gt;')}</p>\n"
+        assert READER.render(markdown_text(text)) == f"<p>{text.replace('>', '&gt;')}</p>\n"
     for text in ("0.97", "cartpole-no-gravity", "first 10 episodes (all)", "−5"):
-        assert plain(text) == text
+        assert markdown_text(text) == text
 
 
 @given(texts | st.text("`a_ \\|<.", max_size=12))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from serp._util.number_format import duration, percent, readable
+from serp._util.text import duration, percent, readable
 
 
 @pytest.mark.parametrize(

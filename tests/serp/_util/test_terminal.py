@@ -15,13 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp._util.terminal import bar, open_console, visible
-from serp.cli.failures import say
-from serp.cli.output import print_table
-from serp.cli.root import serp
-from serp.comparison.progress import Display
-from serp.training.budget import Budget
-from serp.training.progress import Progress
-from tests.serp.training.test_progress import Terminal
+from serp.runs.comparison.workers import Display
+from serp.runs.progress import Progress
+from serp.runs.trainer import Budget
+from serp.ui.main import say, serp
+from serp.ui.output import print_table
+from tests.serp.runs.test_progress import Terminal
 
 HOSTILE = "a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"
 SHOWN = r"a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"

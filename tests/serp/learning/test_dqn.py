@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.controller.network import Network
 from serp.errors import RunError
 from serp.learning.symmetry_group import SymmetryGroup
+from serp.runs.controller.network import Network
 from tests.serp.learning.learners import (
     GROUPS,
     TARGETS,

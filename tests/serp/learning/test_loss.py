@@ -10,8 +10,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.learning.loss import td_gradient
-from serp.learning.samples import Samples
+from serp.learning.q_learning import td_gradient
+from serp.learning.replay import Samples
 from tests.serp.learning.learners import learner, set_q
 
 E, B, A = 2, 7, 4

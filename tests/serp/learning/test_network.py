@@ -8,8 +8,8 @@ import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from serp.learning.learning import QLearning
 from serp.learning.network import QNetwork, Workspace
+from serp.learning.q_learning import QLearning
 from serp.settings import LearnerSettings
 from tests.serp.learning.learners import TARGETS
 from tests.serp.learning.torch_network import MeanModule, module_of

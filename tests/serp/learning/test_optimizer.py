@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from serp.learning.optimizer import Adam
+from serp.learning.q_learning import Adam
 
 
 @pytest.mark.parametrize("largest_norm", [None, 0.5])

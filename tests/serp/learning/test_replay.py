@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.learning.replay import ReplayBuffer
-from serp.learning.samples import Samples, SampleSpec
+from serp.learning.replay import ReplayBuffer, Samples, SampleSpec
 from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
 from tests.serp.learning.learners import GROUPS

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.learning.return_bounds import ReturnBounds
+from serp.learning.dqn import ReturnBounds
 
 REWARDS = st.floats(-10, 10)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from serp.model.loading import Domain, load_domain
+from serp.model.domain import Domain, load_domain
 
 FILE = Path(__file__).parents[3] / "domains" / "cartpole.pddl"
 PERIOD = 0.02

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from serp.model.loading import Domain
+from serp.model.domain import Domain
 from serp.model.transition_model import TransitionModel
 from serp.pddl.source import DomainError, Source
 from tests.generated import Texts, load_texts

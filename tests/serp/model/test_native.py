@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.errors import SerpError
-from serp.model.bytecode.instructions import SHIFT, Code, Memory, check
+from serp.model.bytecode import SHIFT, Code, Memory, check
 from serp.model.codegen import generate_code
 from serp.model.native import compile_native, structure_digest
 from serp.model.transition_model import Outcome, TransitionModel, Vector
@@ -109,7 +109,7 @@ def test_bytecode_that_leaves_its_memories_is_refused() -> None:
 
 def test_more_variables_than_registers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
-    monkeypatch.setattr("serp.model.bytecode.translation.REGISTERS", 5)
+    monkeypatch.setattr("serp.model.bytecode.REGISTERS", 5)
     assert one_action("2").step(np.ones((1, 1)), 0).applicable.all()
     large = one_action("(* (+ (heat) 1) (- (heat) 3))")
     assert large.step(np.ones(1), 0).applicable

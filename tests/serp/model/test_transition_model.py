@@ -16,7 +16,7 @@ from serp.model.instantiate import instantiate
 from serp.model.native import structure_digest
 from serp.model.transition_model import Outcome, StateError, TransitionModel, Vector
 from serp.pddl import syntax as x
-from serp.pddl.domain_parser import parse_domain
+from serp.pddl.parser import parse_domain
 from serp.pddl.source import DomainError, Source
 from tests.generated import (
     Generated,

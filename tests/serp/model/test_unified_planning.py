@@ -12,7 +12,7 @@ from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 from unified_planning.io import PDDLReader
 from unified_planning.model import UPState
 
-from serp.model.loading import load_domain
+from serp.model.domain import load_domain
 from serp.model.transition_model import Vector
 
 FOLDER = Path(__file__).parent / "pddl_files"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from serp.pddl.comments import comment_of
-from serp.pddl.source import Source
+from serp.pddl.source import Source, comment_of
 
 TEXT = """; The head of the file.
 

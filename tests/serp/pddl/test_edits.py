@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.pddl.edits import Edit, edited, indent_at, line_end, line_start
+from serp.pddl.source import Edit, edited, indent_at, line_end, line_start
 
 TEXTS = st.text("ab \n\r", max_size=40)
 

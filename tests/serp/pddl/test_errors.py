@@ -11,10 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from serp.model.domain import load_domain
 from serp.model.instantiate import instantiate
-from serp.model.loading import load_domain
-from serp.pddl.domain_parser import parse_domain
-from serp.pddl.problem_parser import parse_problem
+from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import DomainError, Source
 from tests.serp.pddl.rendering import caret_text, check_rendering
 

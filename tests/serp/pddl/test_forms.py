@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from serp.model.loading import Domain
+from serp.model.domain import Domain
 from tests.generated import Texts, load_texts
 
 DOMAIN = """(define (domain car)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from serp.pddl.domain_parser import parse_domain
+from serp.pddl.parser import parse_domain
 from serp.pddl.source import DomainError, Source
 from serp.pddl.syntax import FunctionTerm, NumericComparison, conditions_of
 from tests.serp.pddl.rendering import check_rendering

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.model.flags import APPLICABLE, RISKY, UNSAFE
-from serp.planning.far_sight import solution_kernels as solution
-from serp.planning.far_sight.array_graph import ENDED, GraphArrays
+from serp.planning import value_iteration as solution
+from serp.planning.array_graph import ENDED, GraphArrays
+from serp.planning.edges import FirstActions
 from serp.planning.forecast import SAFE
-from serp.planning.kernel_records import FirstActions
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import rank_of
 from serp.settings import PlannerSettings

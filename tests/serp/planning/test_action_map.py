@@ -9,9 +9,9 @@ import pytest
 
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNSAFE
-from serp.planning.action_map import ActionMap
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
+from serp.tasks.action_map import ActionMap
 from tests.serp.planning.worlds import load
 
 MODEL = load(

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.control.planners import far_sight
+from serp.agent.registry import far_sight
 from serp.errors import RunError
+from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight.cell_graph import CellGraph
-from serp.planning.far_sight.cell_values import AREAS, CellValues, digest_of, set_value, value_at
-from serp.planning.far_sight.planner import FarSightPlanner
-from serp.planning.limits import Bound
+from serp.planning.cell_graph import CellGraph
+from serp.planning.cells import AREAS, CellValues, digest_of, set_value, value_at
+from serp.planning.edges import Bound
+from serp.planning.far_sight import FarSightPlanner
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
-from serp.sysid.transitions import TransitionMemory
 from tests.serp.planning.worlds import load
 
 SETTINGS = PlannerSettings(depth=3)

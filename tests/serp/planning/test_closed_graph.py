@@ -7,13 +7,13 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp.control.planners import far_sight
+from serp.agent.registry import far_sight
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight.closed_graph import ClosedGraph
-from serp.planning.far_sight.inert import inert_fluents
+from serp.planning.array_graph import inert_fluents
+from serp.planning.closed_graph import ClosedGraph
+from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
-from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import hazard, marked, rank_of
 from serp.settings import PlannerSettings

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.adaptation.adaptation import ModelAdaptation
-from serp.control.planners import far_sight
-from serp.planning.far_sight.planner import FarSightPlanner
+from serp.agent.registry import far_sight
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.learned.transitions import GOES_ON
+from serp.planning.far_sight import FarSightPlanner
 from serp.settings import AdaptationSettings, PlannerSettings
-from serp.sysid.transitions import GOES_ON
 from tests.serp.planning.worlds import load
 
 TRACK = """

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from serp.model.flags import APPLICABLE, UNSAFE
+from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE, Forecast
-from serp.planning.limits import Bound
 
 BAD = APPLICABLE | UNSAFE
 

@@ -10,17 +10,16 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp.control.planners import far_sight
+from serp.agent.registry import far_sight
+from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground import All, AnyOf, Constant, Holds, Not, Test, comparisons_of
-from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight import goal_search
-from serp.planning.far_sight.goal_search import GoalSearch
-from serp.planning.far_sight.inert import inert_fluents
-from serp.planning.far_sight.relaxation import relaxed
-from serp.planning.far_sight.relaxation_kernels import RelaxedCosts, relaxed_cost
-from serp.planning.limits import Bound
+from serp.planning import goal_search
+from serp.planning.array_graph import inert_fluents
+from serp.planning.edges import Bound
+from serp.planning.goal_search import GoalSearch
+from serp.planning.relaxation import RelaxedCosts, relaxed, relaxed_cost
 from serp.settings import PlannerSettings
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
 from tests.generated.classical import gripper
@@ -186,7 +185,7 @@ def test_nothing_depends_on_an_inert_fluent(seed: int) -> None:
 
 def replanned(model: TransitionModel, monkeypatch: pytest.MonkeyPatch, most: int) -> float:
     """Replan in the model until the goal is reached; return the sum of rewards."""
-    monkeypatch.setattr("serp.planning.far_sight.planner._SMALL_GRAPH", most)
+    monkeypatch.setattr("serp.planning.far_sight._SMALL_GRAPH", most)
     planner = far_sight(model, SETTINGS)
     state, total = start(model), 0.0
     for _ in range(100):

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from serp.model.flags import RISKY, UNSAFE
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.far_sight.cell_values import NO_CELLS, CellValues, digest_of, value_at
+from serp.planning.cells import NO_CELLS, CellValues, digest_of, value_at
+from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE, Forecast
-from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import rank_of
 from serp.planning.replanner import MonitorReplanner, Plan
@@ -121,7 +121,7 @@ def test_the_plan_is_that_of_plain_recursion() -> None:
         states = states_of(model, Random(states_seed), 2)
         reference = Reference(model, settings)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("serp.planning.limits.MAX_NUMBERS", memory * (len(model.fluents) + 1))
+            patch.setattr("serp.planning.edges.MAX_NUMBERS", memory * (len(model.fluents) + 1))
             for state, planned in zip(states, plans_of(model, settings, states), strict=True):
                 assert_as_by_recursion(reference, state, planned)
                 expected = reference.graph(as_state(state), planned.depth)

@@ -10,8 +10,7 @@ import pytest
 
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.advice import AdvisedPlanner
-from serp.planning.plan_follower import PlanFollower
+from serp.planning.plan_follower import AdvisedPlanner, PlanFollower
 from serp.settings import PlannerSettings
 from tests.generated import Texts, load_texts
 

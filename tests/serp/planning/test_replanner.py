@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from serp.errors import SettingsError
 from serp.model.transition_model import StateError
+from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
-from serp.planning.limits import Bound
 from serp.planning.replanner import MonitorReplanner, Plan
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp._util.saved_state import Arrays
-from serp.control.planners import far_sight
+from serp.agent.registry import far_sight
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel
-from serp.planning.far_sight.closed_graph import ClosedGraph
-from serp.planning.far_sight.planner import FarSightPlanner
+from serp.planning.closed_graph import ClosedGraph
+from serp.planning.far_sight import FarSightPlanner
 from serp.settings import PlannerSettings
 from tests.serp.planning.test_closed_graph import CORRIDOR, ENDLESS
 from tests.serp.planning.worlds import load

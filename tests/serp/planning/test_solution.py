@@ -7,14 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.control.planners import far_sight
+from serp.agent.registry import far_sight
 from serp.model.flags import APPLICABLE
-from serp.planning.far_sight.array_graph import ENDED, GraphArrays
-from serp.planning.far_sight.solution_kernels import ALIKE, largest_value, look_up, solve
+from serp.planning.array_graph import ENDED, GraphArrays
+from serp.planning.edges import Bound, FirstActions
 from serp.planning.forecast import Forecast, score_of
-from serp.planning.kernel_records import FirstActions
-from serp.planning.limits import Bound
 from serp.planning.preference import marked
+from serp.planning.value_iteration import ALIKE, largest_value, look_up, solve
 from serp.settings import PlannerSettings
 from tests.generated import examples
 from tests.serp.planning import worlds

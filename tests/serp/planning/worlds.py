@@ -12,10 +12,10 @@ from random import Random
 
 import numpy as np
 
-from serp.adaptation.adapted_model import AdaptedModel
+from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.transition_model import TransitionModel, Vector
 from tests.generated import Texts, load_texts
-from tests.serp.adaptation import worlds as adapted
+from tests.serp.model.learned import worlds as adapted
 
 WORLDS = 20
 """Seeds from 0 on that the tests share; each costs a compilation of its own."""

@@ -3,9 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.runs.reading import read_metrics
-from serp.runs.rows import METRICS_COLUMNS, MetricsRow
-from serp.runs.tables import Table
+from serp.runs.tables import METRICS_COLUMNS, MetricsRow, Table, read_metrics
 
 
 @pytest.fixture

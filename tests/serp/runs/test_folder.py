@@ -16,10 +16,8 @@ import pytest
 
 from serp.errors import RunError
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS
-from serp.runs.folder import DECISIONS, METRICS, RunFolder
-from serp.runs.new_folder import default_path
-from serp.runs.reading import read_metrics
-from serp.runs.rows import DecisionRow, MetricsRow
+from serp.runs.folder import DECISIONS, METRICS, RunFolder, default_path
+from serp.runs.tables import DecisionRow, MetricsRow, read_metrics
 
 CONFIG = {"seed": 3, "domain": "cartpole", "settings": {"r_min": "-inf", "layers": (64, 64)}}
 DOMAIN = ("cartpole.pddl", "(define (domain cartpole))")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from serp._util.figures import render
-from serp.runs.plots import learning_curve
+from serp.runs.report import learning_curve
 from serp.runs.summary import moving_interval, moving_mean
 
 
@@ -57,8 +57,8 @@ _DRAW_TWICE = """
 import sys, matplotlib
 import numpy as np
 from serp._util.figures import render
-from serp.runs.plots import learning_curve
-from serp.runs.rows import METRICS_COLUMNS
+from serp.runs.report import learning_curve
+from serp.runs.tables import METRICS_COLUMNS
 before = matplotlib.rcParams.copy()  # not dict(): that asks for a backend
 metrics = {name: np.ones(3, int) for name in METRICS_COLUMNS}
 plain = [render(learning_curve(metrics, "a $b_c$"), kind) for kind in ("png", "svg")]

@@ -12,16 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.control.decision import Actor, Decision, Reason
-from serp.control.step_record import StepRecord
+from serp.agent.decision import Actor, Decision, Reason
+from serp.agent.step_record import StepRecord
 from serp.errors import RunError
-from serp.planning.action_map import ActionForecast
+from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
-from serp.planning.limits import Bound
-from serp.runs.recorder import Recorder
-from serp.runs.recording import Recording, next_states, vetoed
+from serp.runs.recording import Recorder, Recording, next_states, vetoed
 from serp.runs.recording_format import COLUMNS, HEADER, Columns, Layout, decode, encode
-from tests.serp.control.records import step_record
+from serp.tasks.action_map import ActionForecast
+from tests.serp.agent.records import step_record
 
 LAYOUT = Layout(
     fluents=("x", "y"),

@@ -8,13 +8,12 @@ import sys
 import pytest
 from markdown_it import MarkdownIt
 
-from serp._util.number_format import percent, readable
+from serp._util.text import percent, readable
 from serp.errors import Notice, RunError
 from serp.runs.folder import DECISIONS, RunFolder
-from serp.runs.report import report
-from serp.runs.results import write_results
-from serp.runs.rows import DecisionRow
+from serp.runs.report import report, write_results
 from serp.runs.summary import summarize
+from serp.runs.tables import DecisionRow
 
 CONFIG = {"domain": "cartpole", "preset": "default", "seed": 3}
 METADATA = {
@@ -53,7 +52,7 @@ def test_results_are_made_from_what_the_run_wrote(run, make_rows):
 
 def test_without_matplotlib_there_is_no_curve_and_a_notice_says_so(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "serp.runs.plots", raising=False)
+    monkeypatch.delitem(sys.modules, "serp.runs.report", raising=False)
     with pytest.warns(Notice, match=r"the learning curve needs .* pip install 'serp\[plots\]'"):
         write_results(run)
     assert run.read_summary()["episodes"] == 0

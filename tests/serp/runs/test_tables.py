@@ -15,11 +15,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.runs.reading import count_decisions, read_metrics, read_rows
 from serp.runs.report import lead
-from serp.runs.rows import DECISIONS_COLUMNS, METRICS_ADDED, METRICS_COLUMNS, MetricsRow
 from serp.runs.summary import summarize
-from serp.runs.tables import Position, Table
+from serp.runs.tables import (
+    DECISIONS_COLUMNS,
+    METRICS_ADDED,
+    METRICS_COLUMNS,
+    MetricsRow,
+    Position,
+    Table,
+    count_decisions,
+    read_metrics,
+    read_rows,
+)
 
 COLUMNS = ("a", "b", "c")
 ROW = MetricsRow(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from serp.errors import TaskError
-from serp.tasks.custom_tasks import custom_task
+from serp.tasks.registry import custom_task
 from serp.tasks.task import Task
 from tests.serp.sample_tasks import ROBOT
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from serp.errors import TaskError
+from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.declared_symmetry import Symmetry
+from serp.tasks.symmetry import Symmetry
 from serp.tasks.task import Task
-from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import Corridor, corridor
 
 

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from serp.model.loading import load_domain
+from serp.model.domain import load_domain
 from serp.model.transition_model import TransitionModel
-from serp.tasks.declared_symmetry import cycles
-from serp.tasks.model_symmetry import ModelSymmetry, violation
 from serp.tasks.registry import find_domain_file, load_task
+from serp.tasks.symmetry import ModelSymmetry, cycles, violation
 from tests.generated.models import load_texts
 from tests.generated.writer import Texts
 

@@ -8,13 +8,12 @@ from pathlib import Path
 import pytest
 
 from serp.errors import SettingsError
+from serp.runs.train import plan_and_learn
+from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.reward import describe_source
-from serp.tasks.task import Task
-from serp.training.plan_and_learn import plan_and_learn
-from serp.training.trainer import Trainer
+from serp.tasks.task import Task, describe_source
+from tests.serp.runs.runs import without_pictures
 from tests.serp.sample_tasks import CORRIDOR, corridor
-from tests.serp.training.runs import without_pictures
 
 BONUS = 100.0
 LEARNED = [("environment", "task"), ("environment", "domain"), ("environment", "sum"),

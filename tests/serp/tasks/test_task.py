@@ -14,9 +14,9 @@ import pytest
 from gymnasium import spaces
 
 from serp.errors import EnvironmentFailure, TaskError
-from serp.model.loading import load_domain
+from serp.model.domain import load_domain
 from serp.pddl.source import DomainError
-from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import BoundTask
 from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor
 
 

@@ -15,16 +15,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 import serp
+from serp.agent.agent import Agent
 from serp.errors import TaskError
+from serp.runs.evaluation import play
+from serp.runs.trainer import Trainer
 from serp.settings import Settings
-from serp.tasks.declared_symmetry import Symmetry
+from serp.tasks.symmetry import Symmetry, declared_symmetries, symmetry_group
 from serp.tasks.task import Task
-from serp.tasks.task_symmetry import declared_symmetries, symmetry_group
-from serp.training.agent import Agent
-from serp.training.evaluation import play
-from serp.training.trainer import Trainer
+from tests.serp.runs.runs import without_pictures
 from tests.serp.sample_tasks import SMALL
-from tests.serp.training.runs import without_pictures
 
 HALL = """(define (domain hall) (:types side) (:constants left right - side)
   (:predicates (wall ?s - side) (tired) (unsafe) (terminal))

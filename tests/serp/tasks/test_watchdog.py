@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from serp.tasks.bound_task import BoundTask
-from serp.tasks.watchdog import Watchdog
+from serp.runs.rollout import Watchdog
+from serp.tasks.task import BoundTask
+from tests.serp.runs.runs import CHANGES, train
 from tests.serp.sample_tasks import Corridor, corridor
-from tests.serp.training.runs import CHANGES, train
 
 
 class Hanging(Corridor):
@@ -77,7 +77,7 @@ def test_a_training_names_step_and_action(tmp_path: Path, monkeypatch: pytest.Mo
                 assert said.wait(20)
             return super().step(action)
 
-    monkeypatch.setattr("serp.training.progress.Progress.note", note)
+    monkeypatch.setattr("serp.runs.progress.Progress.note", note)
     monkeypatch.setitem(CHANGES["default"], "training", {"slow_step_seconds": 0.2})
     train(corridor(tmp_path, Slow), tmp_path / "run", episodes=1)
     (line,) = lines

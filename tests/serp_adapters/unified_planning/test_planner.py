@@ -16,7 +16,7 @@ import pytest
 from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 
 from serp.errors import Notice, SerpError
-from serp.model.loading import load_domain
+from serp.model.domain import load_domain
 from serp.model.transition_model import TransitionModel
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings

@@ -12,12 +12,12 @@ from gymnasium.utils.env_checker import check_env
 
 import serp
 from serp.errors import SerpError
-from serp.model.loading import Domain
+from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.settings import resolve
-from serp.tasks.worlds.file_world import FileWorld
-from serp.tasks.worlds.options import WorldOptions
-from tests.serp.training.runs import train, without_pictures
+from serp.tasks.file_world import FileWorld
+from serp.tasks.task import WorldOptions
+from tests.serp.runs.runs import train, without_pictures
 
 FERRY = """(define (domain ferry)
   (:requirements :strips :fluents)

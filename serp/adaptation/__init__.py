@@ -1,1 +1,0 @@
-"""Model adaptation: what a run learns online about the transition model."""

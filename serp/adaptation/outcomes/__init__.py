@@ -1,1 +1,0 @@
-"""Counted outcomes: what chance does to predicates and whole numbers."""

@@ -1,1 +1,0 @@
-"""Online regression of the one-step error of the domain file."""

@@ -1,0 +1,1 @@
+"""Who acts: planner or learner, what is vetoed, and why."""

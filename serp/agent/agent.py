@@ -1,0 +1,368 @@
+"""The agent: planner, learner and arbiter of one task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.numbers import FLOAT32_MAX
+from serp._util.saved_state import Saved, nested
+from serp.agent.arbiter import Arbiter
+from serp.agent.decision import Decision
+from serp.agent.own_planners import own_planners
+from serp.agent.protocols import (
+    ExperiencedPlanner,
+    LearnerProposer,
+    Mask,
+    Proposer,
+    StatefulPlanner,
+    undisturbed,
+)
+from serp.agent.registry import find_learner, find_strategy, make_planner, planner_names
+from serp.agent.step_record import StepRecord
+from serp.agent.strategy import Strategy
+from serp.agent.veto import NoVeto, VetoPolicy
+from serp.errors import EnvironmentFailure, SettingsError, TaskError
+from serp.learning.dqn import Proposal
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
+from serp.model.transition_model import Vector
+from serp.planning.forecast import SAFE, Forecast
+from serp.planning.preference import free_of_risk
+from serp.settings import Settings
+from serp.tasks.symmetry import TaskSymmetry, declared_symmetries, symmetry_group
+from serp.tasks.task import BoundTask, reward_source
+
+
+class ExplorationBonus:
+    """Makes a planner prefer actions with fewer visits than `min_visits`; 0: no preference.
+
+    `visits` `[A]` counts how often each ground action was observed; its owner updates it.
+    """
+
+    def __init__(self, visits: NDArray[np.int64], min_visits: int) -> None:
+        self._visits = visits
+        self._min_visits = min_visits
+
+    def __call__(self, forecast: Forecast) -> Forecast:
+        """Return a forecast whose choice is the least visited action that is safe."""
+        if self._visits.min(initial=self._min_visits) >= self._min_visits:
+            return forecast
+        candidates = free_of_risk(forecast.flags)
+        lasting = candidates & (forecast.safe_steps == SAFE)
+        if lasting.any():
+            candidates = lasting
+        # If all known actions become unsafe, an unknown one is the better choice.
+        candidates &= self._visits < self._min_visits
+        if not candidates.any():
+            return forecast
+        least = np.where(candidates, self._visits, np.iinfo(np.int64).max)
+        return forecast._replace(choice=int(least.argmin()))
+
+
+Arrays = dict[str, NDArray[Any]]
+Meta = dict[str, Any]
+
+
+_FOR_LEARNER = (
+    f"too large for the learner, which computes in float32 (up to {FLOAT32_MAX:.2g}); use other "
+    "units, or clip it"
+)
+
+
+def _too_large(values: Vector) -> int:
+    """Return the index of a number that is not finite in float32; -1 if there is none."""
+    fits = np.abs(values) <= FLOAT32_MAX
+    return -1 if fits.all() else int(fits.argmin())
+
+
+class Agent:
+    """Planner, learner and arbiter of one task.
+
+    Args:
+        task: The task.
+        settings: All settings.
+        seed: Seed of everything random in the agent.
+        baseline: Whether the learner always acts, and nothing is refused.
+
+    Attributes:
+        arbiter: The arbiter used in training.
+        guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
+        adaptation: The adaptation of the model.
+        symmetries: Declared symmetries that the learner uses.
+        notices: Messages for the user: symmetries that the domain file does not have, and a model
+            that cannot adapt.
+
+    Raises:
+        TaskError: The task declares a wrong symmetry.
+    """
+
+    def __init__(
+        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
+    ) -> None:
+        self.task = task
+        self.settings = settings
+        # Wrong names are refused before anything is compiled.
+        make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
+        make_learner = find_learner(settings.learner.name)
+        several = len(planner_names(settings.planner.name)) > 1 and not baseline
+        if several and not make_strategy.chooses_planner:
+            raise SettingsError(
+                f"planner.name: the strategy `{settings.guide.strategy}` does not choose among "
+                f"several planners (`{settings.planner.name}`); set guide.strategy=evidence"
+            )
+        self._learns_from = reward_source(task.rewarded_by, settings)
+        seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)
+        strategy_seed, learner_seed, random_seed, adaptation_seed = seeds
+        self.adaptation = ModelAdaptation(task.model, settings.adaptation, adaptation_seed)
+        model = self.adaptation.model
+        actions = task.actions.over(model)
+        strategy = make_strategy(settings, strategy_seed)
+        planner = make_planner(
+            model, settings.planner, own_planners(task.task.planners), lambda: strategy.best_planner
+        )
+        if isinstance(planner, ExperiencedPlanner):
+            planner.visited = self.adaptation.experience
+        horizon = settings.planner.depth * settings.planner.repeat
+        self.guarded = Arbiter(
+            planner,
+            actions,
+            settings.arbiter,
+            strategy,
+            vetoes=VetoPolicy(actions, settings.arbiter, horizon),
+            exploration_bonus=ExplorationBonus(
+                self.adaptation.visits,
+                settings.adaptation.min_visits if model is not task.model else 0,
+            ),
+        )
+        self.arbiter = self.guarded
+        if baseline:
+            self.arbiter = Arbiter(
+                planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
+            )
+        self.symmetries: tuple[TaskSymmetry, ...] = ()
+        self.notices: tuple[str, ...] = ()
+        group = None
+        if settings.learner.symmetry:
+            self.symmetries, self.notices = declared_symmetries(task)
+            group = symmetry_group(task, self.symmetries, settings.training.inputs)
+        if self.adaptation.notice is not None:
+            self.notices += (self.adaptation.notice,)
+        self.learner = make_learner(
+            self._input_size(),
+            task.actions.size,
+            settings.learner,
+            learner_seed,
+            group,
+            imitates=strategy.imitates,
+        )
+        self._random = np.random.default_rng(random_seed)
+        self._waiting: dict[int, list[tuple[Vector, int, Vector, int, float]]] = {}
+        """Episode → steps that the model has not learned from, in the order of the episodes."""
+
+    def _input_size(self) -> int:
+        observation = np.zeros(self.task.observation_size)
+        return len(self._input(observation, np.zeros(len(self.task.model.fluents))))
+
+    def _input(self, observation: Vector, state: Vector) -> Vector:
+        """Return the learner's input."""
+        inputs = self.settings.training.inputs
+        if inputs == "both":
+            return np.concatenate((observation, state))
+        return observation if inputs == "observation" else state
+
+    @property
+    def strategy(self) -> Strategy:
+        """The strategy, which makes the proposals."""
+        return self.arbiter.strategy
+
+    def perceive(
+        self,
+        raw: Any,
+        info: Mapping[str, Any] | None = None,
+        env: gym.Env[Any, Any] | None = None,
+    ) -> tuple[Vector, Vector]:
+        """Return the state `[F]` and the learner's input for an observation of the environment.
+
+        The environment's info and the environment are needed if the task's grounding takes them.
+
+        Raises:
+            EnvironmentFailure: The observation is not a member of the space, or holds a number that
+                is not finite in float32.
+            TaskError: The grounding failed, or gave such a number.
+        """
+        return self.take_in(self.task.observation(raw), self.task.ground(raw, info, env))
+
+    def take_in(self, observation: Vector, state: Vector) -> tuple[Vector, Vector]:
+        """Return the state and the learner's input for an observation and its state, checked.
+
+        Errors are those of `perceive`; the observation is a flat vector.
+        """
+        inputs = self.settings.training.inputs
+        place = _too_large(observation)
+        if place >= 0 and inputs != "state":
+            raise EnvironmentFailure(
+                f"task {self.task.name}: the observation: {self.task.observations.name(place)} "
+                f"is {observation[place]:g}, {_FOR_LEARNER}"
+            )
+        place = _too_large(state)
+        if place >= 0 and inputs != "observation":
+            raise TaskError(
+                f"task {self.task.name}: grounding: fluent `{self.task.model.fluents[place].name}` "
+                f"is {state[place]:g}, {_FOR_LEARNER}"
+            )
+        return state, self._input(observation, state)
+
+    def turn_to(self, lane: int) -> None:
+        """Note from which of several environments, from 0, the next calls come."""
+        self.strategy.lane = self.arbiter.vetoes.lane = self.learner.lane = lane
+
+    def decide(self, state: Vector, x: Vector) -> Decision:
+        """Decide as in training, with exploration."""
+        return self.arbiter.decide(state, self.proposer(x))
+
+    def decide_randomly(self, state: Vector) -> Decision:
+        """Decide on a uniformly drawn proposal, for D_0; the vetoes hold."""
+        action = int(self._random.integers(self.task.actions.size))
+        return self.arbiter.judge_proposal(state, Proposal(action, True, None))
+
+    def decide_greedily(self, state: Vector, x: Vector) -> Decision:
+        """Decide as the trained agent does: by its strategy, without exploration."""
+        return self.arbiter.decide_greedily(state, self.proposer(x))
+
+    def decide_in_turns(self, state: Vector, x: Vector, strategy: Strategy) -> Decision:
+        """Decide as in training by a given strategy, without exploration."""
+        return self.arbiter.decide_in_turns(
+            state, LearnerProposer(self.learner, x, explores=False), strategy
+        )
+
+    def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
+        """Decide for the learner's greedy choice, without planner and veto."""
+        return self.arbiter.execute_baseline(state, self.proposer(x))
+
+    def proposer(self, x: Vector) -> Proposer:
+        """Return the learner with an input."""
+        return LearnerProposer(self.learner, x)
+
+    def observe(self, step: StepRecord, episode: int = 0) -> None:
+        """Update vetoes and model with an env step of training; notify when vetoes see less far.
+
+        The model learns from whole episodes, one after another in the order in which they begin,
+        from each step as soon as it is that episode's turn. Of episodes that run at the same time,
+        the steps of the later ones wait: in a mixture of all, what the episodes have in common at
+        their ends (a robot that has landed) would look like a change of the world.
+
+        Args:
+            step: The env step.
+            episode: Number of its episode, where several run at the same time.
+        """
+        vetoes, say = self.arbiter.vetoes, self.task.on_notice
+        relied_on = vetoes.lookahead_reliable
+        if vetoes.observe(step):
+            self.adaptation.reset_visits()
+        if relied_on and not vetoes.lookahead_reliable and say is not None:
+            say(
+                f"{vetoes.lookahead_failures} something unsafe happened that was avoidable by the "
+                "domain file. From now on vetoes use only its prediction of the next step. Check "
+                "the effects of its actions."
+            )
+        ending = OVER if step.terminated else CUT_OFF if step.truncated else GOES_ON
+        # The file's rewards are compared with the environment's only if they model these.
+        reward = step.reward if self._learns_from == "environment" else step.domain_reward
+        self.adaptation.visit(step.ground)
+        seen = step.state, step.ground, step.next_state, ending, reward
+        self._waiting.setdefault(episode, []).append(seen)
+        while self._waiting:
+            first, steps = next(iter(self._waiting.items()))
+            for seen in steps:
+                self.adaptation.observe(*seen)
+            if steps and steps[-1][3] != GOES_ON:
+                del self._waiting[first]
+            else:
+                steps.clear()
+                break
+
+    def cut_off(self) -> None:
+        """Treat the env step observed last as if it had truncated its episode.
+
+        This is for a single environment whose episode is not gone on with.
+        """
+        self.arbiter.vetoes.cut_off()
+        self.adaptation.experience.cut_off()
+        self._waiting.clear()
+
+    def remember(self, step: StepRecord, following: Decision | None) -> None:
+        """Store an env step in the learner's replay memory.
+
+        `following` is the decision in the next state, None if the episode ended.
+        """
+        decision = step.decision
+        allowed: Mask | None = None
+        if following is not None:
+            allowed = following.admissible
+        elif not step.terminated:
+            allowed = self.arbiter.vetoes.admissible(self.arbiter.forecast(step.next_state))
+        self.learner.remember(
+            step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
+            allowed, self.strategy.imitated(decision.forecast),
+        )  # fmt: skip
+
+    def learn(self) -> float | None:
+        """Make the learner's updates of one env step; return their mean loss, None for none."""
+        self.learner.imitation_weight = self.strategy.imitation_weight
+        return self.learner.learn()
+
+    def state_dict(self) -> tuple[Arrays, Meta]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        arrays, learner = self.learner.state_dict()
+        adapted, adaptation = self.adaptation.state_dict()
+        saved = nested("learner", arrays) | nested("adaptation", adapted)
+        meta = {
+            "learner": learner,
+            "adaptation": adaptation,
+            "arbiter": self.arbiter.state_dict(),
+            "random": self._random.bit_generator.state,
+        }
+        if isinstance(self.arbiter.planner, StatefulPlanner):
+            found, meta["planner"] = self.arbiter.planner.state_dict()
+            saved |= nested("planner", found)
+        return saved, meta
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: The learner has another shape, or something is damaged.
+        """
+        saved = Saved("agent", arrays, meta)
+        self.learner.load_state_dict(*saved.part("learner"))
+        self.adaptation.load_state_dict(*saved.part("adaptation"))
+        self.arbiter.load_state_dict(saved.part("arbiter")[1])
+        if isinstance(self.arbiter.planner, StatefulPlanner):
+            self.arbiter.planner.load_state_dict(*saved.part("planner"))
+        self._random.bit_generator.state = saved.generator_state("random", self._random)
+
+    def undisturbed(self) -> AbstractContextManager[None]:
+        """Restore, at the end, what the planner kept from one decision to the next."""
+        return undisturbed(self.arbiter.planner)
+
+
+def account_of(agent: Agent) -> dict[str, Any]:
+    """Return JSON values on an agent as it is now.
+
+    Returns:
+        ``trained_policy``: in words, what the policy `serp` does. ``evidence``: why, from the
+        returns of planner and learner; null for strategies that do not go by evidence. ``model``:
+        which learned parts the planner's model uses, and why others are not in use.
+    """
+    evidence = agent.strategy.evidence
+    return {
+        "trained_policy": agent.strategy.choice,
+        "evidence": None if evidence is None else evidence.as_dict(),
+        "model": agent.adaptation.adoption.as_dict(),
+    }

@@ -1,0 +1,261 @@
+"""The arbiter: executes proposals of planner and learner unless they are refused (Algorithm 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from serp._util.saved_state import Saved
+from serp.agent.decision import Actor, Decision, Reason
+from serp.agent.own_planners import Ensemble
+from serp.agent.protocols import ForeseeingPlanner, Planner, Proposer
+from serp.agent.refusals import unsafe_ahead, why_not_applicable, why_unsafe
+from serp.agent.strategy import Mixture, Situation, Strategy
+from serp.agent.veto import NoVeto, VetoPolicy
+from serp.learning.dqn import Proposal
+from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE, risk_of
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.forecast import Forecast
+from serp.settings import ArbiterSettings, Settings
+from serp.tasks.action_map import ActionForecast, ActionMap
+
+
+class Arbiter:
+    """Executes what a strategy proposes, except for refused actions.
+
+    Guarantee, under every strategy and whatever was learned: no action that the file as written
+    flags unsafe is executed while an action that is not flagged is available. (Applicable actions
+    are available, and so are actions that the model does not know unless they are vetoed.) Of the
+    actions that are not flagged, none whose predicted risk is larger than accepted is executed
+    while one whose risk is accepted is applicable. An action whose result is undefined does not
+    count as safe: it is executed only if all others are flagged or certain to do damage. The
+    guarantee needs a `VetoPolicy`; with `NoVeto` it does not hold.
+
+    Args:
+        planner: Makes the forecasts, usually a `Lookahead`; of an `Ensemble` the strategy says
+            which member makes them.
+        actions: The map between ground and environment actions.
+        settings: See `ArbiterSettings`.
+        strategy: Makes the proposals; by default Algorithm 1 with these settings.
+        vetoes: Refuses actions; by default a `VetoPolicy` with these settings.
+        exploration_bonus: Returns a forecast whose choice has been tried less often, to be used in
+            training; by default the same forecast.
+    """
+
+    def __init__(
+        self,
+        planner: Planner,
+        actions: ActionMap,
+        settings: ArbiterSettings | None = None,
+        strategy: Strategy | None = None,
+        *,
+        vetoes: VetoPolicy | NoVeto | None = None,
+        exploration_bonus: Callable[[Forecast], Forecast] = lambda forecast: forecast,
+    ) -> None:
+        self.planner = planner
+        self.actions = actions
+        self.settings = settings or ArbiterSettings()
+        self.strategy = strategy or Mixture(Settings(arbiter=self.settings))
+        self.vetoes = vetoes or VetoPolicy(actions, self.settings)
+        self._exploration_bonus = exploration_bonus
+
+    @property
+    def model(self) -> TransitionModel:
+        """The transition model."""
+        return self.actions.model
+
+    @property
+    def rho(self) -> float:
+        """The probability that the learner makes the next proposal."""
+        return self.strategy.rho
+
+    def forecast(self, state: Vector) -> ActionForecast:
+        """Return the planner's forecast for a state `[F]`, by environment action."""
+        return self.actions.project(self.planner.forecast(state))
+
+    def leader(self, strategy: Strategy) -> Planner:
+        """Return the planner that acts in this episode of training."""
+        planner = self.planner
+        return planner.led_by(strategy.planner) if isinstance(planner, Ensemble) else planner
+
+    @contextmanager
+    def foreseeing(self, states: Mapping[int, Vector]) -> Iterator[None]:
+        """Have the forecasts for states of several environments at hand in the body.
+
+        Each is that of the planner that acts in the environment, if it can.
+
+        Args:
+            states: Environment, from 0 → state `[F]`.
+        """
+        led: dict[int, tuple[Planner, list[Vector]]] = {}
+        for lane, state in states.items():
+            self.strategy.lane = lane
+            leader = self.leader(self.strategy)
+            led.setdefault(id(leader), (leader, []))[1].append(state)
+        with ExitStack() as foreseen:
+            for planner, own in led.values():
+                if len(own) > 1 and isinstance(planner, ForeseeingPlanner):
+                    foreseen.enter_context(planner.foreseeing(own))
+            yield
+
+    def decide(self, state: Vector, learner: Proposer) -> Decision:
+        """Decide on the action in a monitored state `[F]`, as in training."""
+        planned = self.leader(self.strategy).forecast(state)
+        situation = self._situation(self.actions.project(planned))
+        proposal = self.strategy.propose(situation, learner)
+        preferred = planned if proposal is not None else self._exploration_bonus(planned)
+        if preferred is not planned:
+            action, planner = self.actions.project(preferred).choice, Actor.PLANNER
+            if action >= 0 and situation.forecast.safe[action]:
+                return self._record(
+                    situation, action, planner, Reason.LITTLE_TRIED, action, planner
+                )
+        return self._follow(situation, proposal)
+
+    def decide_greedily(self, state: Vector, learner: Proposer) -> Decision:
+        """Decide as the trained policy does, without exploration or random draws."""
+        situation = self._situation(self.forecast(state))
+        return self._follow(situation, self.strategy.propose_greedily(situation, learner))
+
+    def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
+        """Decide as in training by a given strategy, without the exploration bonus."""
+        planned = self.leader(strategy).forecast(state)
+        situation = self._situation(self.actions.project(planned))
+        return self._follow(situation, strategy.propose(situation, learner))
+
+    def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:
+        """Decide on a given proposal: execute it unless it is refused."""
+        return self._follow(self._situation(self.forecast(state)), proposal)
+
+    def exchange(self, decision: Decision, proposal: Proposal) -> Decision:
+        """Return the decision in the same state for another proposal, without a new forecast."""
+        return self._follow(Situation(decision.forecast, decision.admissible), proposal)
+
+    def execute(self, state: Vector, proposal: Proposal) -> Decision:
+        """Execute a proposal without a veto. The guarantee does not hold."""
+        return self._accept(self._situation(self.forecast(state)), proposal)
+
+    def execute_baseline(self, state: Vector, learner: Proposer) -> Decision:
+        """Execute the learner's greedy choice without a veto. The guarantee does not hold."""
+        situation = self._situation(self.forecast(state))
+        return self._accept(situation, learner.propose_greedily())
+
+    def plan(self, state: Vector) -> Decision:
+        """Decide by the planner, whatever ρ is."""
+        return self._follow(self._situation(self.forecast(state)), None)
+
+    # Who acts ----------------------------------------------------------------------------------
+
+    def _situation(self, forecast: ActionForecast) -> Situation:
+        admissible = self.vetoes.admissible(forecast)
+        return Situation(forecast, admissible)
+
+    def _follow(self, situation: Situation, proposal: Proposal | None) -> Decision:
+        forecast, admissible = situation.forecast, situation.admissible
+        if proposal is None:
+            planned = forecast.choice
+            return self._planner_acts(situation, planned, Actor.PLANNER, Reason.PLANNER_TURN)
+        actor, action = _proposer(proposal), int(proposal.action)
+        if admissible[action]:
+            return self._accept(situation, proposal)
+        refusal = self.vetoes.why_refused(forecast, action)
+        return self._planner_acts(situation, action, actor, refusal)
+
+    def _accept(self, situation: Situation, proposal: Proposal) -> Decision:
+        actor, action = _proposer(proposal), int(proposal.action)
+        return self._record(situation, action, actor, Reason.ACCEPTED, action, actor)
+
+    def _planner_acts(
+        self, situation: Situation, proposed: int, proposed_by: Actor, reason: Reason
+    ) -> Decision:
+        forecast = situation.forecast
+        action, executed_by = forecast.choice, Actor.PLANNER
+        flags = int(forecast.flags[action]) if action >= 0 else 0
+        if flags & UNSAFE:
+            reason = Reason.NO_SAFE_ACTION
+        elif flags & RISKY:
+            reason = Reason.LEAST_RISK
+        elif action < 0:
+            reason = Reason.NO_APPLICABLE_ACTION
+        if action < 0 or risk_of(flags) == 1.0:
+            instead = self._fallback(forecast, proposed, otherwise=action)
+            if instead != action:
+                action, executed_by = instead, Actor.FALLBACK
+        return self._record(situation, action, executed_by, reason, proposed, proposed_by)
+
+    def _fallback(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
+        """Return the action to execute when the planner's choice is certain to do damage, or -1.
+
+        In order of preference: actions that the model does not know, actions with an undefined
+        result, the planner's choice (`otherwise`), actions that are not applicable. Within a kind,
+        the proposed action is preferred.
+        """
+        unpredicted = (forecast.flags & (UNDEFINED | UNSAFE)) == UNDEFINED
+        kinds = [self.vetoes.available, unpredicted]
+        if otherwise < 0:
+            kinds.append((forecast.flags == 0) & self.actions.modelled)
+        for kind in kinds:
+            if kind.any():
+                return proposed if proposed >= 0 and kind[proposed] else int(kind.argmax())
+        return otherwise if otherwise >= 0 else max(proposed, 0)
+
+    def _record(
+        self,
+        situation: Situation,
+        action: int,
+        executed_by: Actor,
+        reason: Reason,
+        proposed: int,
+        proposed_by: Actor,
+    ) -> Decision:
+        return Decision.of(
+            situation.forecast,
+            situation.admissible,
+            action=action,
+            executed_by=executed_by,
+            reason=reason,
+            proposed=proposed,
+            proposed_by=proposed_by,
+            rho=self.rho,
+        )
+
+    # Explaining --------------------------------------------------------------------------------
+
+    def explain(self, decision: Decision, state: Vector) -> str:
+        """Return why a proposal was refused, in terms of the domain file; empty if it was not."""
+        if decision.reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED, Reason.ACCEPTED):
+            return ""
+        shown = decision.proposed if decision.proposed >= 0 else decision.action
+        ground = int(decision.forecast.ground[shown])
+        if ground < 0:
+            return f"{self.actions.name(shown)}: the domain does not mention it"
+        flags = int(decision.forecast.flags[shown])
+        if not flags & APPLICABLE:
+            return why_not_applicable(self.model, state, ground)
+        if flags & (UNSAFE | RISKY):
+            return why_unsafe(self.model, state, ground)
+        name = self.model.actions[ground].name
+        if decision.reason is Reason.LOW_REWARD:
+            return (
+                f"{name}: predicted reward {decision.forecast.reward[shown]:.4g} is below "
+                f"R_min {self.settings.r_min:g}"
+            )
+        steps = int(decision.forecast.safe_steps[shown])
+        return f"{name}: {unsafe_ahead(steps)}"
+
+    # State -------------------------------------------------------------------------------------
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {"strategy": self.strategy.state_dict(), "vetoes": self.vetoes.state_dict()}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        saved = Saved("arbiter", {}, meta)
+        self.strategy.load_state_dict(saved.part("strategy")[1])
+        self.vetoes.load_state_dict(saved.part("vetoes")[1])
+
+
+def _proposer(proposal: Proposal) -> Actor:
+    return Actor.EXPLORATION if proposal.exploratory else Actor.LEARNER

@@ -1,0 +1,203 @@
+"""The protocols of planners and learners, which are found by name through entry points.
+
+`serp.planners` holds functions of `MakePlanner`, `serp.learners` functions of `MakeLearner`,
+`serp.strategies` classes derived from `serp.agent.strategy.Strategy`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.learning.dqn import Proposal
+from serp.learning.symmetry_group import SymmetryGroup
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.cell_graph import Visited
+from serp.planning.forecast import Forecast
+from serp.settings import LearnerSettings, PlannerSettings
+
+Mask = NDArray[np.bool_]
+Values = NDArray[np.floating[Any]]
+
+
+class Planner(Protocol):
+    """A planner forecasts the consequences of each ground action; `serp.Lookahead` is one.
+
+    A function that takes a `serp.TransitionModel` and `serp.PlannerSettings` and returns a planner
+    is found by name through the entry-point group `serp.planners`. A forecast depends on nothing
+    but the state, the model, what a `StatefulPlanner` saves and, of an `ExperiencedPlanner`, the
+    visited states.
+    """
+
+    def forecast(self, state: Vector) -> Forecast:
+        """Return the predictions for every ground action in a state `[F]`."""
+
+
+@runtime_checkable
+class StatefulPlanner(Planner, Protocol):
+    """A planner that keeps what it found from one decision to the next."""
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+
+
+@contextmanager
+def undisturbed(planner: Planner) -> Iterator[None]:
+    """Restore, at the end, what a planner kept from one decision to the next."""
+    stateful = planner if isinstance(planner, StatefulPlanner) else None
+    kept = None if stateful is None else stateful.state_dict()
+    try:
+        yield
+    finally:
+        if stateful is not None and kept is not None:
+            stateful.load_state_dict(*kept)
+
+
+@runtime_checkable
+class ExperiencedPlanner(Planner, Protocol):
+    """A planner that tells what was visited from what was not.
+
+    Attributes:
+        visited: The visited states; None if they are not known.
+    """
+
+    visited: Visited | None
+
+
+@runtime_checkable
+class ForeseeingPlanner(Planner, Protocol):
+    """A planner that computes its forecasts for several states at the same time."""
+
+    def foreseeing(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
+        """Have the forecasts for these states at hand in the body, where they are asked for."""
+
+
+MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]
+
+
+class Proposer(Protocol):
+    """A learner with an input, in the form that strategies use."""
+
+    def propose(self, explorable: Mask | None) -> Proposal:
+        """Propose an action; explore among `explorable` `[E]`, None for all."""
+
+    def propose_greedily(self) -> Proposal:
+        """Propose the action with the largest value."""
+
+
+class Learner(Protocol):
+    """A learner of the values of E environment actions; `serp.DQN` is one.
+
+    A function that makes one is found by name through the entry-point group `serp.learners`; it
+    takes the arguments of `serp.DQN`. Values are in units of reward × `reward_scale`.
+
+    Attributes:
+        input_size: Length of an input, F.
+        action_count: Number of environment actions, E.
+        settings: The settings.
+        symmetry: The symmetries in use; None for none.
+        imitates: Whether it can imitate the planner.
+        imitation_weight: Weight of the imitation loss in the next updates.
+        lane: Environment, from 0, that the next env steps to remember come from. Those of one
+            environment are consecutive.
+    """
+
+    input_size: int
+    action_count: int
+    settings: LearnerSettings
+    symmetry: SymmetryGroup | None
+    imitates: bool
+    imitation_weight: float
+    lane: int
+
+    @property
+    def updates(self) -> int:
+        """Gradient updates so far."""
+
+    @property
+    def epsilon(self) -> float:
+        """The probability that the next proposal explores."""
+
+    def propose(self, x: Vector, explorable: Mask | None) -> Proposal:
+        """Propose an action for an input `[F]`, with exploration; see `Proposer.propose`."""
+
+    def propose_greedily(self, x: Vector) -> Proposal:
+        """Propose the action with the largest value for an input `[F]`."""
+
+    def remember(
+        self,
+        observation: Vector,
+        action: int,
+        reward: float,
+        next_observation: Vector,
+        terminated: bool,
+        truncated: bool,
+        next_allowed: Mask | None = None,
+        imitated: int = -1,
+    ) -> None:
+        """Store an env step in the replay memory.
+
+        Args:
+            observation: Input `[F]` before the step.
+            action: The executed environment action.
+            reward: The reward that is learned from.
+            next_observation: Input `[F]` after the step.
+            terminated: Whether the environment ended the episode.
+            truncated: Whether the episode was cut off.
+            next_allowed: `[E]` actions that the value of the next state is maximised over; None
+                for all.
+            imitated: The planner's action, to be imitated; -1: none.
+        """
+
+    def learn(self) -> float | None:
+        """Make the updates of one env step; return their mean loss, None for none."""
+
+    def pretrain(self, updates: int | None = None) -> float | None:
+        """Make updates on the initial data; by default as many as the settings say."""
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+
+
+class MakeLearner(Protocol):
+    """Makes a learner."""
+
+    def __call__(
+        self,
+        input_size: int,
+        action_count: int,
+        settings: LearnerSettings,
+        seed: np.random.SeedSequence | int,
+        symmetry: SymmetryGroup | None = None,
+        imitates: bool = False,
+    ) -> Learner:
+        """Return a learner; equal seeds give equal bits."""
+
+
+class LearnerProposer:
+    """The proposals of a learner for one input `[F]`; see `serp.agent.protocols.Proposer`."""
+
+    def __init__(self, learner: Learner, x: Vector, *, explores: bool = True) -> None:
+        self._learner = learner
+        self._x = x
+        self._explores = explores
+
+    def propose(self, explorable: Mask | None) -> Proposal:
+        """Propose an action, with exploration."""
+        if not self._explores:
+            return self.propose_greedily()
+        return self._learner.propose(self._x, explorable)
+
+    def propose_greedily(self) -> Proposal:
+        """Propose the action with the largest value."""
+        return self._learner.propose_greedily(self._x)

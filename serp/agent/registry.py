@@ -1,0 +1,134 @@
+"""Planners, learners and strategies by name; each is an entry point of an installed package.
+
+A package adds one by declaring it; serp needs no change::
+
+    [project.entry-points."serp.strategies"]
+    my-strategy = "my_package.strategy:MyStrategy"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from importlib.metadata import EntryPoint
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from serp._util import plugins
+from serp.errors import SettingsError
+from serp.model.transition_model import TransitionModel
+from serp.planning.far_sight import FarSightPlanner
+from serp.planning.lookahead import Lookahead
+from serp.settings import PlannerSettings
+
+if TYPE_CHECKING:
+    from serp.agent.protocols import MakeLearner, MakePlanner, Planner
+    from serp.agent.strategy import Strategy
+    from serp.model.transition_model import TransitionModel
+    from serp.settings import PlannerSettings, Settings
+
+
+def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
+    """Return the planner that looks some steps ahead."""
+    return Lookahead(model, settings)
+
+
+def far_sight(model: TransitionModel, settings: PlannerSettings) -> Planner:
+    """Return the planner that sees to the end of a finite task, and far in a continuous one."""
+    return FarSightPlanner(model, settings)
+
+
+PLANNERS: Final = "serp.planners"
+LEARNERS: Final = "serp.learners"
+STRATEGIES: Final = "serp.strategies"
+
+KINDS: Final = {
+    STRATEGIES: ("strategy", "guide.strategy"),
+    PLANNERS: ("planner", "planner.name"),
+    LEARNERS: ("learner", "learner.name"),
+}
+"""Entry-point group → what it offers, and the setting that chooses one by its name."""
+
+
+def strategy_names() -> list[str]:
+    """Return the names of all strategies, sorted."""
+    return sorted(plugins.offered(STRATEGIES))
+
+
+def find_strategy(name: str) -> type[Strategy]:
+    """Return the strategy of a name, or raise a SettingsError."""
+    from serp.agent.strategy import Strategy
+
+    found = _load(STRATEGIES, name)
+    if not (isinstance(found, type) and issubclass(found, Strategy)):
+        raise SettingsError(
+            f"guide.strategy: `{name}` is {found!r}, which is not a subclass of {Strategy!r}"
+        )
+    return found
+
+
+def planner_names(name: str) -> tuple[str, ...]:
+    """Return the planners that `planner.name` names: `a+b` are two."""
+    return tuple(part.strip() for part in name.split("+"))
+
+
+def make_planner(
+    model: TransitionModel,
+    settings: PlannerSettings,
+    own: Mapping[str, MakePlanner] | None = None,
+    best: Callable[[], int] = lambda: 0,
+) -> Planner:
+    """Return the planner that `planner.name` names, or raise a SettingsError.
+
+    What follows the first colon of a name is for the planner itself, such as an engine.
+
+    Args:
+        model: The transition model.
+        settings: The settings of the planner.
+        own: Planners that the task brings along, by name.
+        best: Of several planners, the position of the one that is best by what is known.
+    """
+    makers = own or {}
+    members = [
+        (makers.get(name) or cast("MakePlanner", _load(PLANNERS, name)))(
+            model, settings.replace(name=name)
+        )
+        for name in planner_names(settings.name)
+    ]
+    if len(members) == 1:
+        return members[0]
+    from serp.agent.own_planners import Ensemble
+
+    return Ensemble(members, best)
+
+
+def find_learner(name: str) -> MakeLearner:
+    """Return the function that makes the learner of a name, or raise a SettingsError."""
+    return cast("MakeLearner", _load(LEARNERS, name))
+
+
+def refuse_unknown_names(settings: Settings, own: Collection[str] = ()) -> None:
+    """Raise a SettingsError for a planner, strategy or learner that is not installed.
+
+    Nothing is imported for that. `own` are the names of the planners that the task brings along.
+    """
+    names = planner_names(settings.planner.name)
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise SettingsError(f"planner.name: `{name}` is named twice")
+        if name not in own:
+            _entry(PLANNERS, name, own)
+    _entry(STRATEGIES, settings.guide.strategy)
+    _entry(LEARNERS, settings.learner.name)
+
+
+def _load(group: str, name: str) -> Any:
+    entry = _entry(group, name)
+    with plugins.loading(entry, KINDS[group][0], SettingsError):
+        return entry.load()
+
+
+def _entry(group: str, name: str, own: Collection[str] = ()) -> EntryPoint:
+    what, setting = KINDS[group]
+    if group == PLANNERS:
+        name = name.partition(":")[0]
+    entries = plugins.offered(group)
+    return plugins.find(entries, name, what, SettingsError, known=own, setting=setting)

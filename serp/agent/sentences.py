@@ -1,0 +1,240 @@
+"""Sentences about causes and alternatives, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+from serp._util.text import percent, plural, readable
+from serp.agent.causes import Cause
+from serp.agent.counterfactuals import Flip, Flips
+from serp.agent.explanation import Alternative, RunnerUp
+from serp.agent.refusals import schema_of, what_fails
+from serp.planning.edges import Bound
+from serp.planning.forecast import Forecast
+
+TO_THE_UNKNOWN: Final = (
+    "Nothing that the planner knows farther ahead is worth more than going on, so the plan leads "
+    "to what is not known; best returns count that as the most that there could be."
+)
+"""What the bound `UNKNOWN` of a planner's sight means."""
+IN_SIGHT: Final = (
+    "The planner did not see to the end of the task: a return in sight leaves out what comes later."
+)
+"""What a bound that is `partial` means."""
+
+
+def kind_of_return(partial: bool) -> str:
+    """Return what the return of an action is called; `partial` as in `Explanation`."""
+    return "return in sight" if partial else "best return"
+
+
+def told(cause: Cause) -> str:
+    """Return a cause as a line."""
+    return _line([[cause]])
+
+
+def lines_of(alternative: Alternative) -> list[str]:
+    """Return what is behind an alternative, now and ahead, a line for each schema of the file.
+
+    What a schema brings in one control period is one line, and so is what it brings in several
+    periods in succession.
+    """
+    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
+    return [*lines, *beyond_of(alternative)]
+
+
+def beyond_of(alternative: Alternative) -> list[str]:
+    """Return the line about what of a best return is not listed, if there is anything."""
+    beyond = alternative.beyond
+    return [f"{_signed(beyond)} beyond these steps, discounted."] if beyond else []
+
+
+def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
+    """Return causes as lines, as `lines_of` does."""
+    by_schema: dict[tuple[str, str], dict[int, list[Cause]]] = {}
+    for cause in causes:
+        periods = by_schema.setdefault((cause.origin, cause.name), {})
+        periods.setdefault(cause.after, []).append(cause)
+    found: list[tuple[int, str]] = []
+    for periods in by_schema.values():
+        for run in _runs(periods):
+            found.append((run[0][0].after, _line(run)))
+    return [line for _, line in sorted(found, key=lambda each: each[0])]
+
+
+def between(runner_up: RunnerUp, name: str) -> str:
+    """Say what is between the action taken and the best other one."""
+    other = runner_up.name
+    if runner_up.ahead:
+        return f"Next best: {other}, {lesser(runner_up)}."
+    if runner_up.by == "order":
+        return f"To the planner {other} is worth the same and comes first in the file."
+    better = {
+        "value": f"its return is larger by {readable(abs(runner_up.gap))}",
+        "delay": "it is worth as much, and does not put that off",
+        "rank": "it is safer one step ahead",
+        "risk": f"its path has less risk{_risks(runner_up)}",
+        "safe steps": "its path stays safe for longer",
+    }[runner_up.by]
+    return f"By the planner's values {other} comes before {name}: {better}."
+
+
+def lesser(other: RunnerUp) -> str:
+    """Say, to follow its name, why the planner prefers the action taken to another one."""
+    return {
+        "order": "which is worth the same and comes later in the file",
+        "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
+        "delay": "which is worth as much, but puts that off",
+        "rank": "which is less safe one step ahead, whatever it gains",
+        "risk": f"whose path has more risk{_risks(other)}, whatever it gains",
+        "safe steps": "whose path stays safe for less long, whatever it gains",
+    }[other.by]
+
+
+def _risks(other: RunnerUp) -> str:
+    taken, own = map(percent, other.path_risks)
+    return f" ({own} against {taken})"
+
+
+def special_about(forecast: Forecast) -> list[str]:
+    """Say what is special about the planner's choice: that all is the same, or nothing safe."""
+    chosen, said = forecast.choice, []
+    if forecast.indifferent:
+        why = "what matters lies beyond what it sees"
+        if forecast.bound is Bound.EXHAUSTED:
+            why = "nothing that can be reached makes a difference"
+        said.append(
+            "All safe actions have the same best return (the planner is indifferent): "
+            f"{why}. The first in the file is taken."
+        )
+    if chosen >= 0 and forecast.bound.partial:
+        said.append(IN_SIGHT)
+    if chosen < 0 or forecast.safe:
+        return said
+    steps, risk = int(forecast.safe_steps[chosen]), float(forecast.path_risk[chosen])
+    if forecast.unsafe[chosen]:
+        said.append("Every action is predicted unsafe. The one with the best return is taken.")
+    elif risk < 1.0:
+        where = "Every action is" if steps == 0 else "Every path leads to something"
+        said.append(
+            f"{where} too risky. The best path of the least risk, {percent(risk)}, or of one that "
+            "is larger by no more than is accepted, is taken."
+        )
+    else:
+        said.append(
+            "Every path leads to something unsafe. The one that stays safe the longest, for "
+            f"{plural(steps, 'control period')}, is taken."
+        )
+    return said
+
+
+def lines_of_flips(flips: Flips, outcome: str = "") -> list[str]:
+    """Say with which changes the outcome is another one: by default another choice."""
+    lines = []
+    for flip in flips.found[:_FLIPS_SHOWN]:
+        then = outcome or f"the planner would have chosen {flip.outcome}"
+        lines.append(f"{_change(flip)}, {then}.")
+    if not lines:
+        other = outcome or "the planner would have chosen otherwise"
+        lines.append(f"No change of a single fluent was found with which {other}.")
+    return lines
+
+
+def _change(flip: Flip) -> str:
+    """Return the condition of a flip: `With x at least 0.31 instead of 0.28`."""
+    if isinstance(flip.becomes, bool):
+        return f"If {flip.fluent} were {str(flip.becomes).lower()}"
+    now, then = readable(float(flip.value)), readable(flip.becomes)
+    if float(flip.value).is_integer() and flip.becomes.is_integer():
+        return f"With {flip.fluent} = {then} instead of {now}"
+    side = "at least" if flip.becomes > flip.value else "at most"
+    return f"With {flip.fluent} {side} {then} instead of {now}"
+
+
+def _runs(periods: dict[int, list[Cause]]) -> list[list[list[Cause]]]:
+    """Return the causes of a schema in runs of control periods in succession with the same ones.
+
+    The first period is a run of its own: it is what the action itself brings.
+    """
+    runs: list[list[list[Cause]]] = []
+    for after, unordered in sorted(periods.items()):
+        causes = sorted(unordered, key=lambda cause: _ORDER.index(cause.what))
+        before = runs[-1][-1] if runs else []
+        same = [(c.what, c.text) for c in before] == [(c.what, c.text) for c in causes]
+        if same and before[0].after == after - 1 > 0:
+            runs[-1].append(causes)
+        else:
+            runs.append([causes])
+    return runs
+
+
+def _line(run: Sequence[Sequence[Cause]]) -> str:
+    """Return the line of what a schema brings in some control periods in succession."""
+    causes, after = run[0], run[0][0].after
+    when = f"in step {after + 1}: " if after else ""
+    if len(run) > 1:
+        when = f"in steps {after + 1} to {after + len(run)}: "
+    amounts = [
+        None if cause.amount is None else sum(period[k].amount or 0.0 for period in run)
+        for k, cause in enumerate(causes)
+    ]
+    brought = ", ".join(map(_what, causes, amounts))
+    first = causes[0]
+    by = f" by {schema_of(first)}" if first.what in _BROUGHT else ""
+    if first.origin == "learned":
+        by = " by what the run has learned"
+    return f"{when}{brought}{by}{_where(causes)}"
+
+
+_FLIPS_SHOWN: Final = 3
+_BROUGHT: Final = ("reward", "unsafe", "risk", "end")
+_ORDER: Final = (*_BROUGHT, "failed", "conflict", "undefined")
+
+
+def _what(cause: Cause, amount: float | None) -> str:
+    match cause.what:
+        case "reward":
+            return _signed(amount)
+        case "unsafe":
+            return "unsafe"
+        case "risk":
+            return f"a risk of {percent(amount or 0.0)} to be unsafe"
+        case "end":
+            return "the end of the task"
+        case "failed":
+            return f"not applicable: {what_fails(cause, located=False)}"
+        case _:
+            return f"no defined result: {what_fails(cause, located=False)}"
+
+
+def _where(causes: Sequence[Cause]) -> str:
+    """Return comment, place, and the values that were read."""
+    comments = dict.fromkeys(cause.comment.strip(". ") for cause in causes if cause.comment)
+    said = "".join(f": {comment}" for comment in comments)
+    first = causes[0]
+    if first.place is None:
+        return f"{said}."
+    details = [f"{Path(first.place.file).name}:{first.place.line}"]
+    if first.what in _BROUGHT:
+        details[0] += "".join(f" `{text}`" for text in dict.fromkeys(c.text for c in causes))
+        reads = {name: value for cause in causes for name, value in cause.reads.items()}
+        if reads:
+            details.append(listed_values(reads))
+    return f"{said}. [{'; '.join(details)}]"
+
+
+def listed_values(values: dict[str, float | bool], most: int = 6) -> str:
+    """Return values as `x = 1.2, open = true`, and how many more there are."""
+    shown = [
+        f"{name} = {str(value).lower() if isinstance(value, bool) else readable(float(value))}"
+        for name, value in values.items()
+    ]
+    more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
+    return ", ".join(shown[:most]) + more
+
+
+def _signed(amount: float | None) -> str:
+    text = readable(amount)
+    return text if text.startswith(("−", "–")) else f"+{text}"

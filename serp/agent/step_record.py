@@ -1,0 +1,243 @@
+"""The record of an env step, and the totals of an episode."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple, Protocol
+
+from serp._util.saved_state import Saved
+from serp.agent.decision import Actor, Decision, Reason
+from serp.model.transition_model import Vector
+from serp.planning.edges import Bound
+
+
+class _Countable(Protocol):
+    """The part of a step that is counted; a `Decision` and a row of `decisions.csv` have it."""
+
+    @property
+    def executed_by(self) -> str: ...
+    @property
+    def reason(self) -> str: ...
+    @property
+    def vetoed(self) -> bool: ...
+    @property
+    def proposal_unsafe(self) -> bool: ...
+    @property
+    def unsafe(self) -> bool: ...
+    @property
+    def depth(self) -> int: ...
+    @property
+    def bound(self) -> str: ...
+    @property
+    def indifferent(self) -> bool: ...
+
+
+STEPS_BY: Final[Mapping[str, str]] = {actor.value: f"{actor.value}_steps" for actor in Actor}
+"""Actor → name of the count of steps in which its action was executed."""
+
+SAFETY: Final = ("vetoes", "unsafe_predicted", "unsafe_executed", "no_safe_action")
+SIGHT: Final = ("saw_all", "by_cells", "cut_short", "indifferent")
+_SUMS: Final = (*SAFETY[1:], "saw_all", "by_cells", "cut_short", "layers_seen", "indifferent")
+_BUDGETS: Final = (Bound.NODES.name.lower(), Bound.TIME.name.lower())
+_ALL: Final = Bound.EXHAUSTED.name.lower()
+_CELLS: Final = (Bound.CELLS.name.lower(), Bound.UNKNOWN.name.lower())
+
+
+class DecisionCounts:
+    """Counts over steps.
+
+    Attributes:
+        executed: Actor → steps in which its action was executed. They add up to `steps`.
+        refused: Reason → proposals refused for it. They add up to `vetoes`.
+        unsafe_predicted: Proposals that the domain file flags unsafe, or that are too risky.
+        unsafe_executed: Executed actions that the domain file flags unsafe.
+        no_safe_action: Steps in which every action was flagged or too risky.
+        saw_all: Steps in which the planner saw everything that can be reached.
+        by_cells: Steps in which values of cells stood for what lies beyond the lookahead.
+        cut_short: Steps in which a budget of nodes or time ended its sight.
+        layers_seen: Layers of states that it saw, summed over the steps in which it did not see
+            everything.
+        indifferent: Steps in which it had no reason to prefer one action.
+    """
+
+    def __init__(self) -> None:
+        self.executed: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+        self.unsafe_predicted = 0
+        self.unsafe_executed = 0
+        self.no_safe_action = 0
+        self.saw_all = 0
+        self.by_cells = 0
+        self.cut_short = 0
+        self.layers_seen = 0
+        self.indifferent = 0
+
+    def count(self, step: _Countable) -> None:
+        """Count a step."""
+        self.executed[step.executed_by] += 1
+        if step.vetoed:
+            self.refused[step.reason] += 1
+        self.unsafe_predicted += step.proposal_unsafe
+        self.unsafe_executed += step.unsafe
+        self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
+        everything = step.bound == _ALL
+        self.saw_all += everything
+        self.by_cells += step.bound in _CELLS
+        self.cut_short += step.bound in _BUDGETS
+        self.layers_seen += 0 if everything else step.depth
+        self.indifferent += step.indifferent
+
+    @property
+    def steps(self) -> int:
+        """Number of steps counted."""
+        return self.executed.total()
+
+    @property
+    def vetoes(self) -> int:
+        """Number of proposals refused."""
+        return self.refused.total()
+
+    def numbers(self) -> dict[str, int]:
+        """Return every count by the name of its column in `metrics.csv`."""
+        return {
+            **{name: self.executed[actor] for actor, name in STEPS_BY.items()},
+            "vetoes": self.vetoes,
+            **{name: getattr(self, name) for name in _SUMS},
+        }
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `from_saved` takes."""
+        return {
+            "executed": [self.executed[actor] for actor in Actor],
+            "refused": [self.refused[reason] for reason in Reason],
+            **{name: getattr(self, name) for name in _SUMS},
+        }
+
+    @classmethod
+    def from_saved(cls, meta: Any) -> DecisionCounts:
+        """Return the counts that `state_dict` wrote."""
+        tally, saved = cls(), Saved("counts", {}, meta)
+        executed = saved.wholes("executed", len(Actor))
+        refused = saved.wholes("refused", len(Reason))
+        tally.executed.update(dict(zip(Actor, executed, strict=True)))
+        tally.refused.update(dict(zip(Reason, refused, strict=True)))
+        for name in _SUMS:
+            setattr(tally, name, saved.whole(name))
+        return tally
+
+    def vetoes_by_reason(self) -> dict[str, int]:
+        """Return reason → proposals refused for it, the most frequent first, ties by name."""
+        found = {str(reason): count for reason, count in self.refused.items() if count}
+        return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+
+
+NUMBERS: Final = tuple(DecisionCounts().numbers())
+"""Names of all counts; they are columns of `metrics.csv`."""
+
+
+def total(metrics: Mapping[str, Any]) -> dict[str, int]:
+    """Return every count over all episodes, given the columns of `metrics.csv` as arrays."""
+    return {name: int(metrics[name].sum()) for name in NUMBERS}
+
+
+def sight_of(counts: Mapping[str, int], steps: int) -> dict[str, float | None]:
+    """Return how far the planner saw.
+
+    The shares of all steps in which it saw everything that can be reached, in which values of cells
+    stood for what lies beyond the layers that it saw, in which a budget cut it short, and in which
+    it had no reason to prefer one action; and the mean number of layers that it saw in the steps in
+    which it did not see everything.
+    """
+    shares = {name: counts[name] / steps if steps else None for name in SIGHT}
+    partial = steps - counts["saw_all"]
+    return {**shares, "mean_depth": counts["layers_seen"] / partial if partial else None}
+
+
+@dataclass(slots=True)
+class EpisodeTotals:
+    """The totals of an episode: sums of rewards by their source, and counts of its steps.
+
+    `unsafe_observed` and `avoidable_unsafe` count the steps for which `StepRecord.unsafe_observed`
+    and `Decision.avoidable_unsafe` hold.
+    """
+
+    length: int = 0
+    return_: float = 0.0
+    domain_return: float = 0.0
+    learner_return: float = 0.0
+    terminated: bool = False
+    truncated: bool = False
+    unsafe_observed: int = 0
+    avoidable_unsafe: int = 0
+    decisions: DecisionCounts = field(default_factory=DecisionCounts)
+
+    def add(self, step: StepRecord) -> None:
+        """Add a step."""
+        self.length = step.number
+        self.return_ += step.env_reward
+        self.domain_return += step.domain_reward
+        self.learner_return += step.reward
+        self.terminated, self.truncated = step.terminated, step.truncated
+        self.unsafe_observed += step.unsafe_observed
+        self.avoidable_unsafe += step.decision.avoidable_unsafe
+        self.decisions.count(step.decision)
+
+
+class StepRecord(NamedTuple):
+    """One env step.
+
+    Training, evaluation, comparison and films all read it; there is one for every env step.
+
+    Attributes:
+        number: Number of the step in its episode, from 1.
+        observation: The environment's observation before the step, unchanged.
+        state: State `[F]` that the observation was grounded to.
+        x: The learner's input before the step.
+        decision: The decision.
+        reward: The reward that is learned from; the environment's in an evaluation.
+        domain_reward: R(s′) of the domain file; 0 if it gives none.
+        env_reward: The environment's reward.
+        unsafe: Whether the observed step is unsafe by the domain file.
+        unsafe_observed: Whether it came out unsafe, by the domain file or by the environment, whose
+            info may have `unsafe` as true: harm that no observation need show.
+        next_state: State `[F]` after the step.
+        next_x: The learner's input after the step.
+        terminated: Whether the environment ended the episode.
+        truncated: Whether the environment or the limit on steps cut the episode off.
+        info: The environment's info.
+        episode: The totals of the episode up to and including this step. All steps of an episode
+            share this object, so it is valid until the next step.
+    """
+
+    number: int
+    observation: Any
+    state: Vector
+    x: Vector
+    decision: Decision
+    reward: float
+    domain_reward: float
+    env_reward: float
+    unsafe: bool
+    unsafe_observed: bool
+    next_state: Vector
+    next_x: Vector
+    terminated: bool
+    truncated: bool
+    info: dict[str, Any]
+    episode: EpisodeTotals
+
+    @property
+    def last(self) -> bool:
+        """Whether the episode ended with this step."""
+        return self.terminated or self.truncated
+
+    @property
+    def ground(self) -> int:
+        """Ground action that was executed; -1 if the model does not know it."""
+        return int(self.decision.forecast.ground[self.decision.action])
+
+
+OnStep = Callable[[StepRecord], None]
+"""Called with every env step, after learning from it."""

@@ -1,0 +1,247 @@
+"""The base class of strategies, which decide whether planner or learner proposes."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from serp._util.saved_state import Saved
+from serp._util.text import measured, percent, plural
+from serp.agent.protocols import Mask, Proposer
+from serp.learning.dqn import Proposal
+from serp.settings import Settings
+from serp.tasks.action_map import ActionForecast
+
+if TYPE_CHECKING:
+    from serp.settings import Settings
+
+
+class Worth(NamedTuple):
+    """What the expected return of one lead is believed to be.
+
+    Attributes:
+        mean: Mean of the belief.
+        deviation: Its standard deviation.
+        episodes: Episodes that it led.
+    """
+
+    mean: float
+    deviation: float
+    episodes: int
+
+    def __str__(self) -> str:
+        return measured(self.mean, self.deviation)
+
+
+class LeadEvidence(NamedTuple):
+    """The evidence on which the lead of an episode is given to planner or learner.
+
+    Attributes:
+        planner, learner: What their episodes are worth; None for one that has not led any. Of
+            several planners it is the best one.
+        learner_better: Probability that the learner's are worth more.
+        planners: Name and worth of each of several planners; empty where there is one.
+    """
+
+    planner: Worth | None
+    learner: Worth | None
+    learner_better: float
+    planners: tuple[tuple[str, Worth | None], ...] = ()
+
+    @property
+    def leads(self) -> tuple[tuple[str, Worth | None], ...]:
+        """Name and worth of each planner, and of the learner."""
+        named = tuple((f"planner {name}", worth) for name, worth in self.planners)
+        return (*(named or (("planner", self.planner),)), ("learner", self.learner))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "planner": None if self.planner is None else self.planner._asdict(),
+            "learner": None if self.learner is None else self.learner._asdict(),
+            "learner_better": self.learner_better,
+            "planners": {
+                name: None if worth is None else worth._asdict() for name, worth in self.planners
+            },
+            "sentence": str(self),
+        }
+
+    def __str__(self) -> str:
+        said = [
+            f"the {name} has not led an episode"
+            if worth is None
+            else f"an episode that the {name} leads is worth {worth} "
+            f"({plural(worth.episodes, 'episode')})"
+            for name, worth in self.leads
+        ]
+        better = f"the learner is better with a probability of {percent(self.learner_better)}"
+        return "; ".join([*said, better])
+
+
+Seed = int | np.random.SeedSequence
+
+
+class Situation(NamedTuple):
+    """What a strategy knows of the current state.
+
+    Attributes:
+        forecast: The planner's forecast.
+        admissible: `[E]` actions that no veto refuses.
+    """
+
+    forecast: ActionForecast
+    admissible: Mask
+
+
+class Strategy:
+    """A rule for who proposes; in this base class it is always the learner.
+
+    A strategy proposes; `serp.Arbiter` decides, so that the vetoes hold under every strategy. A
+    subclass is found by name through the entry-point group `serp.strategies`.
+
+    Args:
+        settings: All settings.
+        seed: Seed of random draws.
+
+    Attributes:
+        reads: Settings that only this strategy reads, such as `arbiter.rho_unit`.
+        imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
+            `imitation_weight`.
+        chooses_planner: Whether it chooses among several planners (`planner.name` is `a+b`).
+        lane: Environment, from 0, that the next calls are about. Several environments play one
+            episode each at the same time; what belongs to an episode is kept for each of them.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ()
+    imitates: ClassVar[bool] = False
+    chooses_planner: ClassVar[bool] = False
+
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        self._settings = settings
+        self.lane = 0
+
+    @property
+    def rho(self) -> float:
+        """The probability that the learner makes the next proposal."""
+        return 1.0
+
+    @property
+    def planner(self) -> int:
+        """Position of the planner that acts in this episode of training."""
+        return 0
+
+    @property
+    def best_planner(self) -> int:
+        """Position of the planner that is best by what is known."""
+        return 0
+
+    @property
+    def choice(self) -> str:
+        """In words: what `propose_greedily` returns."""
+        return "the learner's choice"
+
+    @property
+    def turns(self) -> str:
+        """In words: what `propose` returns now, without exploration."""
+        return self.choice
+
+    @property
+    def evidence(self) -> LeadEvidence | None:
+        """The evidence that the choice goes by; None for strategies without any."""
+        return None
+
+    @property
+    def imitation_weight(self) -> float:
+        """Weight of the learner's imitation loss in the next updates."""
+        return 0.0
+
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
+        """Return the learner's proposal, or None if it is the planner's turn."""
+        return learner.propose(situation.admissible)
+
+    def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
+        """Return the trained policy's proposal, without exploration or random draws."""
+        return learner.propose_greedily()
+
+    def forked(self, seed: np.random.SeedSequence) -> Strategy:
+        """Return an independent copy for the beginning of an episode.
+
+        Args:
+            seed: Seed of the copy's random draws.
+        """
+        return copy.copy(self)
+
+    def imitated(self, forecast: ActionForecast) -> int:
+        """Return the planner's action that the learner is to imitate in a state; -1: none."""
+        return -1
+
+    def end_unit(self, unit: str) -> None:
+        """Handle the end of a unit: `step`, `episode` or a counter of the environment."""
+
+    def end_episode(self, return_: float, length: int) -> None:
+        """Handle the end of an episode of training."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+
+
+class Mixture(Strategy):
+    """The planner acts with probability 1 - ρ, else the learner (paper, Algorithm 1).
+
+    The learner explores among all actions; its proposals may be refused.
+    """
+
+    reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit")
+
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
+        self._rho = settings.arbiter.rho
+        self._random = np.random.default_rng(seed)
+
+    @property
+    def rho(self) -> float:
+        """ρ."""
+        return self._rho
+
+    @property
+    def turns(self) -> str:
+        """In words: who acts with which probability."""
+        if self._rho >= 1.0:
+            return self.choice
+        return f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
+
+    def forked(self, seed: np.random.SeedSequence) -> Mixture:
+        """Return a copy with its own random draws."""
+        forked = copy.copy(self)
+        forked._random = np.random.default_rng(seed)
+        return forked
+
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
+        """Draw whose turn it is; return the learner's proposal, or None."""
+        return None if self._random.random() > self._rho else learner.propose(None)
+
+    def end_unit(self, unit: str) -> None:
+        """Increase ρ if this is the unit by which it grows."""
+        if unit == self._settings.arbiter.rho_unit:
+            self._rho = min(1.0, self._rho + self._settings.arbiter.rho_increment)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly."""
+        return {"rho": self._rho, "random": self._random.bit_generator.state}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+        saved = Saved("strategy", {}, meta)
+        self._rho = saved.real("rho", 0.0, 1.0)
+        self._random.bit_generator.state = saved.generator_state("random", self._random)

@@ -1,0 +1,217 @@
+"""Veto policies: which actions are refused, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.saved_state import Saved
+from serp._util.text import plural
+from serp.agent.decision import Reason
+from serp.agent.step_record import StepRecord
+from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE
+from serp.planning.forecast import SAFE
+from serp.settings import ArbiterSettings
+from serp.tasks.action_map import ActionForecast, ActionMap
+
+_TOLERATED: Final = 3
+"""Tolerated failures at first."""
+_PER_STEP: Final = 0.001
+"""Tolerated failures per env step in the long run."""
+
+
+class LookaheadReliability:
+    """Counts the failures of the lookahead.
+
+    The lookahead predicts an executed action to be safe if a plan exists that avoids everything
+    unsafe within the horizon, in control periods. It has failed if something unsafe is observed
+    within the horizon nevertheless. A lookahead that fails more often than tolerated (plus once per
+    1,000 env steps) does not model what endangers the robot, so its vetoes beyond the next step are
+    not justified.
+    """
+
+    def __init__(self, horizon: int) -> None:
+        self._horizon = horizon
+        self.failures = 0
+        self.steps = 0
+        self._since: dict[int, int] = {}
+        """Environment → env steps since the newest prediction of safety in its episode."""
+
+    @property
+    def reliable(self) -> bool:
+        """Whether vetoes use the lookahead beyond the next step."""
+        return self.failures <= _TOLERATED + _PER_STEP * self.steps
+
+    def observe(self, predicted_safe: bool | None, unsafe: bool, last: bool, lane: int = 0) -> bool:
+        """Process an env step; return whether the lookahead failed.
+
+        `predicted_safe` is None for an action that the model does not know, which invalidates
+        earlier predictions; `unsafe` is what was observed; `last` the end of the episode; `lane`
+        the environment.
+        """
+        self.steps += 1
+        since = self._since.pop(lane, None)
+        if predicted_safe is None:
+            since = None
+        elif predicted_safe:
+            since = 0
+        elif since is not None:
+            since += 1
+        failed = unsafe and since is not None and since < self._horizon
+        self.failures += failed
+        if since is not None and not (failed or last):
+            self._since[lane] = since
+        return failed
+
+    def cut_off(self, lane: int = 0) -> None:
+        """Note that the episode of an environment goes on no further."""
+        self._since.pop(lane, None)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {"failures": self.failures, "steps": self.steps}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+        saved = Saved("lookahead reliability", {}, meta)
+        self.failures, self.steps = saved.whole("failures"), saved.whole("steps")
+        self._since.clear()
+
+
+Mask = NDArray[np.bool_]
+
+
+class VetoPolicy:
+    """Refuses actions that are flagged, too risky, undefined, not applicable or below R_min.
+
+    With `arbiter.veto_horizon=lookahead` it also refuses an action that leads, within the
+    lookahead, to a state where every action is flagged or too risky, if another action avoids that
+    and the lookahead is reliable. `arbiter.unmodelled` decides on actions that the model does not
+    know.
+
+    Args:
+        actions: The map between ground and environment actions.
+        settings: The settings of the arbiter.
+        horizon: Control periods that the planner looks ahead.
+
+    Attributes:
+        available: `[E]` actions that the model does not know and that may be executed.
+        lane: Environment, from 0, that the next observed step comes from.
+    """
+
+    def __init__(self, actions: ActionMap, settings: ArbiterSettings, horizon: int = 1) -> None:
+        self._actions = actions
+        self._settings = settings
+        self._reliability = LookaheadReliability(horizon)
+        self.available: Mask = ~actions.modelled & (settings.unmodelled == "allow")
+        self.lane = 0
+
+    def admissible(self, forecast: ActionForecast) -> Mask:
+        """Return `[E]` which actions are not refused."""
+        allowed = forecast.safe
+        if self._settings.r_min is not None:
+            allowed &= forecast.reward >= self._settings.r_min
+        if self._settings.veto_horizon == "lookahead" and self.lookahead_reliable:
+            # If no modelled action has a safe plan, none is refused for that.
+            known = forecast.safe_steps[self._actions.modelled]
+            if known.size and known.max() == SAFE:
+                allowed &= forecast.safe_steps == SAFE
+        return allowed | self.available
+
+    def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
+        """Return why an action that is not admissible is refused."""
+        if not self._actions.modelled[action]:
+            return Reason.UNMODELLED
+        flags = int(forecast.flags[action])
+        if flags & UNSAFE:
+            return Reason.UNSAFE
+        if flags & RISKY:
+            return Reason.TOO_RISKY
+        if flags & UNDEFINED:
+            return Reason.UNDEFINED
+        if not flags & APPLICABLE:
+            return Reason.NOT_APPLICABLE
+        r_min = self._settings.r_min
+        if r_min is not None and forecast.reward[action] < r_min:
+            return Reason.LOW_REWARD
+        return Reason.UNSAFE_AHEAD
+
+    @property
+    def lookahead_reliable(self) -> bool:
+        """Whether vetoes use the lookahead beyond the next step."""
+        return self._reliability.reliable
+
+    @property
+    def lookahead_failures(self) -> str:
+        """In words: how often the lookahead failed."""
+        found = self._reliability
+        return f"{plural(found.failures, 'time')} in {plural(found.steps, 'env step')}"
+
+    def observe(self, step: StepRecord) -> bool:
+        """Return whether the lookahead failed in an env step of training.
+
+        It failed if something unsafe happened that it had predicted to be avoidable.
+        """
+        decision = step.decision
+        known = bool(self._actions.modelled[decision.action])
+        safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
+        return self._reliability.observe(safe if known else None, step.unsafe, step.last, self.lane)
+
+    def cut_off(self) -> None:
+        """Treat the step observed last as the last one of its episode."""
+        self._reliability.cut_off(self.lane)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {"reliability": self._reliability.state_dict()}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        self._reliability.load_state_dict(Saved("vetoes", {}, meta).part("reliability")[1])
+
+
+class NoVeto:
+    """Refuses nothing. The guarantee of `serp.Arbiter` does not hold.
+
+    It is for baselines. Their steps are forecast nevertheless, so that actions predicted unsafe are
+    counted.
+
+    Args:
+        actions: The map between ground and environment actions.
+
+    Attributes:
+        available: `[E]` actions that the model does not know.
+        lane: As in `VetoPolicy`; it does not matter.
+    """
+
+    lookahead_reliable = False
+    lookahead_failures = ""
+
+    def __init__(self, actions: ActionMap) -> None:
+        self.available: Mask = ~actions.modelled
+        self.lane = 0
+
+    def admissible(self, forecast: ActionForecast) -> Mask:
+        """Return `[E]` True."""
+        return np.ones(len(forecast.flags), dtype=np.bool_)
+
+    def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
+        """Raise: nothing is refused."""
+        raise AssertionError(f"action {action} is admissible")
+
+    def observe(self, step: StepRecord) -> bool:
+        """Return False: the lookahead is not used."""
+        return False
+
+    def cut_off(self) -> None:
+        """Do nothing: nothing is kept from step to step."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return an empty mapping: there is no state."""
+        return {}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Do nothing: there is no state."""

@@ -1,0 +1,1 @@
+"""Writing domain files: lint, format, scenarios, play, scaffold, language server."""

@@ -1,0 +1,1 @@
+"""PDDL in editors: `serp lsp`."""

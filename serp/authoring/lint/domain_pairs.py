@@ -1,0 +1,112 @@
+"""Which of the files that `serp check` is given belong together, by what is in them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from serp.errors import SerpError
+from serp.pddl.reader import read_what_can_be
+from serp.pddl.source import DomainError, Source
+
+_SUFFIX = "-problem"
+
+
+class DomainFiles(NamedTuple):
+    """One domain to check.
+
+    Attributes:
+        name: As it was given.
+        domain: Its file; None for an installed task, or where it is not known.
+        problem: The problem file; None for the one beside the domain file, if there is one.
+    """
+
+    name: str
+    domain: Path | None
+    problem: Path | None
+
+
+def pairs(names: Iterable[str]) -> list[DomainFiles]:
+    """Return the domains that files and names of tasks mean, each once, with their problems.
+
+    A domain file is looked at with each problem that belongs to it, and by itself (or with the
+    problem beside it) where none is given.
+    """
+    from serp.tasks.registry import find_domain_file
+
+    given = [(name, find_domain_file(name)) for name in names]
+    titles = {path: _title_of_file(path) for _, path in given if path is not None}
+    domains = [path for path, title in titles.items() if title.kind != "problem"]
+    found: dict[tuple[str, str], DomainFiles] = {}
+    for name, path in given:
+        pair = DomainFiles(name, path, None)
+        if path is not None and titles[path].kind == "problem":
+            pair = DomainFiles(name, _domain_of(path, titles[path], domains, titles), path)
+        found.setdefault((_real(pair.domain) or name, _real(pair.problem)), pair)
+    with_problem = {domain for domain, problem in found if problem}
+    return [
+        pair for (domain, problem), pair in found.items() if problem or domain not in with_problem
+    ]
+
+
+class Title(NamedTuple):
+    """`domain` or `problem` (empty where it is unknown), and the name of the domain."""
+
+    kind: str
+    domain: str
+
+
+def _title_of_file(path: Path) -> Title:
+    try:
+        return title_of(Source.read(path))
+    except SerpError:
+        return Title("", "")
+
+
+def title_of(source: Source) -> Title:
+    """Return what a file is, as far as its first lines can be read."""
+    named = {
+        group.head: group.items[1].place.text.lower()
+        for group in read_what_can_be(source)
+        if len(group.items) > 1
+    }
+    if "problem" in named:
+        return Title("problem", named.get(":domain", ""))
+    return Title("domain" if "domain" in named else "", named.get("domain", ""))
+
+
+def domain_not_found(problem: Source) -> DomainError:
+    """Return what is to be said of a problem file whose domain file is not known."""
+    places = {group.head: group.place for group in read_what_can_be(problem)}
+    named = places.get(":domain", places["problem"])
+    return DomainError(
+        "this is a problem file, and its domain file is not known",
+        problem.place(named.start, named.end),
+        f"give both, as in `serp check domain.pddl {problem.name}`",
+        code="missing-domain",
+    )
+
+
+def domain_beside(problem: Path, title: Title) -> Path | None:
+    """Return the domain file beside a problem file; None where there is none."""
+    return _domain_of(problem, title, (), {})
+
+
+def _domain_of(
+    problem: Path, title: Title, given: Sequence[Path], titles: dict[Path, Title]
+) -> Path | None:
+    """Return the domain file of a problem file, or None where it is not known."""
+    beside = [problem.with_name(f"{name}.pddl") for name in
+              (problem.stem.removesuffix(_SUFFIX), title.domain, "domain")
+              if name and name != problem.stem]  # fmt: skip
+    named = [path for path in given if titles[path].domain == title.domain]
+    alone = given if len(given) == 1 else ()  # names that differ are warned of
+    found = (*named, *alone, *(path for path in beside if path.is_file()))
+    return next(iter(found), None)
+
+
+def _real(path: Path | None) -> str:
+    """Return what a path leads to; a link that leads to itself stands for itself."""
+    return os.path.realpath(path) if path is not None else ""

@@ -1,0 +1,371 @@
+"""Everything that is wrong or doubtful in a domain and its problem, in one pass."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from serp._util.text import closest
+from serp.authoring.lint.catalogue import LOCAL, warnings_of
+from serp.authoring.lint.portability import beyond_pddl, one_per_rule, outside_portable_subset
+from serp.authoring.lint.subject import CODES, MOST_INSTANCES, NOTES
+from serp.model.domain import Domain, problem_beside
+from serp.pddl.parser import parse_domain, parse_problem
+from serp.pddl.source import (
+    DomainError,
+    DomainWarning,
+    Edit,
+    Fix,
+    Place,
+    Recovery,
+    Source,
+    line_end,
+    line_start,
+)
+
+_COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*(ignore(?:-file)?)\b(?:\[([^\]\r\n]*)\])?")
+_CODE = re.compile(r"[^\s,]+")
+_BLANK_OR_COMMENT = re.compile(r"\s*(;.*)?\Z")
+
+
+def silenced(
+    warnings: Iterable[DomainWarning], sources: Iterable[Source], *, partial: bool
+) -> Iterator[DomainWarning]:
+    """Yield the warnings that no comment silences, and comments that silence nothing.
+
+    Args:
+        warnings: Of these files.
+        sources: The files.
+        partial: Whether errors kept some rules from being asked, so that it is not known what a
+            comment would silence.
+    """
+    sources = list(sources)
+    comments = [comment for source in sources for comment in _comments(source)]
+    for warning in warnings:
+        matching = [comment for comment in comments if comment.silences(warning, sources[0])]
+        for comment in matching:
+            comment.used = True
+        if not matching:
+            yield warning
+    for comment in comments:
+        if comment.code not in CODES:
+            yield comment.unknown()
+        elif not comment.used and not partial:
+            yield comment.useless()
+
+
+@dataclass
+class _Silence:
+    """One code in one comment; `line` is None for all of the file."""
+
+    code: str
+    place: Place
+    line: int | None
+    comment: tuple[int, int]
+    used: bool = field(default=False)
+
+    def silences(self, warning: DomainWarning, domain: Source) -> bool:
+        place, source = warning.place, self.place.source
+        if warning.code != self.code or source is not (place.source if place else domain):
+            return False
+        return self.line is None or (place is not None and place.line == self.line)
+
+    def useless(self) -> DomainWarning:
+        kind = "an error, which nothing silences" if CODES[self.code].error else "not found here"
+        text = f"`{self.code}` is {kind}; this comment silences nothing"
+        fix = Fix((Edit(*self.comment, ""),)) if self.comment[0] < self.comment[1] else None
+        return DomainWarning(text, self.place, "useless-silence", "leave the comment out", fix)
+
+    def unknown(self) -> DomainWarning:
+        close = closest(self.code, CODES)
+        advice = f"did you mean `{close}`?" if close else "write the code of a warning in brackets"
+        fix = None
+        if close:
+            fix = Fix((Edit(self.place.start, self.place.end, close),), sure=False)
+        text = f"there is no code `{self.code}`" if self.code else "no code in brackets"
+        return DomainWarning(f"{text}; nothing is silenced", self.place, "useless-silence",
+                             advice, fix)  # fmt: skip
+
+
+def _comments(source: Source) -> Iterator[_Silence]:
+    for match in _COMMENT.finditer(source.text):
+        place = source.place(match.start(1), match.end())
+        line: int | None = None
+        if match[1] == "ignore":
+            line = place.line if _after_text(source, match.start()) else _next_line(source, place)
+        codes = list(_CODE.finditer(match[2] or ""))
+        whole = _whole(source.text, match.start()) if len(codes) == 1 else (0, 0)
+        for code in codes:
+            start = match.start(2) + code.start()
+            here = source.place(start, start + len(code[0]))
+            yield _Silence(code[0], here, line, whole)
+        if not codes:
+            yield _Silence("", place, line, (0, 0))
+
+
+def _after_text(source: Source, position: int) -> bool:
+    return bool(source.text[line_start(source.text, position) : position].strip())
+
+
+def _next_line(source: Source, place: Place) -> int:
+    """Return the next line with something other than a comment."""
+    lines = range(place.line + 1, len(source.line_starts) + 1)
+    code = (n for n in lines if not _BLANK_OR_COMMENT.match(source.line_text(n)))
+    return next(code, place.line)
+
+
+def _whole(text: str, position: int) -> tuple[int, int]:
+    """Return where a comment begins and ends, with the blanks before it, or its whole line."""
+    start, end = line_start(text, position), line_end(text, position)
+    before = text[start:position]
+    if before.strip():
+        return start + len(before.rstrip()), end
+    after = text[end : end + 2]
+    return start, end + (2 if after == "\r\n" else len(after[:1]))
+
+
+Severity = Literal["error", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong or doubtful.
+
+    Attributes:
+        code: What kind of thing; docs/reference/checks.md has all.
+        severity: `error` where the files cannot be used as they are, `note` where it is right for
+            many files.
+        message: What, one sentence.
+        advice: What to do about it; may be empty.
+        place: Where; None where a file as a whole is meant, or cannot be read.
+        fix: What to change, where that is known or can be guessed.
+        rendered: The finding as the command prints it.
+    """
+
+    code: str
+    severity: Severity
+    message: str
+    advice: str
+    place: Place | None
+    fix: Fix | None
+    rendered: str
+
+    @classmethod
+    def of(cls, found: DomainError | DomainWarning) -> Finding:
+        """Return what an error or a warning tells."""
+        if isinstance(found, DomainError):
+            return cls(
+                found.code,
+                "error",
+                found.problem,
+                found.advice,
+                found.place,
+                found.fix,
+                f"{found} [{found.code}]" if "\n" not in str(found) else _coded(found),
+            )
+        return cls(
+            found.code,
+            "note" if found.code in NOTES else "warning",
+            found.text,
+            found.advice,
+            found.place,
+            found.fix,
+            f"{found}{f'; {found.advice}' if found.advice else ''} [{found.code}]",
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the finding as JSON values; lines and columns count from 1, ends are exclusive."""
+        place = None
+        if self.place is not None:
+            place = {**spot(self.place), "file": self.place.source.name}
+        fix = None
+        if self.fix is not None and self.place is not None:
+            source = self.place.source
+            fix = {
+                "sure": self.fix.sure,
+                "edits": [
+                    {**spot(source.place(e.start, e.end)), "text": e.text} for e in self.fix.edits
+                ],
+            }
+        told = {k: getattr(self, k) for k in ("code", "severity", "message", "advice")}
+        return {**told, "place": place, "fix": fix}
+
+
+def _coded(error: DomainError) -> str:
+    first, rest = str(error).split("\n", 1)
+    return f"{first} [{error.code}]\n{rest}"
+
+
+def spot(place: Place) -> dict[str, int]:
+    """Return line, column, and the end of a place, from 1; the end is exclusive."""
+    end = Place(place.source, place.end, place.end)
+    return {
+        "line": place.line,
+        "column": place.column,
+        "end_line": end.line,
+        "end_column": end.column,
+    }
+
+
+@dataclass(frozen=True)
+class Examined:
+    """What was found in a domain and its problem.
+
+    Attributes:
+        findings: In the order of files and places.
+        domain: The domain where nothing is wrong with it; None otherwise.
+    """
+
+    findings: list[Finding]
+    domain: Domain | None
+
+
+def findings_of(
+    domain: Source | str | Path,
+    problem: Source | str | Path | None = None,
+    *,
+    max_ground_schemas: int | None = None,
+    portable: bool = False,
+) -> list[Finding]:
+    """Return all that is to be said of a domain; it never raises for what the files say.
+
+    Args:
+        domain: The domain file, or its text.
+        problem: The problem file, or its text; None for the one beside the domain file, if there is
+            one. Beside a text there is none.
+        max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
+        portable: Whether functions that no other PDDL tool knows are named.
+    """
+    limit = max_ground_schemas
+    return examine(domain, problem, max_ground_schemas=limit, portable=portable).findings
+
+
+def examine(
+    domain: Source | str | Path,
+    problem: Source | str | Path | None = None,
+    *,
+    max_ground_schemas: int | None = None,
+    portable: bool = False,
+    look: Callable[[Domain], Iterable[DomainWarning]] | None = None,
+) -> Examined:
+    """Return the findings, and the domain where none is an error; see `findings_of`.
+
+    Args:
+        domain: See `findings_of`.
+        problem: See `findings_of`.
+        max_ground_schemas: See `findings_of`.
+        portable: See `findings_of`.
+        look: Returns what else there is to say of a domain without errors.
+
+    Raises:
+        SerpError: `look` raised it.
+    """
+    recovery = Recovery()
+    sources, unreadable = _read(domain, problem, recovery)
+    found: list[DomainError | DomainWarning] = [*unreadable]
+    result: Domain | None = None
+    if sources:
+        result = _parse(sources, recovery, max_ground_schemas)
+        errors = [*unreadable, *recovery.errors]
+        warnings = [*_warnings(result, sources, partial=bool(errors), portable=portable)]
+        if look is not None and result is not None and not errors:
+            warnings += [_moved(warning, sources) for warning in look(result)]
+        kept = silenced(warnings, sources, partial=bool(errors))
+        found = [*_unsupported_once(errors), *one_per_rule(kept)]
+    order = {source.name: number for number, source in enumerate(sources)}
+
+    def position(finding: Finding) -> tuple[int, int]:
+        place = finding.place
+        return (order.get(place.source.name, -1), place.start) if place is not None else (-1, 0)
+
+    findings = sorted((Finding.of(one) for one in dict.fromkeys(found)), key=position)
+    wrong = any(finding.severity == "error" for finding in findings)
+    return Examined(findings, None if wrong else result)
+
+
+def _unsupported_once(errors: Iterable[DomainError]) -> list[DomainError]:
+    """Return errors with what is not supported, at several places of a file, told at the first."""
+    places: dict[tuple[str, str], list[DomainError]] = {}
+    for number, error in enumerate(errors):
+        file = error.file if error.code == "unsupported" and error.place else number
+        places.setdefault((error.problem, str(file)), []).append(error)
+    return [
+        error[0]
+        if len(error) == 1
+        else DomainError(
+            f"{error[0].problem} ({len(error)} places)",
+            error[0].place,
+            error[0].advice,
+            code=error[0].code,
+        )
+        for error in places.values()
+    ]
+
+
+def _read(
+    domain: Source | str | Path, problem: Source | str | Path | None, recovery: Recovery
+) -> tuple[list[Source], list[DomainError]]:
+    """Return the files that can be read, the domain first (none without it), and the errors."""
+    if problem is None and not isinstance(domain, Source):
+        beside = problem_beside(Path(domain))
+        problem = beside if beside.is_file() else None
+    sources: list[Source] = []
+    try:
+        for given in (domain, problem):
+            if given is not None:
+                read = given if isinstance(given, Source) else Source.read(given)
+                sources.append(Source(read.name, read.text, recovery=recovery))
+    except DomainError as error:
+        return sources, [error]
+    return sources, []
+
+
+def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Domain | None:
+    """Return what can be understood of the files, instantiated; None where nothing can."""
+    try:
+        syntax = parse_domain(sources[0])
+        problem = parse_problem(sources[1], syntax) if len(sources) > 1 else None
+    except DomainError as error:
+        recovery.take(error)
+        return None
+    domain = Domain(sources[0], sources[1] if len(sources) > 1 else None, syntax, problem)
+    if limit is not None:
+        domain = dataclasses.replace(domain, max_ground_schemas=limit)
+    if recovery.errors:  # it is instantiated for what the rules find in single schemas
+        most = min(MOST_INSTANCES, domain.max_ground_schemas)
+        domain = dataclasses.replace(domain, max_ground_schemas=most)
+    try:
+        domain.model  # noqa: B018  (instantiated now, for the errors that only this finds)
+    except DomainError as error:
+        if not recovery.errors:  # otherwise something may be missing that was not read
+            recovery.take(error)
+        return None
+    return domain
+
+
+def _warnings(
+    domain: Domain | None, sources: list[Source], *, partial: bool, portable: bool
+) -> Iterator[DomainWarning]:
+    if domain is not None:
+        yield from warnings_of(domain, LOCAL if partial else None)
+    else:
+        for source in sources:
+            yield from source.warnings
+    for source in sources:
+        if not partial:
+            yield from outside_portable_subset(source)
+        if portable and domain is not None:
+            yield from beyond_pddl(source, domain.syntax.declarations)
+
+
+def _moved(warning: DomainWarning, sources: list[Source]) -> DomainWarning:
+    """Return a warning that points into these sources; it was found in others of the same text."""
+    place = warning.place
+    for source in sources if place is not None else ():
+        if place is not None and source.name == place.source.name:
+            return dataclasses.replace(warning, place=source.place(place.start, place.end))
+    return warning

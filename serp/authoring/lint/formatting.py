@@ -1,0 +1,215 @@
+"""The layout of PDDL text: indentation and blanks made regular, lines and comments kept.
+
+Line breaks are the author's; only lines of code that are too long are broken. A line that continues
+a form begins below the first thing that the form holds if the author began it there, and otherwise
+two columns to the right of the line on which the form begins. Comments keep their words, and those
+that stand below one another stay so.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from serp.pddl.reader import read_group
+from serp.pddl.source import Source, newline_of
+
+WIDTH = 100
+"""Columns of a line of code."""
+_LINE_END = re.compile(r"\r\n|\n|\r")
+_TOKEN = re.compile(r"[()]|[^\s();]+")
+_STEP = 2
+
+
+def formatted(source: Source) -> str:
+    """Return the text of a file in a regular layout; formatting it again changes nothing.
+
+    Raises:
+        DomainError: Its parentheses do not match, or it holds characters that PDDL does not have.
+    """
+    read_group(source)
+    lines = list(_Indentation().arranged(map(_TextLine.of, _LINE_END.split(source.text))))
+    _place_comments(lines)
+    texts = [line.text() for line in lines]
+    single = [text for k, text in enumerate(texts) if text or (k and texts[k - 1])]
+    return newline_of(source.text).join(single).strip("\r\n") + newline_of(source.text)
+
+
+@dataclass
+class _TextLine:
+    """One line: its tokens and their columns in the file, and its comment.
+
+    Attributes:
+        tokens: Parentheses and words.
+        columns: Where each begins in the file, tabs counted as one column.
+        comment: From the semicolon on; empty where there is none.
+        at: Column of the comment in the file.
+        end: Column behind the last token in the file.
+        indent: Column where the line begins, as it is to be.
+        new_at: Column of the comment, as it is to be.
+    """
+
+    tokens: list[str]
+    columns: list[int]
+    comment: str = ""
+    at: int = 0
+    end: int = 0
+    indent: int = 0
+    new_at: int = 0
+
+    @classmethod
+    def of(cls, text: str) -> _TextLine:
+        code, mark, comment = text.partition(";")
+        matches = list(_TOKEN.finditer(code))
+        return cls(
+            [match[0] for match in matches],
+            [match.start() for match in matches],
+            (mark + comment).rstrip(),
+            len(code),
+            matches[-1].end() if matches else 0,
+        )
+
+    def code(self) -> str:
+        return " " * self.indent + "".join(_spaced(self.tokens)) if self.tokens else ""
+
+    def text(self) -> str:
+        code = self.code()
+        return code + " " * (self.new_at - len(code)) + self.comment if self.comment else code
+
+
+def _spaced(tokens: list[str]) -> Iterator[str]:
+    for number, token in enumerate(tokens):
+        if number and token != ")" and tokens[number - 1] != "(":
+            yield " "
+        yield token
+
+
+@dataclass
+class _OpenForm:
+    """A form that is open.
+
+    Attributes:
+        indent: Of the line on which it begins.
+        column: Of its parenthesis, in the file and as it is to be.
+        second: Column of the second thing in it, if that stands on the same line; the same.
+        field: Whether a word such as `:effect` waits for its value.
+        listed: Whether it is a list of variables or forms, which has no word at its head.
+    """
+
+    indent: int
+    column: tuple[int, int]
+    second: tuple[int, int] | None = None
+    items: int = 0
+    field: bool = False
+    listed: bool = False
+
+
+class _Indentation:
+    """Finds the indentation of each line from the lines above it."""
+
+    def __init__(self) -> None:
+        self._open: list[_OpenForm] = []
+
+    def arranged(self, lines: Iterable[_TextLine]) -> Iterator[_TextLine]:
+        """Yield lines with their indentation; those that are too long in pieces."""
+        waiting: list[_TextLine] = []  # comments and blank lines, which go with what follows
+        for line in lines:
+            if not line.tokens:
+                waiting.append(line)
+                continue
+            line.indent = self._indent(line.tokens[0], line.columns[0])
+            for above in waiting:
+                above.indent = line.indent if line.tokens[0] != ")" else self._indent("", -1)
+            yield from waiting
+            waiting = []
+            while not line.comment and (at := _break(line)):
+                rest = _TextLine(line.tokens[at:], line.columns[at:], end=line.end)
+                line.tokens, line.columns = line.tokens[:at], line.columns[:at]
+                self.take(line)
+                yield line
+                rest.indent = self._indent(rest.tokens[0], -1)
+                line = rest
+            self.take(line)
+            yield line
+        yield from waiting
+
+    def take(self, line: _TextLine) -> None:
+        """Open and close the forms of a line."""
+        column = line.indent
+        for number, (token, old) in enumerate(zip(line.tokens, line.columns, strict=True)):
+            if number and token != ")" and line.tokens[number - 1] != "(":
+                column += 1
+            if token == ")":
+                self._open.pop()
+            else:
+                self._see(token, (old, column), first=number == 0)
+                if token == "(":
+                    self._open.append(_OpenForm(line.indent, (old, column)))
+            column += len(token)
+        for form in self._open:
+            form.second = form.second or (-1, -1)  # what follows stands on a later line
+
+    def _see(self, token: str, column: tuple[int, int], *, first: bool) -> None:
+        if not self._open:
+            return
+        form = self._open[-1]
+        form.items += 1
+        if form.items == 1:
+            form.listed = token[0] in "?("
+        form.field = token.startswith(":") and form.items > 1
+        if form.items == 2 and form.second is None and not first:
+            form.second = column
+
+    def _indent(self, token: str, column: int) -> int:
+        """Return where a line begins whose first token has a column in the file."""
+        if not self._open:
+            return 0
+        form = self._open[-1]
+        if token == ")":
+            return form.column[1] if column == form.column[0] else form.indent
+        if form.second is not None and column == form.second[0] >= 0:
+            return form.second[1]
+        if form.listed and column == form.column[0] + 1:
+            return form.column[1] + 1
+        return form.indent + (2 * _STEP if form.field else _STEP)
+
+
+def _break(line: _TextLine) -> int:
+    """Return before which token a line that is too long is broken; 0 for nowhere.
+
+    It is broken as far outside as possible, and there as late as possible.
+    """
+    if len(line.code()) <= WIDTH:
+        return 0
+    best, least, depth, column = 0, len(line.tokens), 0, line.indent
+    for number, token in enumerate(line.tokens):
+        before = line.tokens[number - 1] if number else "("
+        if token != ")" and before != "(":
+            column += 1
+            if column - 1 <= WIDTH and depth <= least and not before.startswith(":"):
+                best, least = number, depth
+        depth += (token == "(") - (token == ")")
+        column += len(token)
+    return best
+
+
+def _place_comments(lines: list[_TextLine]) -> None:
+    """Find the columns of comments: those of neighbouring lines that share one go on sharing it."""
+    block: list[_TextLine] = []
+    for line in [*lines, None]:
+        if block and (line is None or not line.comment or line.at != block[0].at):
+            _place_block(block)
+            block = []
+        if line is not None and line.comment and (line.tokens or block):
+            block.append(line)
+        elif line is not None:
+            line.new_at = line.indent
+
+
+def _place_block(block: list[_TextLine]) -> None:
+    ends = [(line.end, len(line.code())) for line in block if line.tokens]
+    shift = max(new for _, new in ends) - max(old for old, _ in ends)
+    column = max([block[0].at + shift, *(new + 1 for _, new in ends)])
+    for line in block:
+        line.new_at = column

@@ -1,0 +1,1 @@
+"""What an expert expects in a situation, checked by `serp test`."""

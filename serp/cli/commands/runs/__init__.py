@@ -1,1 +1,0 @@
-"""Commands about what a training left behind: its record, its model, its policy."""

@@ -1,1 +1,0 @@
-"""Commands that train, or lead to a training."""

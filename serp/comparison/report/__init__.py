@@ -1,1 +1,0 @@
-"""The report of a comparison: text, tables, figures, and data files."""

@@ -1,1 +1,0 @@
-"""One trial of a comparison: train one algorithm with one seed, and evaluate it."""

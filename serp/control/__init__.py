@@ -1,1 +1,0 @@
-"""Who acts: planner or learner, and what is vetoed."""

@@ -1,1 +1,0 @@
-"""Ways in which planner and learner share the decisions, one a file."""

@@ -1,1 +1,0 @@
-"""Diagnosis: a domain file compared offline with the transitions of a run."""

@@ -1,1 +1,0 @@
-"""Repair: the findings of a run written into its domain file."""

@@ -1,1 +1,0 @@
-"""Export of a run's policy, for a robot without serp."""

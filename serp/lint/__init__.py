@@ -1,1 +1,0 @@
-"""Warnings about domain files that are correct PDDL and may still be mistaken."""

@@ -1,1 +1,0 @@
-"""Rules of `serp check`: each looks at a domain and yields warnings."""

@@ -1,1 +1,0 @@
-"""Bytecode: models too large to be compiled, executed by one compiled loop."""

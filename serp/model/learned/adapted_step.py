@@ -1,0 +1,366 @@
+"""The compiled step of the adapted model, the same for every domain.
+
+`buffer` is the memory of `serp.model.learned.parameter_buffer`, as a pointer unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+
+from serp._util.compilation import cached_cfunc, cached_njit
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE, with_risk
+from serp.model.learned import outcome_table as o
+from serp.model.learned import parameter_buffer as b
+from serp.model.learned import residual_features as r
+from serp.model.learned.file_step import flow, settle
+from serp.model.learned.outcome_table import RARE, likeliest, put, room_for, table_of
+from serp.model.learned.residual_prediction import add_residual
+from serp.model.native import (
+    OUTCOMES,
+    STACK,
+    STEP_SIGNATURE,
+    advanced,
+    call_step,
+    pointer_to,
+    stack_room,
+)
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+_with_risk = cached_njit(nogil=True, forceinline=True)(with_risk)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def finite(values, width):
+    """Return whether all of the first `width` values are finite."""
+    difference = 0.0
+    for i in range(width):
+        difference += values[i] - values[i]
+    return difference == 0.0
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _differs(buffer, action):
+    """Return whether a step may differ from the file's."""
+    table = int(buffer[b.TABLE]) + 2 * action
+    groups, first = int(buffer[table]), int(buffer[table + 1])
+    if buffer[b.STOCHASTIC] != 0.0:
+        for v in range(groups):
+            if table_of(buffer, first + v * b.GROUP) != 0:
+                return True
+    for v in range(groups):
+        group = first + v * b.GROUP
+        part = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_REGRESSION])
+        if part == 0:
+            continue
+        kinds = int(buffer[part + r.R_KINDS])
+        for t in range(int(buffer[group + b.G_COUNT])):
+            if buffer[kinds + t] != r.FILE:
+                return True
+    return False
+
+
+@cached_njit(nogil=True)
+def apply_likeliest(buffer, action, state, dt, out, away, kind, room):
+    """Apply the likeliest counted outcome of each group to `out`; `kind` for the group `away`.
+
+    `out` `[F]` is the state after effects, processes and residual; `away` is the position of a
+    group, -1 for none. `room` is that of `prediction_kernels.likeliest`, followed by F + 1 numbers.
+
+    Returns:
+        The number of groups with counts, and the outcome of the last of these.
+    """
+    table = int(buffer[b.TABLE]) + 2 * action
+    group = int(buffer[table + 1])
+    counted, which = 0, 0
+    width = int(buffer[b.WIDTH])
+    flowed = advanced(room, room_for(width))
+    for i in range(width):
+        flowed[i] = out[i]
+    for v in range(int(buffer[table])):
+        where = table_of(buffer, group)
+        if where != 0:
+            counted += 1
+            inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
+            which = likeliest(buffer, action, group, state, flowed, dt, room)
+            if v == away:
+                which = kind
+            if which > 0:
+                put(buffer, advanced(buffer, where), which, inputs, room, out)
+        group += b.GROUP
+    return counted, which
+
+
+@cached_njit(nogil=True)
+def _settle_within(buffer, action, state, flow_flags, dt, out, room):
+    """Apply the likeliest outcomes and then events; the reward is expected over all outcomes.
+
+    Groups are varied one at a time: their outcomes are assumed to be independent.
+
+    Returns:
+        Flags of the likeliest outcome, and the probability that events flag the step unsafe.
+    """
+    width = int(buffer[b.WIDTH])
+    # The result with the likeliest outcomes, before and after one of them is replaced.
+    usual, other = room, advanced(room, width + 1)
+    # The probabilities, what the outcomes predict, and the result of effects and processes.
+    probabilities = advanced(room, 2 * (width + 1))
+    flowed = advanced(probabilities, room_for(width))
+    counted, likeliest_of_all = apply_likeliest(
+        buffer, action, state, dt, out, -1, 0, probabilities
+    )
+    for i in range(width + 1):
+        usual[i] = out[i]
+    flags = settle(buffer, state, flow_flags, dt, out)
+    unsafe = flags & UNSAFE != 0
+    if counted == 0 or not flags & APPLICABLE:
+        return flags, 1.0 if unsafe else 0.0
+    table = int(buffer[b.TABLE]) + 2 * action
+    group = int(buffer[table + 1])
+    reward = out[width]
+    expected, alike = reward, 1.0
+    for _ in range(int(buffer[table])):
+        where = table_of(buffer, group)
+        if where != 0:
+            counts = advanced(buffer, where)
+            inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
+            most = likeliest_of_all  # and what is in `room` is its own, if no other has counts
+            if counted > 1:
+                most = likeliest(buffer, action, group, state, flowed, dt, probabilities)
+            different = 0.0
+            for kind in range(int(counts[o.T_KINDS])):
+                p = probabilities[kind]
+                if kind == most or p <= 0.0:
+                    continue
+                for i in range(width + 1):
+                    other[i] = usual[i]
+                put(buffer, counts, kind, inputs, probabilities, other)
+                changed = settle(buffer, state, flow_flags, dt, other)
+                undefined = changed & UNDEFINED != 0
+                flagged = changed & UNSAFE != 0
+                if flagged != unsafe and (flagged or not undefined):
+                    different += p
+                if not undefined and math.isfinite(other[width]):
+                    expected += p * (other[width] - reward)
+            alike *= max(0.0, 1.0 - different)
+        group += b.GROUP
+    if math.isfinite(expected):
+        out[width] = expected
+    return flags, alike if unsafe else 1.0 - alike
+
+
+@cached_njit(nogil=True)
+def _settle_on_heap(buffer, action, state, flow_flags, dt, out, room):
+    # Pointers into an array keep it alive only where the array is an argument.
+    return _settle_within(buffer, action, state, flow_flags, dt, out, pointer_to(room, 0))
+
+
+@cached_njit(nogil=True)
+def _settle_outcomes(buffer, action, state, flow_flags, dt, out):
+    """Call `_settle_within` with scratch memory: on the stack, unless the state is too long."""
+    width = int(buffer[b.WIDTH])
+    size = 3 * (width + 1) + room_for(width)
+    if size <= STACK:
+        return _settle_within(buffer, action, state, flow_flags, dt, out, stack_room(STACK))
+    return _settle_on_heap(buffer, action, state, flow_flags, dt, out, np.empty(size))
+
+
+@cached_njit(nogil=True, forceinline=True)
+def flow_and_residual(buffer, action, state, dt, out):
+    """Do what `flow` does, and add the residual; ignore it where the result is not finite."""
+    flags = flow(buffer, action, state, dt, out)
+    if flags & APPLICABLE:
+        add_residual(buffer, action, state, out)
+        if not finite(out, int(buffer[b.WIDTH])):
+            flags = flow(buffer, action, state, dt, out)
+    return flags
+
+
+@cached_njit(nogil=True, forceinline=True)
+def adapted_row(state, action, buffer, dt, out):
+    """Predict the adapted step."""
+    revised = buffer[b.REVISED] != 0.0
+    if buffer[b.ACTIVE] == 0.0 or not (revised or _differs(buffer, action)):
+        return call_step(
+            int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
+        )
+    known = revised or buffer[b.FLAGGING] != 0.0
+    flagged = 0
+    if known:
+        # UNSAFE is set by the file as written. With its parameters, effects and processes set the
+        # same flags in both steps, but events may not.
+        flagged = UNSAFE & call_step(
+            int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
+        )
+    flags = flow_and_residual(buffer, action, state, dt, out)
+    risk = 0.0
+    if flags & APPLICABLE:
+        if buffer[b.STOCHASTIC] == 0.0:
+            flags = settle(buffer, state, flags, dt, out)
+            risk = 1.0 if flags & UNSAFE else 0.0
+        else:
+            flags, risk = _settle_outcomes(buffer, action, state, flags, dt, out)
+    if not known:
+        flagged = flags & UNSAFE
+    flags = flags & ~UNSAFE | flagged
+    return _with_risk(flags, risk) if flags & APPLICABLE and not flagged else flags
+
+
+def _step(state, action, buffer, dt, out):
+    return adapted_row(state, action, buffer, dt, out)
+
+
+@functools.cache
+def adapted_step() -> Any:
+    """Return the compiled C callback of the adapted step; its data is a buffer."""
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_step)
+
+
+@cached_njit(nogil=True)
+def _adapt_row(buffer, action, state, dt, out, away, kind, room):
+    base, source, target = pointer_to(buffer, 0), pointer_to(state, 0), pointer_to(out, 0)
+    before = out.copy()
+    add_residual(base, action, source, target)
+    if not finite(target, state.shape[0]):
+        out[:] = before
+    if base[b.STOCHASTIC] != 0.0:
+        apply_likeliest(base, action, source, dt, target, away, kind, pointer_to(room, 0))
+
+
+@cached_njit(nogil=True)
+def adapt_row(buffer, action, state, dt, out, away, kind):
+    """Apply the residual and then outcomes by `apply_likeliest`, on arrays."""
+    width = state.shape[0]
+    room = np.empty(room_for(width) + width + 1)
+    _adapt_row(buffer, action, state, dt, out, away, kind, room)
+
+
+@cached_njit(nogil=True)
+def _weigh_row(buffer, action, state, dt, position, room, flowed):
+    base, source = pointer_to(buffer, 0), pointer_to(state, 0)
+    group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
+    if base[b.STOCHASTIC] != 0.0 and table_of(base, group) != 0:
+        after = pointer_to(flowed, 0)
+        flow_and_residual(base, action, source, dt, after)
+        likeliest(base, action, group, source, after, dt, pointer_to(room, 0))
+
+
+@cached_njit(nogil=True)
+def weigh_row(buffer, action, state, dt, position):
+    """Return the probability of each outcome `[KINDS]` of the group at a position, on arrays."""
+    width = state.shape[0]
+    room, flowed = np.zeros(room_for(width)), np.zeros(width + 1)
+    _weigh_row(buffer, action, state, dt, position, room, flowed)
+    return room[: o.KINDS]
+
+
+@cached_njit(nogil=True)
+def step_row(buffer, action, state, dt, out):
+    """Predict the adapted step on arrays; `out` `[F + 1]` begins with the state, then 0."""
+    return adapted_row(pointer_to(state, 0), action, pointer_to(buffer, 0), dt, pointer_to(out, 0))
+
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _one_outcome(state, action, buffer, dt, out, width):
+    """Write the step that the model predicts as its only outcome."""
+    for i in range(width):
+        out[i] = state[i]
+    out[width] = 0.0
+    out[width + 1] = adapted_row(state, action, buffer, dt, out)
+    out[width + 2] = 1.0
+    return 1
+
+
+@cached_njit(nogil=True)
+def _branch(buffer, action, group, state, flowed, dt, out, count, room):
+    """Split every outcome found so far by the counted outcomes of a group; return their number."""
+    counts = advanced(buffer, table_of(buffer, group))
+    inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
+    likeliest(buffer, action, group, state, flowed, dt, room)
+    width, before = int(buffer[b.WIDTH]), count
+    row = width + 3
+    for source in range(before):
+        old = advanced(out, source * row)
+        left = old[width + 2]
+        for kind in range(1, int(counts[o.T_KINDS])):
+            chance = left * room[kind]
+            if chance < RARE or count == OUTCOMES:
+                continue
+            new = advanced(out, count * row)
+            for i in range(row):
+                new[i] = old[i]
+            put(buffer, counts, kind, inputs, room, new)
+            new[width + 2] = chance
+            count += 1
+        old[width + 2] = left * room[0]
+    return count
+
+
+@cached_njit(nogil=True)
+def _outcomes_within(state, action, buffer, dt, out, scratch):
+    # Pointers into an array keep it alive only where the array is an argument.
+    room = pointer_to(scratch, 0)
+    width = int(buffer[b.WIDTH])
+    row = width + 3
+    table = int(buffer[b.TABLE]) + 2 * action
+    groups, first = int(buffer[table]), int(buffer[table + 1])
+    counted = False
+    if buffer[b.ACTIVE] != 0.0 and buffer[b.STOCHASTIC] != 0.0:
+        for v in range(groups):
+            counted = counted or table_of(buffer, first + v * b.GROUP) != 0
+    if not counted:
+        return _one_outcome(state, action, buffer, dt, out, width)
+    before = flow_and_residual(buffer, action, state, dt, out)
+    if not before & APPLICABLE or not finite(out, width):
+        return _one_outcome(state, action, buffer, dt, out, width)
+    out[width + 2] = 1.0
+    count = 1
+    flowed = advanced(room, room_for(width))
+    for i in range(width):
+        flowed[i] = out[i]
+    for v in range(groups):
+        group = first + v * b.GROUP
+        if table_of(buffer, group) != 0:
+            count = _branch(buffer, action, group, state, flowed, dt, out, count, room)
+    kept, total = 0, 0.0
+    for k in range(count):
+        source, target = advanced(out, k * row), advanced(out, kept * row)
+        if source[width + 2] < RARE:
+            continue
+        for i in range(row):
+            target[i] = source[i]
+        flags = settle(buffer, state, before, dt, target)
+        if not flags & APPLICABLE:
+            for i in range(width + 1):
+                target[i] = source[i]
+            flags = before & ~TERMINAL
+        target[width + 1] = flags
+        total += target[width + 2]
+        kept += 1
+    for k in range(kept):
+        out[k * row + width + 2] /= total
+    return kept
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _outcomes(state, action, buffer, dt, out):
+    width = int(buffer[b.WIDTH])
+    scratch = np.empty(room_for(width) + width)
+    return _outcomes_within(state, action, buffer, dt, out, scratch)
+
+
+def _step_of_outcome_branches(state, action, buffer, dt, out):
+    return _outcomes(state, action, buffer, dt, out)
+
+
+@functools.cache
+def adapted_outcomes() -> Any:
+    """Return the compiled C callback; see `TransitionModel.native_outcomes`."""
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_step_of_outcome_branches)

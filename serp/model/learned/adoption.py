@@ -1,0 +1,180 @@
+"""Which parts of an adapted model are in use, and why others are not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, NamedTuple
+
+from serp._util.text import listed, percent, plural
+
+FEW: Final = 20
+"""Steps below which a part that is not in use is said to have seen too few."""
+BETTER: Final = 0.95
+"""Fraction of the error of the file below which a learned part replaces it; for residuals see
+`serp.model.learned.residual.choose`."""
+
+
+class TrackRecord(NamedTuple):
+    """What was learned beside the file of one function or predicate, after one action.
+
+    Errors are prequential: those of predictions of steps that were not learned from yet.
+
+    Attributes:
+        schema: Name of the action schema.
+        used: Whether it predicts instead of the file alone.
+        steps: Steps that it was judged by.
+        written: Error of the file: mean absolute error of a number, Brier score of outcomes.
+        learned: The same of what was learned.
+        hindrance: Why nothing can be learned; empty if it can.
+    """
+
+    schema: str
+    used: bool
+    steps: int
+    written: float
+    learned: float
+    hindrance: str = ""
+
+
+class FluentAdoption(NamedTuple):
+    """What predicts one function or predicate of the file, over all actions and objects.
+
+    Attributes:
+        fluent: Its name.
+        residual: Action schemas after which a residual is in use.
+        outcomes: Action schemas after which counted outcomes are in use.
+        steps: Steps that the learned parts were judged by.
+        why: Why learned parts are in use, or are not.
+    """
+
+    fluent: str
+    residual: tuple[str, ...]
+    outcomes: tuple[str, ...]
+    steps: int
+    why: str
+
+    @property
+    def adapted(self) -> bool:
+        """Whether anything learned is in use."""
+        return bool(self.residual or self.outcomes)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        after = {"residual": list(self.residual), "outcomes": list(self.outcomes)}
+        return {**self._asdict(), **after, "adapted": self.adapted}
+
+
+class AdoptedParameter(NamedTuple):
+    """A number of the file that is replaced by an estimate."""
+
+    line: int
+    text: str
+    written: float
+    in_use: float
+
+
+class ModelAdoption(NamedTuple):
+    """What the planner's model is made of.
+
+    Attributes:
+        adapts: Whether the model adapts at all.
+        parameters: The parameters that are not used as written.
+        fluents: What predicts each function and predicate that can change.
+    """
+
+    adapts: bool
+    parameters: tuple[AdoptedParameter, ...] = ()
+    fluents: tuple[FluentAdoption, ...] = ()
+
+    @property
+    def in_use(self) -> bool:
+        """Whether the planner uses anything that was learned."""
+        return bool(self.parameters) or any(fluent.adapted for fluent in self.fluents)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {
+            "adapts": self.adapts,
+            "in_use": self.in_use,
+            "sentence": str(self),
+            "parameters": [parameter._asdict() for parameter in self.parameters],
+            "fluents": [fluent.as_dict() for fluent in self.fluents],
+        }
+
+    def __str__(self) -> str:
+        if not self.adapts:
+            return "as written; nothing is learned beside the file"
+        if not self.in_use:
+            return "as written, though it may adapt: nothing learned is in use"
+        parts = []
+        if self.parameters:
+            parts.append(f"{plural(len(self.parameters), 'number')} of the file estimated")
+        for what, names in (
+            ("residual", [f.fluent for f in self.fluents if f.residual]),
+            ("counted outcomes", [f.fluent for f in self.fluents if f.outcomes]),
+        ):
+            if names:
+                parts.append(f"{what} for {listed(names)}")
+        left = [f.fluent for f in self.fluents if not f.adapted]
+        said = f"adapted: {'; '.join(parts)}"
+        return f"{said}; as written: {listed(left)}" if left else said
+
+
+def parameters_in_use(
+    parameters: Iterable[Any], written: Sequence[float], in_use: Sequence[float]
+) -> tuple[AdoptedParameter, ...]:
+    """Return the `GroundModel.parameters` that have another value than the file writes."""
+    return tuple(
+        AdoptedParameter(p.place.line, p.place.text, written[p.index], in_use[p.index])
+        for p in parameters
+        if in_use[p.index] != written[p.index]
+    )
+
+
+def adoption_of(
+    fluent: str, residuals: Sequence[TrackRecord], outcomes: Sequence[TrackRecord]
+) -> FluentAdoption:
+    """Return what predicts a function or predicate, given the track_records after each action."""
+    residual, counted = (
+        tuple(dict.fromkeys(j.schema for j in kind if j.used)) for kind in (residuals, outcomes)
+    )
+    reasons = [
+        text
+        for what, score, kind in (
+            ("residual", "mean absolute error", residuals),
+            ("counted outcomes", "Brier score", outcomes),
+        )
+        if (text := _reason(what, score, kind))
+    ]
+    steps = max((sum(j.steps for j in kind) for kind in (residuals, outcomes)), default=0)
+    why = "; ".join(reasons) or "no step has been compared"
+    return FluentAdoption(fluent, residual, counted, steps, why)
+
+
+def _reason(what: str, score: str, track_records: Sequence[TrackRecord]) -> str:
+    """Return why one kind of learned part is in use or is not; empty if there is none.
+
+    `score` is what its errors are.
+    """
+    hindrances = dict.fromkeys(j.hindrance for j in track_records if j.hindrance)
+    judged = [j for j in track_records if j.steps and not j.hindrance]
+    if not judged:
+        return f"{what}: {'; '.join(hindrances)}" if hindrances else ""
+    used = [j for j in judged if j.used]
+    steps = sum(j.steps for j in used or judged)
+    written, learned = (
+        sum(j.steps * getattr(j, column) for j in used or judged)
+        for column in ("written", "learned")
+    )
+    seen = plural(steps, "step")
+    if written == 0.0:
+        return f"the file was right in {seen}"
+    if steps < FEW and not used:
+        return f"{what} not in use: it has seen only {seen}"
+    compared = f"{score} {percent(learned / written)} of that of the file, in {seen}"
+    if used:
+        after = dict.fromkeys(j.schema for j in used)
+        everywhere = len(used) == len(judged)
+        where = "" if everywhere else f" after {listed(after)}"
+        return f"{what} in use{where}: {compared}"
+    return f"{what} not in use: {compared}; it replaces the file below {percent(BETTER)}"

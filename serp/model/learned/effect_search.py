@@ -1,0 +1,343 @@
+"""The search for effects that a file lacks.
+
+Forward selection by orthogonal projection (orthogonal least squares: Chen, Billings & Luo,
+International Journal of Control 50, 1989). An effect of one action schema competes with the same
+effect of the world, which also has one coefficient, so that a change under every action is found as
+such. A selected effect must improve the fit of transitions that it was not fitted to.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.model import ground as g
+from serp.model.learned.parameter_fit import AddedEffect, Rows
+from serp.model.learned.regression_data import (
+    WORLD,
+    LiftedFluent,
+    LiftedModel,
+    LiftedScope,
+    RegressionData,
+)
+from serp.model.learned.robust_regression import independent, regress
+from serp.model.transition_model import Vector
+from serp.pddl.syntax import Change, ChangeFunction, Kind
+
+_MAX_FACTORS = 12  # number of fluents whose products are candidates
+
+MIN_ROWS = 12
+"""Fewest transitions in which an estimated effect applies."""
+
+
+def candidate_effects(
+    lifted: LiftedModel,
+    data: RegressionData,
+    after: Vector,
+    rows: Rows,
+    symbol: str,
+    dt: float,
+    known: Sequence[AddedEffect],
+) -> tuple[list[AddedEffect], Vector]:
+    """Return candidates that are not `known`, with the changes by coefficient 1: `[n, M]`.
+
+    `rows` are the residuals of the function `symbol`; `after` `[N, F]` are the states after the
+    actions' effects, which processes read.
+    """
+    schemas = sorted({lifted.ground.actions[a].schema for a in np.unique(rows.groups).tolist()})
+    effects: list[AddedEffect] = []
+    columns: list[Vector] = []
+
+    def offer(
+        scope: LiftedScope, target: LiftedFluent, states: Vector, keys: NDArray[np.int64]
+    ) -> None:
+        unit = dt if scope.schema == WORLD else 1.0
+        linear: list[tuple[float, LiftedFluent]] = []
+        singles: dict[LiftedFluent, Vector] = {}
+        # With a single schema, a constant belongs to the action.
+        constant = [] if len(schemas) == 1 and scope.schema == WORLD else [()]
+        for factors in (*constant, *((f,) for f in scope.fluents if lifted.numeric(f))):
+            values = lifted.products(scope, factors, states, keys)
+            if factors:
+                spread = float(np.std(values[values != 0.0])) if values.any() else 0.0
+                if spread <= 1e-9 * float(np.abs(values).max(initial=0.0)):
+                    continue
+                size = float(np.linalg.norm(values)) or 1.0
+                linear.append((-abs(float(values @ rows.residuals)) / size, factors[0]))
+                singles[factors[0]] = values
+            effects.append(AddedEffect(scope.schema, target, factors))
+            columns.append(unit * values)
+        strongest = sorted(factor for _, factor in sorted(linear)[:_MAX_FACTORS])
+        for pair in itertools.combinations_with_replacement(strongest, 2):
+            effects.append(AddedEffect(scope.schema, target, pair))
+            columns.append(unit * singles[pair[0]] * singles[pair[1]])
+
+    world = lifted.world(symbol)
+    offer(world, world.targets[0], after[rows.rows], rows.fluents)
+    for name in schemas:
+        scope = lifted.schema(name)
+        for target in scope.targets:
+            if target.symbol == symbol and may_change(lifted, scope, target):
+                changed = {k: lifted.column(target, b) for k, b in scope.bindings.items()}
+                fluent = np.array([changed.get(a, -1) for a in rows.groups.tolist()])
+                keys = np.where(fluent == rows.fluents, rows.groups, -1)
+                if (keys >= 0).sum() >= MIN_ROWS:
+                    offer(scope, target, data.states[rows.rows], keys)
+    fresh = [k for k, effect in enumerate(effects) if effect not in known]
+    if not fresh:
+        return [], np.empty((len(rows.rows), 0))
+    return [effects[k] for k in fresh], np.stack([columns[k] for k in fresh], axis=1)
+
+
+def may_change(lifted: LiftedModel, scope: LiftedScope, target: LiftedFluent) -> bool:
+    """Return whether an effect can be added to what an action schema does to a fluent.
+
+    It cannot if the schema scales the fluent, or assigns it under a condition or another name: an
+    increase would contradict that.
+    """
+    schemas = lifted.syntax.schemas
+    schema = next(s for s in schemas if s.kind is Kind.ACTION and s.name == scope.schema)
+    assigned = any(
+        isinstance(effect, ChangeFunction)
+        and effect.change is Change.ASSIGN
+        and effect.function.name == target.symbol
+        and tuple(term.name for term in effect.function.arguments) == target.terms
+        for effect in schema.effects
+    )
+    return not any(
+        isinstance(effect, g.SetNumber)
+        and effect.target == lifted.column(target, binding)
+        and effect.change not in (Change.INCREASE, Change.DECREASE)
+        and not (
+            assigned and effect.change is Change.ASSIGN and effect.condition == g.Constant(True)
+        )
+        for key, binding in scope.bindings.items()
+        for effect in lifted.ground.actions[key].effects
+    )
+
+
+_MAX_EFFECTS = 12  # most added effects of one function
+_MAX_CHOICES = 30  # most choices that are examined in one round, the best first
+CERTAIN = 4.0
+"""Standard errors by which the coefficient of an added effect must differ from 0."""
+_COLLINEAR = 1e-6
+"""Fraction of a column's squares not explained by other columns; below it they are collinear."""
+_WORLD_FACTOR = 1.05
+_FACTORS = (1.1, 1.0, 0.8)
+"""Preference for the world and for fewer factors among choices that explain about the same."""
+_PERFECT = 1e-6  # fraction of the squared error that is ignored
+_HELD_OUT = 0.1
+"""Least fraction of its gain that an effect has in transitions that it was not fitted to."""
+
+
+class Improvement(NamedTuple):
+    """Fractions that an effect must exceed to be added.
+
+    Of the mean squared change of the fluent, and of the squared error that is left, both where the
+    effect applies.
+    """
+
+    change: float
+    error: float
+
+
+LASTING = 1e-5
+"""Fraction of the squared change for an effect under every action, such as gravity: it adds up over
+many steps, while the changes by actions cancel."""
+_OWN = 1e-3  # the same for an effect of one action schema, or with two factors
+_SIMPLE, _INVOLVED = 0.1, 0.25
+"""Fractions of the squared error for a simple effect and for any other."""
+
+
+def improvement_of(effect: AddedEffect) -> Improvement:
+    """Return the thresholds for an effect.
+
+    They are lower for effects of the world, and for simple ones: a constant, or proportional to a
+    fluent.
+    """
+    lasting = effect.schema == WORLD and len(effect.factors) < 2
+    simple = lasting or not effect.factors
+    return Improvement(LASTING if lasting else _OWN, _SIMPLE if simple else _INVOLVED)
+
+
+def search(
+    lifted: LiftedModel,
+    data: RegressionData,
+    after: Vector,
+    rows: Rows,
+    symbol: str,
+    dt: float,
+    known: Sequence[AddedEffect],
+) -> list[AddedEffect]:
+    """Return effects that explain the residuals of one function; see `candidate_effects`.
+
+    `rows` also has the derivatives by the function's parameters. `known` effects were found before,
+    or refused.
+    """
+    if len(rows.rows) < MIN_ROWS:
+        return []
+    candidates, columns = candidate_effects(lifted, data, after, rows, symbol, dt, known)
+    if not candidates:
+        return []
+    base = rows.columns[:, independent(rows.columns, np.ones(rows.columns.shape[1]))]
+    fit = regress(
+        base,
+        rows.residuals,
+        centre=np.zeros(base.shape[1]),
+        width=1e3 * rows.unit / np.maximum(np.sqrt(np.mean(base**2, axis=0)), 1e-300),
+        groups=rows.groups,
+        blocks=rows.blocks,
+        unit=rows.unit,
+        reject=False,
+    )
+    change = (data.next_states - data.states)[rows.rows, rows.fluents]
+    selection = _ForwardSelection(candidates, columns, rows, change, base, fit.weights, known)
+    chosen: list[AddedEffect] = []
+    while len(chosen) + len(known) < _MAX_EFFECTS and (best := selection.next()):
+        chosen += [candidates[k] for k in best]
+    # An effect of the world is dropped where every schema has an exception to it.
+    schemas = {effect.schema for effect in candidates if effect.schema != WORLD}
+    return [
+        effect
+        for effect in chosen
+        if effect.schema != WORLD
+        or sum(o.schema != WORLD and o.symbols == effect.symbols for o in chosen) < len(schemas)
+    ]
+
+
+class _ForwardSelection:
+    """Forward selection by orthogonal projections of weighted columns.
+
+    A choice may also be the same effect of several schemas, each with its own coefficient, or a
+    line: a fluent with a constant beside it, because neither need explain anything alone. Choices
+    are compared by the reduction of the logarithm of the squared error per coefficient, so one that
+    explains everything is preferred to a simpler one that explains a part.
+    """
+
+    def __init__(
+        self,
+        candidates: Sequence[AddedEffect],
+        columns: Vector,
+        rows: Rows,
+        change: Vector,
+        base: Vector,
+        weights: Vector,
+        known: Sequence[AddedEffect],
+    ) -> None:
+        root = np.sqrt(weights)
+        self._candidates = candidates
+        self._touched = columns != 0.0
+        self._left = columns * root[:, None]
+        self._full = (self._left**2).sum(0)
+        self._error = rows.residuals * root
+        self._change = change * root
+        self._blocks = rows.blocks
+        self._even = rows.blocks // 2 % 2 == 0
+        self._choices: list[tuple[int, ...]] = [(k,) for k in range(len(candidates))]
+        alike: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+        for k, effect in enumerate(candidates):
+            if effect.schema != WORLD:
+                alike.setdefault(effect.symbols, []).append(k)
+        # An effect of the world is not added to each schema again.
+        general = {effect.symbols for effect in known if effect.schema == WORLD}
+        self._choices += [
+            tuple(ks) for symbols, ks in alike.items() if len(ks) > 1 and symbols not in general
+        ]
+        constants = {(e.schema, e.target): k for k, e in enumerate(candidates) if not e.factors}
+        self._lines = {
+            (k, constants[effect.schema, effect.target])
+            for k, effect in enumerate(candidates)
+            if len(effect.factors) == 1 and (effect.schema, effect.target) in constants
+        }
+        self._choices += sorted(self._lines)
+        for column in np.linalg.qr(base * root[:, None])[0].T:
+            self._project(column)
+
+    def next(self) -> tuple[int, ...]:
+        """Choose columns and project them out; return none where none pays."""
+        total = float((self._error**2).sum())
+        if total == 0.0:
+            return ()
+        size = (self._left**2).sum(0)
+        fit = size > _COLLINEAR * np.maximum(self._full, 1e-300)
+        gain = np.where(fit, (self._error @ self._left) ** 2 / np.where(fit, size, 1.0), 0.0)
+        scores = []
+        for choice in self._choices:
+            together = gain[choice[0]] if len(choice) == 1 else self._together(choice)
+            rest = max(1.0 - float(together) / total, _PERFECT)
+            scores.append(-np.log(rest) * self._preference(choice) / len(choice))
+        for c in np.argsort(-np.array(scores), kind="stable")[:_MAX_CHOICES].tolist():
+            paying = self._paying(self._choices[c])
+            if paying:
+                for k in paying:
+                    column = self._left[:, k].copy()
+                    self._touched[:, k] = False
+                    self._project(column)
+                return paying
+        return ()
+
+    def _paying(self, choice: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the columns of a choice that pay; both of a line or none."""
+        if choice not in self._lines:
+            return tuple(k for k in choice if self._pays(k, self._left[:, k], self._error))
+        pays = [
+            self._pays(k, *(v - d * (d @ v) for v in (self._left[:, k], self._error)))
+            for k, other in (choice, choice[::-1])
+            for d in (self._left[:, other] / (np.linalg.norm(self._left[:, other]) or 1.0),)
+        ]
+        return choice if all(pays) else ()
+
+    def _together(self, choice: tuple[int, ...]) -> float:
+        """Return how much squared error several columns explain together."""
+        columns = self._left[:, choice]
+        with_error = columns.T @ self._error
+        inverse = np.linalg.pinv(columns.T @ columns, rcond=_COLLINEAR, hermitian=True)
+        return float(with_error @ inverse @ with_error)
+
+    def _preference(self, choice: tuple[int, ...]) -> float:
+        effect = self._candidates[choice[0]]
+        return _FACTORS[len(effect.factors)] * (_WORLD_FACTOR if effect.schema == WORLD else 1.0)
+
+    def _project(self, column: Vector) -> None:
+        norm = float(np.linalg.norm(column))
+        if norm == 0.0:
+            return
+        direction = column / norm
+        # Twice: rounding errors of the first projection would appear as errors to explain.
+        for _ in range(2):
+            self._left -= np.outer(direction, direction @ self._left)
+            self._error = self._error - direction * (direction @ self._error)
+
+    def _pays(self, k: int, column: Vector, error: Vector) -> bool:
+        """Return whether a column of what is left pays, given the errors to explain."""
+        rows, size = self._touched[:, k], float((column**2).sum())
+        if int(rows.sum()) < MIN_ROWS or size <= _COLLINEAR * float(self._full[k]):
+            return False
+        coefficient = float(error @ column) / size
+        gain, least = coefficient**2 * size, improvement_of(self._candidates[k])
+        if gain == 0.0 or gain < least.change * float((self._change[rows] ** 2).sum()):
+            return False
+        if gain < least.error * float((error[rows] ** 2).sum()):
+            return False
+        scores = column * (error - coefficient * column)
+        _, which = np.unique(self._blocks, return_inverse=True)
+        # The larger of both: the sums of a few blocks may cancel by chance.
+        sums = max(float((np.bincount(which, scores) ** 2).sum()), float((scores**2).sum()))
+        if abs(coefficient) < CERTAIN * (float(np.sqrt(sums)) / size):
+            return False
+        halves = self._even, ~self._even
+        return min(_held_out(column, error, half) for half in halves) > _HELD_OUT * gain
+
+
+def _held_out(column: Vector, error: Vector, fitted: NDArray[np.bool_]) -> float:
+    """Return how much squared error a column, fitted to some rows, explains in the others."""
+    own = float((column[fitted] ** 2).sum())
+    if own == 0.0:
+        return 0.0
+    coefficient = float((column * error)[fitted].sum()) / own
+    rest = error[~fitted]
+    return float((rest**2).sum() - ((rest - coefficient * column[~fitted]) ** 2).sum())

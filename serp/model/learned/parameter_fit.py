@@ -1,0 +1,469 @@
+"""Estimation of the parameters of a file from observed transitions.
+
+A parameter is fitted to the fluent whose change it describes, and not to later consequences of that
+change: a wrong model of the pole does not distort the parameters of the cart.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.model import ground as g
+from serp.model.learned.regression_data import (
+    WORLD,
+    Flow,
+    LiftedFluent,
+    LiftedModel,
+    RegressionData,
+    regression_data,
+)
+from serp.model.learned.robust_regression import Regression, independent, regress
+from serp.model.transition_model import TransitionModel, Vector
+from serp.pddl.syntax import Change, Kind
+
+_ALWAYS = g.Constant(True)
+
+
+@dataclass(frozen=True, order=True)
+class AddedEffect:
+    """One added term: the change of a fluent by a coefficient times the product of the factors.
+
+    `schema` is an action schema, or `WORLD` for a process; without factors, it is a constant.
+    """
+
+    schema: str
+    target: LiftedFluent
+    factors: tuple[LiftedFluent, ...]
+
+    @property
+    def symbols(self) -> tuple[str, tuple[str, ...]]:
+        """The symbols of target and factors: equal for the same term of different schemas."""
+        return self.target.symbol, tuple(f.symbol for f in self.factors)
+
+
+def with_effects(lifted: LiftedModel, added: Sequence[AddedEffect]) -> g.GroundModel:
+    """Return the ground model with further effects, one new parameter each, whose value is 0.
+
+    The new parameters follow those of the file, in the order of the effects. An effect is added to
+    every instance of its schema; an effect of the world becomes a process for every fluent of its
+    symbol.
+    """
+    ground = lifted.ground
+    parameters = list(ground.parameters)
+    actions = list(ground.actions)
+    processes = list(ground.processes)
+    for term in added:
+        world = term.schema == WORLD
+        scope = lifted.world(term.target.symbol) if world else lifted.schema(term.schema)
+        index = len(parameters)
+        place = ground.actions[0 if world else next(iter(scope.bindings))].place
+        parameters.append(g.Parameter(index, 0.0, "rate" if world else "effect", place))
+        for key, binding in scope.bindings.items():
+            value: g.Value = g.ParameterRef(index)
+            for factor in term.factors:
+                value = g.Operation("*", value, g.Read(lifted.column(factor, binding)))
+            target = lifted.column(term.target, binding)
+            changed = None if world else _into_assignment(actions[key], target, value)
+            if changed is not None:
+                actions[key] = changed
+                continue
+            effect = g.SetNumber(target, Change.INCREASE, value, _ALWAYS, place)
+            if world:
+                name = f"added {index} {ground.fluents[target].name}"
+                processes.append(
+                    g.GroundSchema(Kind.PROCESS, name, WORLD, (), (), (effect,), place)
+                )
+            else:
+                effects = (*actions[key].effects, effect)
+                actions[key] = dataclasses.replace(actions[key], effects=effects)
+    return dataclasses.replace(
+        ground, parameters=tuple(parameters), actions=tuple(actions), processes=tuple(processes)
+    )
+
+
+def effect_columns(
+    lifted: LiftedModel,
+    effect: AddedEffect,
+    states: Vector,
+    after: Vector,
+    actions: NDArray[np.int64],
+) -> dict[int, Vector]:
+    """Return the changes by an added effect with coefficient 1, without Δt: fluent → `[N]`.
+
+    `states` `[N, F]` are those before the `actions` `[N]`; `after` `[N, F]` those after the
+    actions' effects, which processes read.
+    """
+    found: dict[int, Vector] = {}
+    if effect.schema == WORLD:
+        scope = lifted.world(effect.target.symbol)
+        for key in scope.bindings:
+            keys = np.full(len(states), key, dtype=np.int64)
+            found[key] = lifted.products(scope, effect.factors, after, keys)
+        return found
+    scope = lifted.schema(effect.schema)
+    values = lifted.products(scope, effect.factors, states, actions)
+    for key, binding in scope.bindings.items():
+        target = lifted.column(effect.target, binding)
+        column = found.setdefault(target, np.zeros(len(states)))
+        column[actions == key] = values[actions == key]
+    return found
+
+
+def _into_assignment(action: g.GroundSchema, target: int, value: g.Value) -> g.GroundSchema | None:
+    """Return the action with a value added to its assignment; None where it has none."""
+    effects = list(action.effects)
+    for k, effect in enumerate(effects):
+        if (
+            isinstance(effect, g.SetNumber)
+            and effect.target == target
+            and effect.change is Change.ASSIGN
+        ):
+            effects[k] = dataclasses.replace(effect, value=g.Operation("+", effect.value, value))
+            return dataclasses.replace(action, effects=tuple(effects))
+    return None
+
+
+_ROLES = ("effect", "rate")
+"""Roles of the parameters; static values of a problem are left out: conditions may read them."""
+
+
+@dataclass(frozen=True)
+class ParameterDependency:
+    """The direct dependencies on one parameter.
+
+    `schema` contains it, and its effect changes the `fluents`, columns of the function `symbol`.
+    `actions` are the positions of the ground actions whose effects contain it; None for a process,
+    which acts under every action.
+    """
+
+    parameter: g.Parameter
+    schema: str
+    symbol: str
+    fluents: frozenset[int]
+    actions: frozenset[int] | None
+
+
+def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, ...]:
+    """Return the dependencies on parameters of effects and rates, in the order of θ.
+
+    Parameters of rewards, flags, conditions and events have none: the expert sets them.
+    """
+    fluents: dict[int, set[int]] = {}
+    actions: dict[int, set[int]] = {}
+    first: dict[int, tuple[g.GroundSchema, int]] = {}
+    barred: set[int] = set()
+    for position, schema in enumerate((*ground.actions, *ground.processes)):
+        values = [(e.target, e.value) for e in schema.effects if isinstance(e, g.SetNumber)]
+        for target, index in ((target, k) for target, value in values for k in _parameters(value)):
+            if target < 0:
+                barred.add(index)
+                continue
+            first.setdefault(index, (schema, target))
+            fluents.setdefault(index, set()).add(target)
+            if schema.kind is not Kind.PROCESS:
+                actions.setdefault(index, set()).add(position)
+    return tuple(
+        ParameterDependency(
+            ground.parameters[index],
+            schema.schema,
+            ground.fluents[target].symbol,
+            frozenset(fluents[index]),
+            None if schema.kind is Kind.PROCESS else frozenset(actions[index]),
+        )
+        for index, (schema, target) in sorted(first.items(), key=lambda item: item[0])
+        if index not in barred and ground.parameters[index].role in _ROLES
+    )
+
+
+def _parameters(value: g.Value) -> Iterator[int]:
+    """Yield the positions in θ of the parameters in a value."""
+    match value:
+        case g.ParameterRef(index):
+            yield index
+        case g.Operation(_, left, right):
+            yield from _parameters(left)
+            yield from _parameters(right)
+        case g.Unary(_, operand):
+            yield from _parameters(operand)
+
+
+_MAX_ITERATIONS = 4  # most Gauss-Newton iterations
+_LINEAR = 1e-6  # deviation from linearity, in ranges of the fluent, at which the iterations end
+_LINEAR_QUANTILE = 0.9
+"""Quantile of the rows at which it is measured; a row that crosses a threshold may jump."""
+_DIFFERENCE = 2.0**-10  # step of the finite differences, relative to the parameter
+_PRIOR_WIDTH = 10.0  # standard deviation of the prior, relative to the written value
+_MAX_WHOLE_VALUES = 64  # most distinct values of a function that counts as one of whole numbers
+_WHOLE_TOLERANCE, _WHOLE_SHARE = 1e-6, 0.9
+"""Such a function is deterministic if this fraction of rows is explained this exactly."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """All n (transition, fluent) pairs of one function symbol that can be compared.
+
+    Attributes:
+        rows: `[n]` positions in the data.
+        fluents: `[n]` columns of the state.
+        groups: `[n]` the executed action.
+        blocks: `[n]` block of neighbouring transitions, see `RegressionData`.
+        residuals: `[n]` observed − predicted.
+        columns: `[n, K]` derivatives of the prediction by the parameters that change the symbol.
+        owned: The K parameters, positions in θ.
+        unit: Observed range of the symbol's fluents.
+    """
+
+    rows: NDArray[np.int64]
+    fluents: NDArray[np.int64]
+    groups: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+    residuals: Vector
+    columns: Vector
+    owned: tuple[int, ...]
+    unit: float
+
+
+@dataclass(frozen=True)
+class ParameterFit:
+    """Estimated parameters, `[P]` each.
+
+    `theta` is the written value where the transitions hold no information, and its standard error
+    infinite; `samples` counts the transitions used. `rows` has the residuals by function symbol.
+    """
+
+    theta: Vector
+    errors: Vector
+    samples: NDArray[np.int64]
+    rows: Mapping[str, Rows]
+
+
+class ParameterEstimator:
+    """Estimates the parameters of one model; the last ones are coefficients of `added` effects.
+
+    Attributes:
+        flow: The model without its events.
+        written: `[P]` the values of the file, the mean of the prior.
+        dependencies: Dependencies on the parameters that can be estimated.
+    """
+
+    def __init__(
+        self,
+        model: TransitionModel,
+        lifted: LiftedModel | None = None,
+        added: Sequence[AddedEffect] = (),
+    ) -> None:
+        self._dt = model.dt
+        self._lifted = lifted
+        self._added = added
+        self._actions_only = Flow(model, processes=False)
+        self.flow = Flow(model)
+        self.written = np.array([parameter.value for parameter in model.parameters])
+        self.dependencies = parameter_dependencies(model.ground)
+        self._columns = function_columns(model.ground)
+
+    def estimate(
+        self, data: RegressionData, theta: Vector, kept: NDArray[np.bool_] | None = None
+    ) -> ParameterFit:
+        """Fit all parameters at once.
+
+        Args:
+            data: The transitions.
+            theta: `[P]` initial values.
+            kept: `[N, F]` the entries that are compared; None: those that no event of the model as
+                written changes.
+        """
+        theta = theta.copy()
+        errors = np.full(len(theta), np.inf)
+        counts = np.zeros(len(theta), dtype=np.int64)
+        if kept is None:
+            # By the written values, so that an estimate does not select the rows of the next one.
+            kept = self.flow.undisturbed(data, self.written)
+        whole = whole_symbols(self._columns, data)
+        left: dict[str, Rows] = {}
+        predicted = self.flow.predict(data.states, data.actions, theta)
+        for _ in range(_MAX_ITERATIONS):
+            before = theta.copy()
+            slopes = self._slopes(data, theta, predicted)
+            expected: dict[str, Vector] = {}
+            for symbol, rows in self._rows(data, predicted, kept, slopes).items():
+                width = _widths(rows, self.written, theta)
+                active = independent(rows.columns, width)
+                owned = [rows.owned[k] for k in active]
+                if not owned:
+                    continue
+                columns = rows.columns[:, active]
+                fit = regress(
+                    columns,
+                    rows.residuals + columns @ theta[owned],
+                    centre=self.written[owned],
+                    width=width[active],
+                    groups=rows.groups,
+                    blocks=rows.blocks,
+                    unit=rows.unit,
+                )
+                if symbol in whole and not _follows_a_rule(fit, columns, rows.unit):
+                    continue
+                theta[owned] = fit.coefficients
+                errors[owned] = fit.errors
+                counts[owned] = (columns != 0.0).sum(0)
+                expected[symbol] = rows.residuals - columns @ (theta - before)[owned]
+            predicted = self.flow.predict(data.states, data.actions, theta)
+            left = self._rows(data, predicted, kept, slopes)
+            gaps = [_gap(left[symbol], residuals) for symbol, residuals in expected.items()]
+            if max(gaps, default=0.0) <= _LINEAR:
+                break
+        return ParameterFit(theta, errors, counts, left)
+
+    def _rows(
+        self,
+        data: RegressionData,
+        predicted: Vector,
+        kept: NDArray[np.bool_],
+        slopes: Mapping[int, Vector],
+    ) -> dict[str, Rows]:
+        """Return residuals and derivatives for each function symbol."""
+        found = {}
+        for symbol, fluents in self._columns.items():
+            owned = tuple(d.parameter.index for d in self.dependencies if d.symbol == symbol)
+            row, which = np.nonzero(kept[:, fluents] & np.isfinite(predicted[:, fluents]))
+            column = np.array(fluents)[which]
+            found[symbol] = Rows(
+                rows=row,
+                fluents=column,
+                groups=data.actions[row],
+                blocks=data.blocks[row],
+                residuals=data.next_states[row, column] - predicted[row, column],
+                columns=np.stack([slopes[k][row, column] for k in owned], axis=1)
+                if owned
+                else np.empty((len(row), 0)),
+                owned=owned,
+                unit=float(data.scale[fluents].max()),
+            )
+        return found
+
+    def after_actions(self, data: RegressionData, theta: Vector) -> Vector:
+        """Return the states after the effects of the actions, `[N, F]`."""
+        return self._actions_only.predict(data.states, data.actions, theta)
+
+    def _slopes(self, data: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
+        """Return the derivatives by the parameters: position in θ → `[N, F]`."""
+        first = len(theta) - len(self._added)
+        found = {d.parameter.index: d for d in self.dependencies}
+        world = any(d.actions is None for k, d in found.items() if k >= first)
+        after = self.after_actions(data, theta) if world else data.states
+        return {
+            k: self._slope(data, theta, predicted, dependency)
+            if k < first
+            else self._effect_slope(self._added[k - first], data, after)
+            for k, dependency in found.items()
+        }
+
+    def _effect_slope(self, effect: AddedEffect, data: RegressionData, after: Vector) -> Vector:
+        """Return the derivative by the coefficient of an added effect; it needs no prediction."""
+        assert self._lifted is not None
+        unit = self._dt if effect.schema == WORLD else 1.0
+        slope = np.zeros(data.states.shape)
+        columns = effect_columns(self._lifted, effect, data.states, after, data.actions)
+        for column, values in columns.items():
+            slope[:, column] = unit * values
+        return slope
+
+    def _slope(
+        self,
+        data: RegressionData,
+        theta: Vector,
+        predicted: Vector,
+        dependency: ParameterDependency,
+    ) -> Vector:
+        """Return the derivative by one parameter, `[N, F]`; 0 where nothing depends on it."""
+        slope = np.zeros(data.states.shape)
+        rows = np.arange(len(data))
+        if dependency.actions is not None:
+            rows = np.flatnonzero(np.isin(data.actions, list(dependency.actions)))
+        if not len(rows):
+            return slope
+        index = dependency.parameter.index
+        step = _DIFFERENCE * max(1.0, abs(theta[index]))
+        moved = theta.copy()
+        moved[index] += step
+        change = self.flow.predict(data.states[rows], data.actions[rows], moved)
+        change = (change - predicted[rows]) / step
+        for column in dependency.fluents:
+            slope[rows, column] = np.nan_to_num(change[:, column], nan=0.0, posinf=0.0, neginf=0.0)
+        return slope
+
+
+def estimate_parameters(
+    estimator: ParameterEstimator,
+    model: TransitionModel,
+    states: Vector,
+    actions: NDArray[np.int64],
+    next_states: Vector,
+) -> tuple[Vector, Vector]:
+    """Return the parameters of effects and rates that change fluents, and their standard errors.
+
+    The written value and infinity where the transitions hold no information: for parameters of
+    rewards, conditions and events, of actions never executed, and of fluents with random whole
+    numbers. θ of the model are the initial values; the transitions `[N]` are in order of time.
+    """
+    data = regression_data(model, states, actions, next_states)
+    written = estimator.written
+    if not len(data):
+        return written, np.full(len(written), np.inf)
+    fit = estimator.estimate(data, model.theta)
+    return np.where(np.isfinite(fit.errors), fit.theta, written), fit.errors
+
+
+def function_columns(ground: g.GroundModel) -> dict[str, list[int]]:
+    """Return the columns of the fluents of each function."""
+    columns: dict[str, list[int]] = {}
+    for fluent in ground.fluents:
+        if fluent.numeric:
+            columns.setdefault(fluent.symbol, []).append(fluent.index)
+    return columns
+
+
+def _gap(rows: Rows, expected: Vector) -> float:
+    """Return how far residuals are from those of a linear model, in ranges of the fluent."""
+    if len(rows.residuals) != len(expected):
+        return np.inf  # a row no longer has a prediction
+    if not len(expected):
+        return 0.0
+    return float(np.quantile(np.abs(rows.residuals - expected), _LINEAR_QUANTILE)) / rows.unit
+
+
+def whole_symbols(functions: Mapping[str, list[int]], data: RegressionData) -> set[str]:
+    """Return the functions, by their columns, whose observed values are a few whole numbers."""
+    found = set()
+    for symbol, fluents in functions.items():
+        values = np.unique((data.states[:, fluents], data.next_states[:, fluents]))
+        if 1 < len(values) <= _MAX_WHOLE_VALUES and (values == np.round(values)).all():
+            found.add(symbol)
+    return found
+
+
+def _widths(rows: Rows, written: Vector, theta: Vector) -> Vector:
+    """Return the standard deviation of the prior for each owned parameter.
+
+    Ten times the written value, or the value that moves the fluent across its range.
+    """
+    owned = list(rows.owned)
+    known = np.maximum(np.abs(written[owned]), np.abs(theta[owned]))
+    slope = np.sqrt(np.mean(rows.columns**2, axis=0)) if len(rows.rows) else np.zeros(len(owned))
+    usual = np.where(slope > 0, 0.1 * rows.unit / np.where(slope > 0, slope, 1.0), 0.0)
+    widths: Vector = _PRIOR_WIDTH * np.maximum(np.maximum(known, usual), 1e-12)
+    return widths
+
+
+def _follows_a_rule(fit: Regression, columns: Vector, unit: float) -> bool:
+    """Return whether the fit explains the changes of a whole number exactly in most rows."""
+    touched = (columns != 0.0).any(1)
+    if not touched.any():
+        return False
+    exact = np.abs(fit.residuals[touched]) < _WHOLE_TOLERANCE * unit
+    return bool(exact.mean() >= _WHOLE_SHARE)

@@ -1,0 +1,333 @@
+"""Observed transitions prepared for regression, and predictions of them without events.
+
+Events clamp, assign and reset fluents after effects and rates have changed them. Predictions for a
+regression are therefore those of effects and processes only, and entries that an event changes are
+left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.model import ground as g
+from serp.model.flags import APPLICABLE, TERMINAL
+from serp.model.transition_model import TransitionModel, Vector
+from serp.pddl.syntax import Change, Kind
+
+_MAX_FLUENTS = 60  # most lifted fluents of one scope; the search for effects is quadratic in them
+
+WORLD = ""
+"""In place of an action schema's name: an effect under every action, as of a process."""
+
+
+@dataclass(frozen=True, order=True)
+class LiftedFluent:
+    """A function or predicate applied to variables (`?robot`) and constants."""
+
+    symbol: str
+    terms: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """As it is printed: `battery ?robot`."""
+        return " ".join((self.symbol, *self.terms))
+
+
+@dataclass(frozen=True)
+class LiftedScope:
+    """The fluents that can be named in an action schema, or in the world (`WORLD`).
+
+    `bindings` map variables to objects for each ground action, by position; for the world, for
+    each fluent that changes, by column. `targets` are the fluents that an effect can change.
+    """
+
+    schema: str
+    bindings: Mapping[int, Mapping[str, str]]
+    fluents: tuple[LiftedFluent, ...]
+    targets: tuple[LiftedFluent, ...]
+
+
+class LiftedModel:
+    """Maps between the fluents of a ground model and the lifted fluents of its domain file.
+
+    Args:
+        ground: A model with at least one action.
+    """
+
+    def __init__(self, ground: g.GroundModel) -> None:
+        self.ground = ground
+        self.syntax = ground.syntax
+        self._index = {fluent.key: fluent.index for fluent in ground.fluents}
+        self.schema = functools.cache(self._schema)
+        self.world = functools.cache(self._world)
+
+    def column(self, fluent: LiftedFluent, binding: Mapping[str, str]) -> int:
+        """Return the column of the state that a lifted fluent denotes under a binding."""
+        return self._index[fluent.symbol, *(binding.get(t, t) for t in fluent.terms)]
+
+    def numeric(self, fluent: LiftedFluent) -> bool:
+        """Return whether it is a function, not a predicate."""
+        return self.syntax.declarations[fluent.symbol].numeric
+
+    def products(
+        self,
+        scope: LiftedScope,
+        factors: tuple[LiftedFluent, ...],
+        states: Vector,
+        keys: NDArray[np.int64],
+    ) -> Vector:
+        """Return the product of the factors in states `[n, F]`, 1 without any, `[n]`.
+
+        `keys` `[n]` are those of the binding of each row; the product is 0 where the scope has no
+        such binding.
+        """
+        values = np.zeros(len(states))
+        for key in np.unique(keys):
+            binding = scope.bindings.get(int(key))
+            if binding is None:
+                continue
+            rows = keys == key
+            columns = [self.column(f, binding) for f in factors]
+            values[rows] = states[rows][:, columns].prod(1)
+        return values
+
+    def _schema(self, name: str) -> LiftedScope:
+        """Return the scope of an action schema."""
+        variables = next(
+            s.parameters for s in self.syntax.schemas if s.kind is Kind.ACTION and s.name == name
+        )
+        bindings = {
+            position: dict(zip((v.name for v in variables), action.arguments, strict=True))
+            for position, action in enumerate(self.ground.actions)
+            if action.schema == name
+        }
+        fluents = self._fluents([v.name for v in variables], list(bindings.values()))
+        return LiftedScope(name, bindings, fluents, tuple(f for f in fluents if self.numeric(f)))
+
+    def _world(self, symbol: str) -> LiftedScope:
+        """Return the scope of a process that changes the fluents of a function."""
+        variables = [p.name for p in self.syntax.declarations[symbol].parameters]
+        bindings = {
+            f.index: dict(zip(variables, f.arguments, strict=True))
+            for f in self.ground.fluents
+            if f.symbol == symbol
+        }
+        fluents = self._fluents(variables, list(bindings.values()))
+        return LiftedScope(WORLD, bindings, fluents, (LiftedFluent(symbol, tuple(variables)),))
+
+    def _fluents(
+        self, variables: Sequence[str], bindings: Sequence[Mapping[str, str]]
+    ) -> tuple[LiftedFluent, ...]:
+        """Return the fluents that exist under every binding, those with the fewest terms first."""
+        found: list[LiftedFluent] = []
+        arity = {f.symbol: len(f.arguments) for f in self.ground.fluents}
+        for symbol, number in sorted(arity.items(), key=lambda item: item[1]):
+            for terms in itertools.product((*variables, *self.syntax.constants), repeat=number):
+                if len(found) >= _MAX_FLUENTS:
+                    return tuple(found)
+                if all((symbol, *(b.get(t, t) for t in terms)) in self._index for b in bindings):
+                    found.append(LiftedFluent(symbol, terms))
+        return tuple(found)
+
+
+_BLOCK = 20  # number of consecutive transitions whose errors are assumed to be correlated
+
+_TAIL, _FAR = 0.005, 5.0
+"""A value is a fault if it is this many ranges from the median; the range is that between the two
+tails."""
+_MIN_ROWS = 12
+"""Fewest entries left per action and fluent; with fewer, those that events change are kept."""
+_AT_ASSIGNED = 1e-9
+"""Distance in ranges of a fluent at which it equals the value that an event assigns."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RegressionData:
+    """N transitions with which a model can be compared.
+
+    `blocks` `[N]` numbers the blocks of `_BLOCK` neighbouring transitions, `scale` `[F]` is the
+    observed range of each fluent, 1 where it never varied, and `positions` `[N]` are those of the
+    rows among all transitions. `left_out` counts the others by reason.
+    """
+
+    states: Vector
+    actions: NDArray[np.int64]
+    next_states: Vector
+    blocks: NDArray[np.int64]
+    scale: Vector
+    positions: NDArray[np.intp]
+    left_out: Mapping[str, int]
+
+    _BY_ROW: ClassVar = ("states", "actions", "next_states", "blocks", "positions")
+
+    @property
+    def skipped(self) -> int:
+        """Number of transitions left out."""
+        return sum(self.left_out.values())
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def part(self, most: int) -> RegressionData:
+        """Return about `most` rows at most: whole blocks, evenly spread."""
+        if len(self) <= most:
+            return self
+        number = int(self.blocks[-1]) + 1
+        chosen = np.unique(np.linspace(0, number - 1, max(1, most // _BLOCK)).astype(np.int64))
+        rows = np.isin(self.blocks, chosen)
+        return dataclasses.replace(
+            self, **{name: getattr(self, name)[rows] for name in self._BY_ROW}
+        )
+
+
+def regression_data(
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+) -> RegressionData:
+    """Return the transitions, in order of time, with which the model can be compared."""
+    rows, left_out = usable_rows(model, states, actions, next_states)
+    if any(action.preconditions for action in model.actions):
+        predicted = Flow(model).predict(states[rows], actions[rows], model.theta)
+        applicable = np.isfinite(predicted).all(1)
+        left_out["an action that is not applicable there by the file"] = int((~applicable).sum())
+        rows = rows[applicable]
+    seen = np.concatenate((states[rows], next_states[rows]))
+    scale = np.ptp(seen, axis=0) if len(rows) else np.ones(states.shape[1])
+    return RegressionData(
+        states=states[rows],
+        actions=actions[rows],
+        next_states=next_states[rows],
+        blocks=rows // _BLOCK,
+        scale=np.where(scale > 0, scale, 1.0),
+        positions=rows,
+        left_out={reason: count for reason, count in left_out.items() if count},
+    )
+
+
+def usable_rows(
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+) -> tuple[NDArray[np.intp], dict[str, int]]:
+    """Return the rows without faults whose action the model knows, and the others by reason."""
+    known = (actions >= 0) & (actions < len(model.actions))
+    finite = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
+    rows = np.flatnonzero(known & finite)
+    plausible = rows[_plausible(states[rows]) & _plausible(next_states[rows])]
+    return plausible, {
+        "an action that the file does not know": int((~known).sum()),
+        "a value that is not a finite number": int((known & ~finite).sum()),
+        "a value far beyond all others of its fluent": len(rows) - len(plausible),
+    }
+
+
+def _plausible(values: Vector) -> NDArray[np.bool_]:
+    """Return which rows hold no faulty value, `[n]`: one would determine its fluent's range."""
+    if not len(values):
+        return np.ones(0, dtype=np.bool_)
+    low, middle, high = np.quantile(values, (_TAIL, 0.5, 1.0 - _TAIL), axis=0)
+    span = np.where(high > low, high - low, np.inf)
+    plausible: NDArray[np.bool_] = np.all(np.abs(values - middle) <= _FAR * span, axis=1)
+    return plausible
+
+
+class Flow:
+    """Effects and processes of a model, without its events.
+
+    Runs in CPython, about 3 µs per row, unless the model is compiled: candidate models need no
+    compilation.
+    """
+
+    def __init__(self, model: TransitionModel, *, processes: bool = True) -> None:
+        self._whole = model
+        self._processes = processes
+        bare = dataclasses.replace(model.ground, events=(), goal=None, metric=None)
+        if not processes:
+            bare = dataclasses.replace(bare, processes=())
+        self._bare = TransitionModel(bare, dt=model.dt)
+
+    def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
+        """Return the predictions with parameters `[P]`, `[N, F]`; NaN without a next state."""
+        if self._processes and self._whole.has_own_code and self._whole.compiled:
+            return _flowed(self._whole.replace(theta=theta), states, actions)
+        return predictions(self._bare.replace(theta=theta), states, actions)
+
+    def undisturbed(self, data: RegressionData, theta: Vector) -> NDArray[np.bool_]:
+        """Return which entries of the next states no event has changed, `[N, F]`.
+
+        Excluded are entries that the model's events change in its prediction, and those observed at
+        a value that an event assigns. If too few remain for an action, the model is wrong, and only
+        the latter are excluded.
+        """
+        free = np.ones(data.states.shape, dtype=np.bool_)
+        events = self._whole.ground.events
+        if not events:
+            return free
+        for effect in (effect for event in events for effect in event.effects):
+            if (
+                isinstance(effect, g.SetNumber)
+                and effect.target >= 0
+                and effect.change is Change.ASSIGN
+                and isinstance(effect.value, g.ParameterRef)
+            ):
+                column, value = effect.target, theta[effect.value.parameter]
+                gap = np.abs(data.next_states[:, column] - value)
+                free[:, column] &= gap > _AT_ASSIGNED * data.scale[column]
+        before = self.predict(data.states, data.actions, theta)
+        after = predictions(self._whole.replace(theta=theta), data.states, data.actions)
+        kept: NDArray[np.bool_] = free & (before == after)
+        for action in np.unique(data.actions):
+            rows = data.actions == action
+            scarce = rows[:, None] & (kept[rows].sum(0) < _MIN_ROWS)
+            kept[scarce] = free[scarce]
+        return kept
+
+
+def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """Return the next states `[N, F]` that a model predicts; NaN where there is none."""
+    return predicted_steps(model, states, actions)[:, :-2]
+
+
+def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN without any.
+
+    A model that is not compiled yet runs in CPython, with the same results.
+    """
+    if model.compiled:
+        predicted, flags = _run(model.native_step(), model, states, actions)
+    else:
+        steps = zip(states.tolist(), actions.tolist(), strict=True)
+        rows = [model.transition(state, action) for state, action in steps]
+        predicted = np.array([out for out, _ in rows]).reshape(len(rows), states.shape[1] + 1)
+        flags = np.array([flag for _, flag in rows], dtype=np.int64)
+    steps_ahead = np.column_stack((predicted, (flags & TERMINAL) != 0))
+    return np.where((flags & APPLICABLE != 0)[:, None], steps_ahead, np.nan)
+
+
+def _flowed(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """Return the predictions of a model without its events, `[N, F]`; NaN where none."""
+    predicted, flags = _run(model.native_flow(), model, states, actions)
+    # As in a whole step, there is no result where the reward is not finite.
+    fine = (flags & APPLICABLE != 0) & np.isfinite(predicted[:, -1])
+    return np.where(fine[:, None], predicted[:, :-1], np.nan)
+
+
+def _run(
+    callback: Any, model: TransitionModel, states: Vector, actions: NDArray[np.int64]
+) -> tuple[Vector, NDArray[np.int64]]:
+    """Run a compiled function on states; return its results `[N, F + 1]` and flags `[N]`."""
+    from serp.model.native import address_of, step_batch
+
+    batch, width = states.shape
+    out = np.empty((batch, width + 1))
+    flags = np.empty(batch, dtype=np.int64)
+    step_batch(
+        (address_of(callback), model.data, model.dt), np.ascontiguousarray(states).reshape(-1),
+        np.ascontiguousarray(actions), out.reshape(-1), flags,
+    )  # fmt: skip
+    return out, flags

@@ -1,0 +1,492 @@
+"""Parsing problem files."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+from serp._util.text import closest, did_you_mean
+from serp.pddl import syntax as x
+from serp.pddl.expressions import (
+    as_function,
+    parse_condition,
+    parse_effects,
+    parse_expression,
+    parse_number,
+    refuse_contradictions,
+)
+from serp.pddl.reader import Group, Node, Word, read_group
+from serp.pddl.scope import (
+    INSTEAD,
+    REQUIREMENTS_INSTEAD,
+    Scope,
+    expect_group,
+    expect_name,
+    is_name,
+    parse_declarations,
+    parse_objects,
+    parse_parameters,
+    parse_types,
+)
+from serp.pddl.slips import several_under, written
+from serp.pddl.source import DomainError, Place, Source
+from serp.pddl.syntax import MATH_REQUIREMENT
+
+SUPPORTED_REQUIREMENTS = frozenset(
+    (
+        *(":strips", ":typing", ":equality", ":adl", ":conditional-effects"),
+        *(":negative-preconditions", ":disjunctive-preconditions", ":quantified-preconditions"),
+        *(":existential-preconditions", ":universal-preconditions"),
+        *(":fluents", ":numeric-fluents", ":action-costs"),
+        *(":time", ":processes", ":events", ":continuous-effects", ":hybrid", MATH_REQUIREMENT),
+    )
+)
+"""What a file may list under `:requirements`."""
+_FILE_NAME = re.compile(r"[a-z0-9][a-z0-9_.\-]*\Z")
+
+
+def read_definition(source: Source, what: str) -> tuple[str, Group, tuple[Group, ...]]:
+    """Return the name, the whole, and the sections of `(define (what name) ...)`."""
+    top = read_group(source)
+    if top.head != "define":
+        raise DomainError("a PDDL file begins with `(define`", top.place, code="malformed")
+    title = expect_group(top.items[1], f"`({what} name)`") if len(top.items) > 1 else top
+    if title is top or title.head not in ("domain", "problem"):
+        raise DomainError(f"expected `({what} name)` after `define`", title.place, code="malformed")
+    if title.head != what:
+        raise DomainError(
+            f"this is a {title.head} file, a {what} file is needed", title.place, code="malformed"
+        )
+    name = _name(title, what)
+    sections: list[Group] = []
+    for item in top.items[2:]:
+        with item.place.recovering():
+            sections.append(expect_group(item, "a section"))
+    return name, top, tuple(sections)
+
+
+def _name(title: Group, what: str) -> str:
+    """Return the name in `(what name)`, with a warning where it is an unusual one.
+
+    A domain's name becomes part of file names; a problem's name is not used.
+    """
+    words = [node.text for node in title.items[1:] if isinstance(node, Word)]
+    if what == "problem" and len(words) == len(title.items) - 1 and len(words) != 1:
+        title.place.warn(f"`{title.place.text}`: other tools take one name")
+        return " ".join(words)
+    if len(title.items) != 2:
+        raise DomainError(f"expected `({what} name)` after `define`", title.place, code="malformed")
+    node = title.items[1]
+    if isinstance(node, Word) and (what == "problem" or _FILE_NAME.match(node.text)):
+        if not is_name(node):
+            node.place.warn(f"`{node.text}`: for other tools a name begins with a letter and goes "
+                            "on with letters, digits, `-` and `_`")  # fmt: skip
+        return node.text
+    return expect_name(node, f"the {what}").text
+
+
+def read_requirements(group: Group | None) -> frozenset[str]:
+    """Return what `:requirements` lists.
+
+    It warns of what is unknown or not supported; what needs that is refused itself.
+    """
+    listed: set[str] = set()
+    for node in group.items[1:] if group is not None else ():
+        if not isinstance(node, Word):
+            raise DomainError("expected a requirement such as `:typing`", node.place)
+        if (instead := REQUIREMENTS_INSTEAD.get(node.text)) is not None:
+            text = f"requirement `{node.text}` is not supported"
+            node.place.warn(text, "unknown-requirement", advice=instead)
+        elif node.text not in SUPPORTED_REQUIREMENTS:
+            advice = did_you_mean(node.text, SUPPORTED_REQUIREMENTS)
+            text = f"requirement `{node.text}` is unknown; {advice}"
+            node.place.warn(text, "unknown-requirement")
+        listed.add(node.text)
+    return frozenset(listed)
+
+
+def unknown_section(section: Group, known: Sequence[str], what: str) -> DomainError:
+    """Return the error of a section that a `domain` or a `problem` does not have."""
+    head = section.head
+    place = section.items[0].place if head else section.place
+    instead = INSTEAD.get(head)
+    return DomainError(
+        f"`{head or '()'}` is not supported in a {what}",
+        place,
+        instead or did_you_mean(head, known),
+        guess=None if instead else closest(head, known),
+        code="unsupported" if instead else "unknown-section",
+    )
+
+
+def add_section(section: Group, single: dict[str, Group]) -> None:
+    """Add a section to those that a file has once."""
+    if section.head in single:
+        raise DomainError(
+            f"a second `{section.head}`", section.place, "merge the two", code="declared-twice"
+        )
+    single[section.head] = section
+
+
+_DOMAIN_ORDER = (":requirements", ":types", ":constants", ":predicates", ":functions")
+_FIELDS = (":parameters", ":precondition", ":effect")
+_RESERVED = {
+    x.REWARD: "is what a step gains",
+    x.UNSAFE: "flags what does damage",
+    x.TERMINAL: "ends the task",
+}
+"""Reserved name → what it means."""
+_KINDS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
+
+
+def parse_domain(source: Source) -> x.DomainSyntax:
+    """Parse a domain file; where the source has a `recovery`, all of it that can be understood."""
+    name, top, sections = read_definition(source, "domain")
+    single: dict[str, Group] = {}
+    schema_groups: list[Group] = []
+    for section in sections:
+        if section.head in _KINDS:
+            schema_groups.append(section)
+        else:
+            with section.place.recovering():
+                if section.head not in _DOMAIN_ORDER:
+                    raise unknown_section(section, [*_DOMAIN_ORDER, *_KINDS], "domain")
+                add_section(section, single)
+    requirements = read_requirements(single.get(":requirements"))
+    scope = _declared(single, math=x.MATH_REQUIREMENT in requirements)
+    names: set[str] = set()
+    schemas: list[x.Schema] = []
+    for group in schema_groups:
+        with group.place.source.recovering():
+            schema = _schema(group, scope, names)
+            if schema is not None:
+                schemas.append(schema)
+    return x.DomainSyntax(
+        name,
+        dict(scope.parents),
+        dict(scope.objects),
+        dict(scope.declarations),
+        tuple(schemas),
+        requirements,
+        top.place,
+    )
+
+
+def _declared(single: dict[str, Group], *, math: bool) -> Scope:
+    """Return the scope of what the sections before the schemas declare."""
+    parents: dict[str, str] = {}
+    constants: dict[str, x.ObjectDeclaration] = {}
+    if types := single.get(":types"):
+        with types.place.recovering():
+            parents = parse_types(types)
+    if objects := single.get(":constants"):
+        with objects.place.recovering():
+            constants = parse_objects(objects, parents)
+    declarations = _all_declarations(single, parents)
+    for declaration in declarations.values() if math else ():
+        if declaration.numeric and declaration.name in x.MATH_FUNCTIONS:
+            declaration.place.warn(
+                f"`({declaration.name} ...)` means this function, not that of "
+                f"`{x.MATH_REQUIREMENT}`; rename it to use both",
+                "hidden-function",
+            )
+    return Scope(parents, constants, declarations, {}, math=math)
+
+
+def _all_declarations(
+    single: dict[str, Group], parents: dict[str, str]
+) -> dict[str, x.Declaration]:
+    declarations: dict[str, x.Declaration] = {}
+    for head in (h for h in single if h in (":predicates", ":functions")):
+        numeric = head == ":functions"
+        for name, declaration in parse_declarations(single[head], parents, numeric=numeric).items():
+            with declaration.place.recovering():
+                if name in declarations:
+                    raise DomainError(
+                        f"`{name}` is both a predicate and a function",
+                        declaration.place,
+                        code="declared-twice",
+                    )
+                _check_reserved(declaration)
+                declarations[name] = declaration
+    return declarations
+
+
+def _check_reserved(declaration: x.Declaration) -> None:
+    name = declaration.name
+    numeric = {x.REWARD: True, x.UNSAFE: False, x.TERMINAL: False}.get(name)
+    if numeric is None:
+        return
+    if declaration.numeric != numeric:
+        kind = "function" if numeric else "predicate"
+        problem = f"`({name})` is reserved and must be a {kind}"
+    elif declaration.parameters:
+        problem = f"`({name})` is reserved and takes no parameters"
+    else:
+        return
+    advice = f"it {_RESERVED[name]}; where you mean something else, choose another name"
+    raise DomainError(problem, declaration.place, advice, code="reserved-name")
+
+
+def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
+    """Parse an action, a process or an event; None where errors in it were taken.
+
+    Its name joins `names`, those of the schemas before it.
+    """
+    kind, source = _KINDS[group.head], group.place.source
+    taken = source.errors_taken
+    if len(group.items) < 2:
+        raise DomainError(f"`{group.head}` without a name", group.place)
+    name = expect_name(group.items[1], f"the {kind.value}").text
+    with source.recovering():
+        if name in names:
+            raise DomainError(
+                f"`{name}` is defined twice",
+                group.items[1].place,
+                "names of actions, processes and events must differ",
+                code="declared-twice",
+            )
+    names.add(name)
+    fields = _fields(group, f"{kind.value} `{name}`")
+    parameters: tuple[x.SchemaParameter, ...] = ()
+    precondition: x.Condition | None = None
+    effects: tuple[x.Effect, ...] = ()
+    if listed := fields.get(":parameters"):
+        with listed.place.recovering():
+            parameters = parse_parameters(listed.items, dict(scope.parents))
+    inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
+    if condition := fields.get(":precondition"):
+        with source.recovering():
+            precondition = parse_condition(condition, inner)
+    if effect := fields.get(":effect"):
+        with source.recovering():
+            effects = parse_effects(effect, inner)
+            refuse_contradictions(effects)
+    if source.errors_taken > taken:
+        return None
+    return x.Schema(kind, name, parameters, precondition, effects, group.place)
+
+
+def _fields(group: Group, schema: str) -> dict[str, Group]:
+    """Return what `:parameters`, `:precondition` and `:effect` of a schema say."""
+    fields: dict[str, Group] = {}
+    rest = group.items[2:]
+    index = 0
+    while index < len(rest):
+        key, begin = rest[index], index
+        index = _next_field(rest, begin + 1)  # where an error leads
+        with key.place.recovering():
+            if not isinstance(key, Word) or key.text not in _FIELDS:
+                raise _no_field(rest[:begin], key, rest[begin:], schema)
+            if key.text in fields:
+                raise DomainError(
+                    f"a second `{key.text}` in {schema}", key.place, code="declared-twice"
+                )
+            if begin + 1 == len(rest):
+                raise DomainError(f"`{key.text}` without a value", key.place, code="missing-value")
+            fields[key.text] = expect_group(rest[begin + 1], f"the value of `{key.text}`")
+            index = begin + 2
+    return fields
+
+
+def _next_field(rest: Sequence[Node], begin: int) -> int:
+    """Return where the next field begins, or the end."""
+    return next(
+        (k for k in range(begin, len(rest)) if getattr(rest[k], "text", "").startswith(":")),
+        len(rest),
+    )
+
+
+def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:
+    """Return what is wrong where `:parameters`, `:precondition` or `:effect` is expected."""
+    key = before[-2] if len(before) > 1 else None
+    if isinstance(node, Group):
+        if isinstance(key, Word) and key.text != ":parameters" and node.head not in _FIELDS:
+            several = itertools.takewhile(lambda item: isinstance(item, Group), rest)
+            return several_under(key.text, [before[-1], *several])
+        write = written(node)[1:-1] if node.head in _FIELDS else None
+    else:
+        write = closest(node.text, _FIELDS)
+    instead = INSTEAD.get(node.text) if isinstance(node, Word) else None
+    return DomainError(
+        f"`{node.place.text}` is not supported in {schema}",
+        node.place,
+        instead or "expected :parameters, :precondition and :effect",
+        write=None if instead else write,
+        code="unsupported" if instead else "unknown-field",
+    )
+
+
+_SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric")
+
+
+def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
+    """Parse the problem file that belongs to a domain, like `parse_domain`."""
+    name, top, sections = read_definition(source, "problem")
+    single: dict[str, Group] = {}
+    for section in sections:
+        with section.place.recovering():
+            if section.head not in _SECTIONS:
+                raise unknown_section(section, _SECTIONS, "problem")
+            add_section(section, single)
+    if ":domain" in single:
+        with source.recovering():
+            _check_domain_name(single[":domain"], domain)
+    requirements = domain.requirements | read_requirements(single.get(":requirements"))
+    objects = dict(domain.constants)
+    if listed := single.get(":objects"):
+        with listed.place.recovering():
+            objects |= _objects(listed, domain)
+    math = x.MATH_REQUIREMENT in requirements
+    scope = Scope(domain.parents, objects, domain.declarations, {}, math=math, declares=":objects")
+    atoms, values = _initial(single[":init"], scope) if ":init" in single else ((), ())
+    init = single[":init"].place if ":init" in single else None
+    goal: x.Condition | None = None
+    metric: x.Metric | None = None
+    if ":goal" in single:
+        with source.recovering():
+            goal = _goal(single[":goal"], scope)
+    if ":metric" in single:
+        with source.recovering():
+            metric = _metric(single[":metric"], scope)
+    return x.ProblemSyntax(name, objects, atoms, values, goal, metric, top.place, init)
+
+
+def _objects(group: Group, domain: x.DomainSyntax) -> dict[str, x.ObjectDeclaration]:
+    objects = parse_objects(group, domain.parents)
+    for declared in objects.values():
+        known = domain.constants.get(declared.name)
+        if known is not None and known.type != declared.type:
+            raise DomainError(
+                f"`{declared.name}` is a constant of type `{known.type}` in the domain",
+                declared.place,
+                code="declared-twice",
+            )
+    return objects
+
+
+def _check_domain_name(group: Group, domain: x.DomainSyntax) -> None:
+    if len(group.items) != 2:
+        raise DomainError("expected `(:domain name)`", group.place)
+    word = group.items[1]
+    if not isinstance(word, Word):
+        raise DomainError("expected the name of the domain, found a list", word.place)
+    if word.text != domain.name:
+        text = f"this problem names domain `{word.text}`, not `{domain.name}`"
+        word.place.warn(text, "other-domain", write=domain.name)
+
+
+class _Initial:
+    """The facts of an `:init`, as they are read."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._scope = scope
+        # What a metric may read, an initial value may name: `(reward)` too.
+        self._readable = replace(scope, in_metric=True)
+        self.atoms: list[x.Atom] = []
+        self.denied: dict[tuple[str, ...], Place] = {}
+        self.values: dict[tuple[str, ...], tuple[x.FunctionTerm, x.Number]] = {}
+
+    def add(self, node: Node) -> None:
+        item = expect_group(node, "a fact")
+        if item.head == "=":
+            self._add_value(item)
+        elif item.head == "not":
+            fact = parse_condition(item.items[1], self._scope) if len(item.items) == 2 else None
+            if not isinstance(fact, x.Atom):
+                raise DomainError("`not` takes one predicate", item.place)
+            self.denied[_key(fact)] = item.place  # false anyway, unless it is stated too
+        else:
+            self._add_fact(item)
+
+    def _add_value(self, item: Group) -> None:
+        if len(item.items) != 3:
+            raise DomainError("expected `(= (function) number)`", item.place)
+        target = expect_group(as_function(item.items[1], self._scope), "a function")
+        function = parse_expression(target, self._readable)
+        if isinstance(function, x.TotalTime) and parse_number(item.items[2]).value == 0.0:
+            text = "`(total-time)` always starts at 0; leave this out"
+            item.place.warn(text, "needless", write="")
+            return
+        if not isinstance(function, x.FunctionTerm):
+            raise DomainError("expected a function of the domain", function.place)
+        key = _key(function)
+        if key in self.values:
+            raise DomainError(
+                f"a second value for `{function.place.text}`", item.place, code="declared-twice"
+            )
+        value = parse_number(item.items[2])
+        if function.name == x.REWARD and value.value != 0.0:
+            problem = "`(reward)` starts at 0 in every step"
+            raise DomainError(problem, value.place, code="reserved-use")
+        self.values[key] = (function, value)
+
+    def _add_fact(self, item: Group) -> None:
+        if item.head == "at" and len(item.items) == 3 and isinstance(item.items[2], Group):
+            raise DomainError(
+                "timed initial literals are not supported",
+                item.place,
+                INSTEAD["timed"],
+                code="unsupported",
+            )
+        if item.head in ("oneof", "or", "unknown", "probabilistic") and (
+            item.head not in self._scope.declarations
+        ):
+            raise DomainError(
+                f"`{item.head}` is not supported in `:init`",
+                item.place.opening,
+                INSTEAD["unknown"],
+                code="unsupported",
+            )
+        fact = parse_condition(item, self._scope)
+        if not isinstance(fact, x.Atom):
+            raise DomainError(
+                "expected a predicate over objects or `(= (function) number)`",
+                item.place,
+                "list facts one after the other, without `and`" if item.head == "and" else "",
+            )
+        if fact.name in (x.UNSAFE, x.TERMINAL):
+            raise DomainError(
+                f"`({fact.name})` starts false in every step", item.place, code="reserved-use"
+            )
+        self.atoms.append(fact)
+
+
+def _initial(
+    group: Group, scope: Scope
+) -> tuple[tuple[x.Atom, ...], tuple[tuple[x.FunctionTerm, x.Number], ...]]:
+    initial = _Initial(scope)
+    for node in group.items[1:]:
+        with group.place.source.recovering():
+            initial.add(node)
+    for atom in initial.atoms:
+        if (denied := initial.denied.get(_key(atom))) is not None:
+            with group.place.source.recovering():
+                problem = f"`{atom.place.text}` is also stated true"
+                raise DomainError(problem, denied, code="declared-twice")
+    initial.values.pop((x.REWARD,), None)
+    return tuple(initial.atoms), tuple(initial.values.values())
+
+
+def _key(term: x.Atom | x.FunctionTerm) -> tuple[str, ...]:
+    return (term.name, *(argument.name for argument in term.arguments))
+
+
+def _goal(group: Group, scope: Scope) -> x.Condition | None:
+    if len(group.items) != 2:
+        raise DomainError("expected `(:goal condition)`", group.place)
+    taken = group.place.source.errors_taken
+    goal = parse_condition(group.items[1], scope)
+    return goal if group.place.source.errors_taken == taken else None
+
+
+def _metric(group: Group, scope: Scope) -> x.Metric:
+    if len(group.items) != 3 or not isinstance(group.items[1], Word):
+        raise DomainError("expected `(:metric maximize|minimize expression)`", group.place)
+    sense = group.items[1]
+    if sense.text not in ("maximize", "minimize"):
+        raise DomainError(f"expected maximize or minimize, found `{sense.text}`", sense.place)
+    expression = parse_expression(group.items[2], replace(scope, in_metric=True))
+    return x.Metric(sense.text == "maximize", expression, group.place)

@@ -1,1 +1,0 @@
-"""Looking back at a run, from its folder alone; see `serp.review.step_account`."""

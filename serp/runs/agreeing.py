@@ -1,0 +1,248 @@
+"""Planning again what was recorded: a planner that makes the same choice."""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.saved_state import Saved
+from serp.errors import RunError
+from serp.model.domain import Domain, load_domain
+from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.far_sight import FarSightPlanner
+from serp.planning.forecast import SAFE, Forecast
+from serp.planning.lookahead import Lookahead
+from serp.planning.replanner import MonitorReplanner
+from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
+from serp.runs.folder import RunFolder
+from serp.runs.recording import Recording, StoredStep, open_recording
+from serp.runs.run import read_run_metadata, refuse_changes
+from serp.settings import PlannerSettings, Settings
+
+
+class RunModel:
+    """The domain of a run and its model, as written and as adapted by the newest checkpoint.
+
+    Args:
+        run: The run's folder.
+
+    Attributes:
+        path: The run's folder.
+        folder: Its files.
+        settings: Its settings.
+        domain: Its copy of the domain.
+        model: The domain's transition model as written, with the task's control period.
+
+    Raises:
+        RunError: The folder is not a run, or its copy of the domain was changed.
+        DomainError: Its copy of the domain is damaged.
+    """
+
+    def __init__(self, run: Path) -> None:
+        self.path = run
+        self.folder = RunFolder.open(run)
+        made = read_run_metadata(self.folder)
+        self.settings: Settings = made.settings
+        if self.has_checkpoint:
+            refuse_changes(self.folder, self.checkpoint, domain_only=True)
+        domain = load_domain(
+            *self.folder.copies(),
+            observed=made.observed is not None,
+            max_ground_schemas=made.max_ground_schemas,
+        )
+        if made.observed is not None:
+            domain = domain.observed(made.observed)
+        self.domain: Domain = domain
+        self.model: TransitionModel = domain.model.replace(dt=made.control_period)
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether the run has saved a checkpoint; one that another library drives has none."""
+        return any((self.path / name).exists() for name in (NEWEST, PREVIOUS))
+
+    @functools.cached_property
+    def checkpoint(self) -> Checkpoint:
+        """The newest intact checkpoint.
+
+        Raises:
+            RunError: There is none.
+        """
+        return self.folder.load_checkpoint()
+
+    @functools.cached_property
+    def adaptation(self) -> ModelAdaptation:
+        """What the newest checkpoint has learned of the model.
+
+        Raises:
+            RunError: There is no intact checkpoint.
+        """
+        # Nothing is drawn after loading, so any seed will do.
+        unused = np.random.SeedSequence(0)
+        adaptation = ModelAdaptation(self.model, self.settings.adaptation, unused)
+        adaptation.load_state_dict(*self._agent.part("adaptation"))
+        return adaptation
+
+    @property
+    def saved_planner(self) -> tuple[Mapping[str, NDArray[Any]], Any]:
+        """What the newest checkpoint has of the planner, for its `load_state_dict`."""
+        return self._agent.part("planner")
+
+    @property
+    def _agent(self) -> Saved:
+        whole = Saved("run", self.checkpoint.arrays, self.checkpoint.meta)
+        return Saved("agent", self.checkpoint.arrays, whole.part("agent")[1])
+
+    @property
+    def adapted(self) -> TransitionModel | None:
+        """The model of the newest checkpoint; None where nothing that was learned is in use."""
+        if not self.has_checkpoint or self.adaptation.model.as_written:
+            return None
+        return self.adaptation.model
+
+    def recording(self, evaluation: str | None = None) -> Recording:
+        """Return the recorded steps of the training, or of an evaluation by its name.
+
+        Raises:
+            RunError: There are none, or they are of another domain.
+        """
+        found = open_recording(self.path, evaluation)
+        layout = found.layout
+        names = tuple(fluent.name for fluent in self.model.fluents)
+        ground = tuple(action.name for action in self.model.actions)
+        if (layout.fluents, layout.ground_actions) != (names, ground):
+            raise RunError(
+                f"{found.folder} does not fit the domain of the run: its fluents or actions have "
+                "other names. Restore it from a copy."
+            )
+        return found
+
+
+FAR_SIGHT: Final = "far-sight"
+_SAME: Final = 1e-9
+"""Difference of values, as a share, that is one of rounding."""
+
+
+class AgreeingPlanner:
+    """A planner that makes the recorded choice in a state: the lookahead, or one that sees farther.
+
+    Args:
+        model: The model that it plans with.
+        settings: The planner's settings.
+        called: What it plans with, in words.
+        planner: The planner; None: the lookahead.
+    """
+
+    def __init__(
+        self,
+        model: TransitionModel,
+        settings: PlannerSettings,
+        called: str,
+        planner: FarSightPlanner | None = None,
+    ) -> None:
+        self.model = model
+        self.called = called
+        self._settings = settings
+        self._far = planner
+        self._planner = planner or Lookahead(model, settings)
+
+    def forecast(self, state: Vector) -> Forecast:
+        """Return what is predicted for every ground action."""
+        return self._planner.forecast(state)
+
+    def paths(self, state: Vector, seconds: float) -> list[list[int]]:
+        """Return the ground actions, one a control period, of the best path by each action."""
+        if self._far is None:
+            planner = MonitorReplanner.of(self.model, self._settings, time_budget=seconds)
+            return planner.plan(state).paths
+        deadline, found = time.monotonic() + seconds, list[list[int]]()
+        for action in range(len(self.model.actions)):
+            there = time.monotonic() < deadline
+            found.append(list(self._followed(state, action)) if there else [])
+        return found
+
+    def _followed(self, state: Vector, action: int) -> Iterator[int]:
+        """Yield the actions that the planner would choose after an action, as far as its depth."""
+        for _ in range(self._settings.depth):
+            step = self.model.step(state, action)
+            if not step.applicable:
+                return
+            yield action
+            action = -1 if step.terminal else self.forecast(step.state).choice
+            if action < 0:
+                return
+            state = step.state
+
+
+def agreeing_planner(run: RunModel, step: StoredStep) -> AgreeingPlanner | None:
+    """Return a planner that chooses what the planner of the run chose, or None.
+
+    It plans with the file as written, or with what the newest checkpoint has learned. Of several it
+    is one that refuses the proposal that was refused, if there is one; then one by which the choice
+    is worth most nearly what was recorded.
+    """
+    forecast = step.decision.forecast
+    if forecast.choice < 0:
+        return None
+    chosen = int(forecast.ground[forecast.choice])
+    recorded = float(forecast.value[forecast.choice])
+    refused = refusal_of(run, step)
+    best, rank = None, (True, math.inf)
+    for planner in _candidates(run):
+        found = planner.forecast(step.state)
+        allowed = refused is not None and not refused(found)
+        own = allowed, abs(float(found.value[chosen]) - recorded)
+        if found.choice == chosen and (best is None or own < rank):
+            best, rank = planner, own
+        if rank <= (False, _SAME * max(1.0, abs(recorded))):
+            break
+    return best
+
+
+def _candidates(run: RunModel) -> Iterator[AgreeingPlanner]:
+    settings, learned = run.settings.planner, "what the newest checkpoint has learned"
+    yield AgreeingPlanner(run.model, settings, "the file as written")
+    if run.adapted is not None:
+        yield AgreeingPlanner(run.adapted, settings, learned)
+    if settings.name != FAR_SIGHT:
+        return
+    far = FarSightPlanner(run.model, settings)
+    yield AgreeingPlanner(run.model, settings, "the file as written, by far-sight", far)
+    if run.has_checkpoint:
+        model = run.adaptation.model
+        far = FarSightPlanner(model, settings)
+        far.visited = run.adaptation.experience
+        far.load_state_dict(*run.saved_planner)
+        yield AgreeingPlanner(
+            model, settings, f"{learned}, and the planner of that checkpoint", far
+        )
+
+
+def refusal_of(run: RunModel, step: StoredStep) -> Callable[[Forecast], int] | None:
+    """Return a function of a forecast: 1 where vetoes refuse the proposal of a step, else 0.
+
+    None where no proposal was refused, or the domain does not mention it.
+    """
+    decision, settings = step.decision, run.settings.arbiter
+    ground = int(decision.forecast.ground[decision.proposed]) if decision.vetoed else -1
+    if ground < 0:
+        return None
+
+    def refused(forecast: Forecast) -> int:
+        flags = int(forecast.flags[ground])
+        if not flags & APPLICABLE or flags & (UNSAFE | RISKY | UNDEFINED):
+            return 1
+        if settings.r_min is not None and forecast.reward[ground] < settings.r_min:
+            return 1
+        ahead = settings.veto_horizon == "lookahead" and int(forecast.safe_steps.max()) == SAFE
+        return int(ahead and int(forecast.safe_steps[ground]) != SAFE)
+
+    return refused

@@ -1,0 +1,250 @@
+"""Evaluation of the policies of a trained agent; see `serp.runs.evaluation.Policy`."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal, NamedTuple, get_args
+
+import numpy as np
+
+from serp._util.numbers import seed_of, whole
+from serp._util.text import did_you_mean
+from serp.agent.agent import Agent
+from serp.agent.step_record import EpisodeTotals, StepRecord, sight_of
+from serp.errors import SettingsError
+from serp.runs.recording import Recorder
+from serp.runs.rollout import Decide, Rollout, evaluation_seed
+from serp.runs.summary import WINDOW
+from serp.tasks.task import BoundTask, Judge
+
+Policy = Literal["serp", "planner", "learner", "training"]
+"""`serp`: the choice of the trained agent within the vetoes, as by `serp.Run.decide`. `planner`:
+the planner only. `learner`: the learner's greedy choice, without planner and veto. `training`:
+planner or learner as at the end of training, within the vetoes. None of them explores."""
+
+
+EPISODES: Final = 100
+"""Default number of episodes."""
+ENOUGH: Final = WINDOW
+"""Number of episodes below which mean and interval are rough."""
+CONFIDENCE: Final = 0.95
+_DRAWS = 3  # spawn key of a strategy's random draws
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """Returns of a policy over some episodes.
+
+    Attributes:
+        policy: The policy, as in `serp.Run.evaluate`.
+        meaning: A description of the policy under the agent's strategy.
+        returns: The environment's return of each episode.
+        lengths: Steps of each episode.
+        terminated: Number of episodes that the environment ended; the others reached a limit.
+        unsafe_executed: Number of executed actions that the domain file flags unsafe.
+        avoidable_unsafe: Number of those that were executed while another one was not flagged.
+        unsafe_observed: Number of steps that came out unsafe, foreseen or not.
+        vetoes: Number of proposals refused.
+        sight: How far the planner saw, see `serp.agent.step_record.sight_of`.
+    """
+
+    policy: str
+    meaning: str
+    returns: tuple[float, ...]
+    lengths: tuple[int, ...]
+    terminated: int
+    unsafe_executed: int
+    avoidable_unsafe: int
+    unsafe_observed: int
+    vetoes: int
+    sight: Mapping[str, float | None]
+
+    @property
+    def mean(self) -> float:
+        """Mean return."""
+        return float(np.mean(self.returns))
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Ends of the 95 % confidence interval of the mean (Student's t); None for one episode."""
+        return interval_of(self.returns)
+
+    @property
+    def warning(self) -> str | None:
+        """A warning of too few episodes; None if there are enough."""
+        count = len(self.returns)
+        if count >= ENOUGH:
+            return None
+        return (
+            f"These are few episodes ({count}): mean and interval are rough. Take at least "
+            f"{ENOUGH}."
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values: the fields, and statistics of the returns.
+
+        These are mean, its 95 % confidence interval, standard deviation (0 for one episode), median
+        and extremes.
+        """
+        returns = np.array(self.returns)
+        return {
+            **{k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()},
+            "episodes": len(self.returns),
+            "mean": float(returns.mean()),
+            "confidence_interval": None if self.interval is None else list(self.interval),
+            "warning": self.warning,
+            "std": float(returns.std(ddof=1)) if len(returns) > 1 else 0.0,
+            "median": float(np.median(returns)),
+            "min": float(returns.min()),
+            "max": float(returns.max()),
+        }
+
+
+def interval_of(returns: Sequence[float]) -> tuple[float, float] | None:
+    """Return the ends of the 95 % confidence interval of a mean (Student's t); None for one."""
+    if len(returns) < 2:
+        return None
+    from scipy.stats import t  # takes half a second to import
+
+    mean, error = float(np.mean(returns)), float(np.std(returns, ddof=1)) / math.sqrt(len(returns))
+    reach = float(t.ppf((1.0 + CONFIDENCE) / 2.0, len(returns) - 1)) * error
+    return mean - reach, mean + reach
+
+
+class Episode(NamedTuple):
+    """An episode right after the reset; iterating over `steps` executes them one by one."""
+
+    number: int
+    info: dict[str, Any]
+    steps: Iterator[StepRecord]
+    totals: EpisodeTotals
+
+
+def play(
+    agent: Agent,
+    task: BoundTask,
+    policy: Policy = "serp",
+    *,
+    episodes: int = EPISODES,
+    seed: int = 0,
+    recorder: Recorder | None = None,
+) -> Iterator[Episode]:
+    """Run a policy without exploring or learning; no random state of the agent changes.
+
+    The environment of the task is not used otherwise. Steps are recorded, if there is a recorder,
+    before they are yielded. Advancing the iterator begins the next
+    episode, even if the previous one is not finished. Equal seeds give other episodes than in
+    training.
+
+    Raises:
+        SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
+        TaskError: The grounding failed (in a step).
+        EnvironmentFailure: The environment raised or gave NaN (in a step).
+    """
+    count, seed = whole(episodes, 1), seed_of(seed)
+    check_policy(policy)
+    if count is None:
+        raise SettingsError(
+            f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
+        )
+    limit, judge = agent.settings.training.episode_steps, Judge(task)
+    with agent.undisturbed():
+        for episode in range(count):
+            begun = evaluation_seed(seed, episode)
+            rollout = Rollout(task, agent.perceive, seed=begun, limit=limit, judge=judge)
+            draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
+            decide = _decisions(agent, policy, draws)
+            steps = rollout.steps(decide)
+            if recorder is not None:
+                steps = _recorded(steps, recorder, episode + 1)
+            yield Episode(episode + 1, rollout.info, steps, rollout.totals)
+
+
+def _recorded(
+    steps: Iterator[StepRecord], recorder: Recorder, episode: int
+) -> Iterator[StepRecord]:
+    for step in steps:
+        recorder.append(episode, step)
+        yield step
+
+
+def check_policy(policy: str) -> None:
+    """Check that there is a policy of that name."""
+    policies = get_args(Policy)
+    if policy not in policies:
+        raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(str(policy), policies)}")
+
+
+def outcome_of(info: Mapping[str, Any]) -> str:
+    """Return the outcome of an episode that the environment's info names; empty if none."""
+    outcome = info.get("outcome")
+    return outcome if isinstance(outcome, str) else ""
+
+
+def evaluate(
+    agent: Agent,
+    task: BoundTask,
+    policy: Policy = "serp",
+    *,
+    episodes: int = EPISODES,
+    seed: int = 0,
+    on_episode: Callable[[], None] = lambda: None,
+    recorder: Recorder | None = None,
+) -> EvaluationResult:
+    """Evaluate a policy; arguments and errors are those of `play`.
+
+    `on_episode` is called at the end of each episode.
+    """
+    totals: list[EpisodeTotals] = []
+    for episode in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
+        for _ in episode.steps:
+            pass
+        totals.append(episode.totals)
+        on_episode()
+    counts: Counter[str] = Counter()
+    for total in totals:
+        counts.update(total.decisions.numbers())
+    return EvaluationResult(
+        policy=policy,
+        meaning=meaning_of(agent, policy),
+        returns=tuple(total.return_ for total in totals),
+        lengths=tuple(total.length for total in totals),
+        terminated=sum(total.terminated for total in totals),
+        unsafe_executed=counts["unsafe_executed"],
+        avoidable_unsafe=sum(total.avoidable_unsafe for total in totals),
+        unsafe_observed=sum(total.unsafe_observed for total in totals),
+        vetoes=counts["vetoes"],
+        sight=sight_of(counts, sum(total.length for total in totals)),
+    )
+
+
+def meaning_of(agent: Agent, policy: Policy) -> str:
+    """Return a description of a policy of an agent."""
+    strategy = agent.strategy
+    if policy == "planner":
+        return "the planner alone"
+    if policy == "learner":
+        return "the learner's choice alone, no veto"
+    chosen = strategy.choice if policy == "serp" else f"as in training: {strategy.turns}"
+    return f"{chosen}, within the vetoes: a vetoed choice is replaced by the planner's"
+
+
+def other_in_training(agent: Agent) -> str | None:
+    """Return a description of who acts in training; None if it is the policy `serp`."""
+    strategy = agent.strategy
+    return None if strategy.turns == strategy.choice else strategy.turns
+
+
+def _decisions(agent: Agent, policy: Policy, draws: np.random.SeedSequence) -> Decide:
+    """Return a policy for an episode, with the seed of its random draws."""
+    if policy == "serp":
+        return agent.decide_greedily
+    if policy == "learner":
+        return agent.decide_as_baseline
+    if policy == "planner":
+        return lambda state, x: agent.arbiter.plan(state)
+    strategy = agent.strategy.forked(draws)
+    return lambda state, x: agent.decide_in_turns(state, x, strategy)

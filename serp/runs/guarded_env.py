@@ -1,0 +1,494 @@
+"""The environment in which the learner of any library acts under planner and arbiter."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import warnings
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from serp._util.compilation import compile_seconds, working_time
+from serp._util.numbers import seed_of
+from serp._util.processes import blas_on_one_thread
+from serp._util.terminal import visible
+from serp.agent.agent import Agent, account_of
+from serp.agent.arbiter import Arbiter
+from serp.agent.decision import Decision
+from serp.agent.protocols import Mask, Proposer
+from serp.agent.registry import refuse_unknown_names
+from serp.agent.step_record import EpisodeTotals, StepRecord
+from serp.errors import Notice, SettingsError
+from serp.learning.dqn import Proposal
+from serp.model.transition_model import Vector
+from serp.runs.folder import RunFolder
+from serp.runs.recording import Recorder
+from serp.runs.recording_format import RECORDING, Layout
+from serp.runs.rollout import Lane, Rollout, evaluation_seed, training_seed
+from serp.runs.run import begin_run
+from serp.runs.tables import decision_row, metrics_row
+from serp.runs.trainer import Budget
+from serp.settings import Settings, resolve
+from serp.tasks.registry import find_task
+from serp.tasks.task import BoundTask, Judge, Task
+
+Answer = tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]
+"""What `step` of a Gymnasium environment returns."""
+
+
+class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
+    """A task as a Gymnasium environment: what an agent perceives, and what it learns from.
+
+    Observations are the learner's input (observation, grounded state or both, by
+    `training.inputs`) as float32 `[F]`; the reward is the one that is learned from; actions are
+    0 ... E-1. A subclass decides what an action of the caller leads to.
+
+    Attributes:
+        judge: Judges the steps.
+    """
+
+    def __init__(self, task: BoundTask, agent: Agent) -> None:
+        self._task = task
+        self._agent = agent
+        self._rollout: Rollout | None = None
+        self.metadata, self.render_mode = task.env.metadata, task.env.render_mode
+        self.judge = Judge(task, agent.settings)
+        shape = (agent.learner.input_size,)
+        self.observation_space = spaces.Box(-np.inf, np.inf, shape, np.float32)
+        self.action_space = spaces.Discrete(task.actions.size)
+
+    @abstractmethod
+    def next_seed(self, seed: int | None) -> int:
+        """Return the environment's seed for the next episode, given what `reset` got."""
+
+    @abstractmethod
+    def decide(self, rollout: Rollout, action: int) -> Decision:
+        """Return the decision for the caller's action."""
+
+    @abstractmethod
+    def after_step(self, step: StepRecord) -> dict[str, Any]:
+        """Handle an env step; return the info for the caller."""
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin the next episode."""
+        super().reset(seed=seed)
+        self._rollout = rollout = Rollout(
+            self._task,
+            self._agent.perceive,
+            seed=self.next_seed(seed),
+            limit=self._agent.settings.training.episode_steps,
+            judge=self.judge,
+        )
+        return rollout.x.astype(np.float32), rollout.info
+
+    def step(self, action: np.int64 | int) -> Answer:
+        """Make an env step."""
+        rollout = self.running
+        if not self.action_space.contains(action):
+            raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
+        step = rollout.step(self.decide(rollout, int(action)))
+        info = self.after_step(step)
+        return step.next_x.astype(np.float32), step.reward, step.terminated, step.truncated, info
+
+    @property
+    def running(self) -> Rollout:
+        """The running episode.
+
+        Raises:
+            gymnasium.error.ResetNeeded: There is none.
+        """
+        if self._rollout is None or self._rollout.over:
+            raise gym.error.ResetNeeded("reset comes before step")
+        return self._rollout
+
+    def render(self) -> Any:
+        """Return the environment's picture, or draw it in its window."""
+        return self._task.env.render()
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._task.close()
+
+
+class _Asked:
+    """Stands for a learner whose action is not known yet; notes whether it was asked for one."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def propose(self, explorable: Mask | None) -> Proposal:
+        """Propose any action."""
+        return self.propose_greedily()
+
+    def propose_greedily(self) -> Proposal:
+        """Propose any action."""
+        self.asked = True
+        return Proposal(0, False, None)
+
+
+class _Turn(NamedTuple):
+    """Whose turn it is in a state.
+
+    Attributes:
+        decision: The decision if the learner's action does not count.
+        asked: Whether the strategy wants the learner's action.
+        masks: `[E]` actions that will be executed if they are proposed.
+    """
+
+    decision: Decision
+    asked: bool
+    masks: NDArray[np.bool_]
+
+
+class ArbitratedEnv(TaskEnv):
+    """A task whose actions are proposals: planner, strategy and vetoes decide what is executed.
+
+    The strategy is asked before the action is known, and an action counts only if it is the
+    learner's turn. So a strategy that looks at the learner's values cannot be used.
+
+    Args:
+        task: The task.
+        agent: Planner, strategy and arbiter.
+        seed: Seed of the first sequence of episodes; `reset(seed=s)` begins that of s.
+        derive: (seed, number of the episode from 0) → seed of the task's environment.
+    """
+
+    def __init__(
+        self, task: BoundTask, agent: Agent, seed: int, derive: Callable[[int, int], int]
+    ) -> None:
+        super().__init__(task, agent)
+        self._seed, self._begun = seed, 0
+        self._derive = derive
+        self._turn: _Turn | None = None
+        self._last: tuple[Decision, Vector] | None = None
+
+    @abstractmethod
+    def ask(self, state: Vector, learner: Proposer) -> Decision:
+        """Return the decision in a state for a learner."""
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return `[E]` actions that will be executed if they are proposed in the current state.
+
+        On the learner's turn these are the actions that no veto refuses. On the planner's turn, or
+        if all are refused, it is the one action that is executed whatever is proposed. A learner
+        that draws from the masked actions, like MaskablePPO, therefore always learns from what it
+        has chosen itself.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No episode is running.
+        """
+        return self._whose_turn(self.running).masks.copy()
+
+    @property
+    def last_decision(self) -> Decision | None:
+        """The decision of the last step; None before the first one."""
+        return None if self._last is None else self._last[0]
+
+    def explain(self) -> str:
+        """Return why the last step refused its proposal, quoting the domain file; empty if not."""
+        return "" if self._last is None else self._agent.arbiter.explain(*self._last)
+
+    def decide(self, rollout: Rollout, action: int) -> Decision:
+        """Return the decision for a proposal."""
+        turn = self._whose_turn(rollout)
+        decision, self._turn = turn.decision, None
+        if turn.asked:
+            proposal = Proposal(action, False, None)
+            decision = self._agent.arbiter.exchange(decision, proposal)
+        self._last = decision, rollout.state
+        return decision
+
+    def _whose_turn(self, rollout: Rollout) -> _Turn:
+        if self._turn is None:
+            learner = _Asked()
+            decision = self.ask(rollout.state, learner)
+            masks = decision.admissible
+            if not (learner.asked and masks.any()):
+                masks = np.arange(len(masks)) == decision.action
+            self._turn = _Turn(decision, learner.asked, masks)
+        return self._turn
+
+    def next_seed(self, seed: int | None) -> int:
+        """Begin an episode of the sequence, or of another one; return its seed."""
+        self._turn = None
+        if seed is not None:
+            self._seed, self._begun = seed, 0
+        self._begun += 1
+        return self._derive(self._seed, self._begun - 1)
+
+    def after_step(self, step: StepRecord) -> dict[str, Any]:
+        """Return the task's info with what was executed, by whom and why."""
+        decision = step.decision
+        return {
+            **step.info,
+            "executed_action": decision.action,
+            "executed_by": str(decision.executed_by),
+            "reason": str(decision.reason),
+        }
+
+
+class RunLog:
+    """Writes what `serp.plan_and_learn` writes of a training, but for checkpoints.
+
+    Args:
+        task: The task.
+        settings: All settings.
+        preset: Their preset.
+        seed: The seed.
+        path: Folder of the run; None: nothing is written.
+        begun: The time of the beginning.
+    """
+
+    def __init__(
+        self,
+        task: BoundTask,
+        settings: Settings,
+        preset: str,
+        seed: int,
+        path: Path | str | None,
+        begun: datetime.datetime,
+    ) -> None:
+        self._clock, self._compiled = working_time(), compile_seconds()
+        self._folder: RunFolder | None = None
+        self._recorder: Recorder | None = None
+        if path is not None:
+            self._folder = begin_run(
+                Path(path),
+                task,
+                settings,
+                preset=preset,
+                seed=seed,
+                budget=Budget(),
+                begun=begun,
+            )
+            if settings.training.record:
+                layout = Layout.of(task.model, task.actions)
+                self._recorder = Recorder(self._folder.path / RECORDING, layout)
+
+    def step(self, step: StepRecord, arbiter: Arbiter, number: int, episode: int) -> None:
+        """Write a step and its decision; `number` counts env steps from 0."""
+        if self._folder is not None:
+            row = decision_row(step.decision, arbiter, step.state, step=number, episode=episode)
+            self._folder.decisions.append(row)
+        if self._recorder is not None:
+            self._recorder.append(episode, step)
+
+    def episode(self, totals: EpisodeTotals, rho: float, env_steps: int, episode: int) -> None:
+        """Write an episode."""
+        if self._folder is not None:
+            row = metrics_row(
+                totals,
+                episode=episode,
+                env_steps=env_steps,
+                rho=rho,
+                epsilon=None,
+                losses=(),
+                wall_time=working_time() - self._clock,
+            )
+            self._folder.metrics.append(row)
+
+    def close(self, agent: Agent) -> None:
+        """Write the results; a second call does nothing."""
+        if self._folder is None:
+            return
+        from serp.runs.report import write_results
+
+        folder, self._folder = self._folder, None
+        with folder, self._recorder or contextlib.nullcontext():
+            seconds = compile_seconds() - self._compiled
+            write_results(folder, compile_seconds=seconds, account=account_of(agent))
+
+
+class GuardedEnv(ArbitratedEnv):
+    """A task for the training loop of any library, with planner, strategy and vetoes inside.
+
+    An action is the learner's *proposal*. What is executed, the arbiter decides as in
+    `serp.plan_and_learn`: with the same guarantee, strategies, presets and adaptation of the model,
+    which goes on with every step. Observations are the learner's input as float32 `[F]`, rewards
+    the ones that are learned from. The info of a step says what was executed, by whom and why:
+    ``executed_action``, ``executed_by`` and ``reason``. An off-policy learner has to remember the
+    executed action.
+
+    Of the settings, those of the section `learner` do not count, but for `learning_starts`: the
+    strategy `evidence` gives the learner no lead before. In the first `training.random_steps` env
+    steps it is always the learner's turn.
+
+    `reset(seed=s)` begins the sequence of episodes of seed s; without a seed the next episode of
+    the sequence begins. A reset in the middle of an episode truncates it, so that a wrapper like
+    `TimeLimit` may be around the environment. An environment has an arbiter and a model of its own,
+    so a learner uses one at a time.
+
+    Args:
+        task: The task, the name of an installed one, or a domain file that belongs to one.
+        preset: `default` or `paper`.
+        settings: Section → setting → value; overrides preset and task.
+        seed: Seed of everything random in it, and of the first sequence of episodes.
+        out: Folder of a run with the metrics, the decisions and, after `close`, the report. The
+            learner itself is saved by its library. By default nothing is written.
+        render_mode: One of Gymnasium's render modes, if pictures are needed.
+
+    Attributes:
+        env_steps, episode: Numbers of env steps and of complete episodes.
+
+    Raises:
+        SerpError: Task, domain, settings or folder are wrong.
+    """
+
+    def __init__(
+        self,
+        task: Task | str,
+        *,
+        preset: str = "default",
+        settings: Mapping[str, Mapping[str, Any]] | None = None,
+        seed: int = 0,
+        out: str | Path | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        begun = datetime.datetime.now()
+        seed = seed_of(seed)
+        task = find_task(task) if isinstance(task, str) else task
+        resolved = resolve(preset, task.settings, settings)
+        refuse_unknown_names(resolved, task.planners)
+        if resolved.training.num_envs > 1:
+            raise SettingsError("training.num_envs: a guarded environment is one; set it to 1")
+        bound = task.bind(render_mode=render_mode)
+        try:
+            bound.on_notice = lambda line: warnings.warn(visible(line), Notice, stacklevel=2)
+            agent = Agent(bound, resolved, seed)
+            if agent.adaptation.notice is not None:
+                bound.on_notice(agent.adaptation.notice)
+            super().__init__(bound, agent, seed, training_seed)
+            self._log = RunLog(bound, resolved, preset, seed, out, begun)
+        except BaseException:
+            bound.close()
+            raise
+        self._lane = Lane(0, bound)
+        self._evaluation: contextlib.ExitStack | None = None
+        self.env_steps = self.episode = 0
+        self._initial = resolved.training.random_steps > 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin the next episode; one that is running is truncated."""
+        self._cut_off()
+        x, info = super().reset(seed=seed, options=options)
+        self._notice_unit(info, reset=True)
+        return x, info
+
+    def ask(self, state: Vector, learner: Proposer) -> Decision:
+        """Return the decision in a state, as in training."""
+        self._end_evaluation()
+        arbiter = self._agent.arbiter
+        if self._initial:
+            return arbiter.judge_proposal(state, learner.propose(None))
+        return arbiter.decide(state, learner)
+
+    def after_step(self, step: StepRecord) -> dict[str, Any]:
+        """Adapt the model, count, log, and return the task's info with the decision."""
+        agent = self._agent
+        self._log.step(step, agent.arbiter, self.env_steps, self.episode + 1)
+        with blas_on_one_thread():
+            agent.observe(step)
+        self.env_steps += 1
+        if not self._initial:
+            agent.strategy.end_unit("step")
+        self._notice_unit(step.info)
+        if step.last:
+            self._end_episode(step.episode)
+        return super().after_step(step)
+
+    def _cut_off(self) -> None:
+        """Truncate the running episode, if a step was made in it."""
+        rollout = self._rollout
+        if rollout is not None and not rollout.over and rollout.totals.length:
+            rollout.cut_off()
+            self._agent.cut_off()
+            self._end_episode(rollout.totals)
+
+    def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
+        unit = self._agent.settings.arbiter.rho_unit
+        if self._lane.unit_ended(unit, info, reset=reset) and not self._initial:
+            self._agent.strategy.end_unit(unit)
+
+    def _end_episode(self, totals: EpisodeTotals) -> None:
+        self.episode += 1
+        agent = self._agent
+        if self._initial:
+            self._initial = self.env_steps < agent.settings.training.random_steps
+        else:
+            agent.strategy.end_unit("episode")
+            agent.strategy.end_episode(totals.return_, totals.length)
+        self._log.episode(totals, agent.strategy.rho, self.env_steps, self.episode)
+
+    def evaluation(self, seed: int = 0, *, render_mode: str | None = None) -> EvaluationEnv:
+        """Return an environment in which the trained policy is evaluated while training goes on.
+
+        Args:
+            seed: Seed of its episodes.
+            render_mode: One of Gymnasium's render modes, if pictures are needed.
+        """
+        bound = self._task.task.bind(render_mode=render_mode)
+        return EvaluationEnv(bound, self._agent, seed_of(seed), self._task, self._begin_evaluation)
+
+    def _begin_evaluation(self) -> None:
+        """Let what the planner keeps from now on be forgotten at the training's next decision."""
+        if self._evaluation is None:
+            self._evaluation = contextlib.ExitStack()
+            self._evaluation.enter_context(self._agent.undisturbed())
+
+    def _end_evaluation(self) -> None:
+        if self._evaluation is not None:
+            self._evaluation.close()
+            self._evaluation = None
+
+    def close(self) -> None:
+        """Close the environment, and write the results of the run."""
+        self._log.close(self._agent)
+        super().close()
+
+
+class EvaluationEnv(ArbitratedEnv):
+    """The arbiter of a `GuardedEnv` in an environment of its own, without learning anything.
+
+    The strategy decides as after training. Proposals should be greedy. The episodes are those of
+    `serp evaluate` with the same seed.
+
+    Args:
+        task: The task, with an environment of its own.
+        agent: The agent in training.
+        seed: Seed of the episodes.
+        trained_in: The task in which it is trained.
+        begin: Called before each decision; from the first one on, the planner keeps what it finds
+            for the evaluation alone.
+    """
+
+    def __init__(
+        self,
+        task: BoundTask,
+        agent: Agent,
+        seed: int,
+        trained_in: BoundTask,
+        begin: Callable[[], None],
+    ) -> None:
+        super().__init__(task, agent, seed, evaluation_seed)
+        self._trained_in, self._begin = trained_in, begin
+
+    def next_seed(self, seed: int | None) -> int:
+        """Begin an episode with the running statistics of the training; return its seed."""
+        self._task.restore_environment(self._trained_in.environment_state(), statistics_only=True)
+        return super().next_seed(seed)
+
+    def ask(self, state: Vector, learner: Proposer) -> Decision:
+        """Return the decision in a state, as after training."""
+        self._begin()
+        return self._agent.arbiter.decide_greedily(state, learner)

@@ -1,0 +1,292 @@
+"""Rollouts: the only place where a task's environment is stepped."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final, Protocol, Self
+
+import numpy as np
+
+from serp._util.files import Closing
+from serp._util.saved_state import Saved
+from serp.agent.decision import Decision
+from serp.agent.step_record import EpisodeTotals, StepRecord
+from serp.errors import SettingsError
+from serp.model.transition_model import Vector
+from serp.tasks.checks import single
+from serp.tasks.remote_task import RemoteTask
+from serp.tasks.task import BoundTask, Judge
+
+
+class Watchdog(Closing):
+    """Watches an environment from its own thread, and reports once that a call takes long.
+
+    It is a context manager around the calls of the environment. It cannot watch an environment that
+    never releases Python's global interpreter lock.
+
+    Args:
+        task: The task with the environment.
+        seconds: A call that takes longer is reported; infinity: none is.
+        step: Returns the number of the current env step.
+        say: Called with the message, in the watching thread.
+    """
+
+    def __init__(
+        self,
+        task: BoundTask,
+        seconds: float,
+        step: Callable[[], int],
+        say: Callable[[str], None],
+    ) -> None:
+        self._task = task
+        self._seconds = seconds
+        self._step = step
+        self._say = say
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="serp watchdog", daemon=True)
+
+    def __enter__(self) -> Self:
+        if math.isfinite(self._seconds):
+            self._thread.start()
+        return self
+
+    def close(self) -> None:
+        """Stop watching."""
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._over.wait(min(1.0, self._seconds / 4)):
+            call = self._task.call
+            if call is not None and time.monotonic() - call.since >= self._seconds:
+                self._say(
+                    f"The environment has not returned for {self._seconds:g} s: {call.what}, env "
+                    f"step {self._step():,}. This is reported once; two Ctrl-C stop at once."
+                )
+                return
+
+
+_TRAINING: Final = 1
+_EVALUATION: Final = 2
+"""Spawn keys of the environment's seeds."""
+
+Perceive = Callable[[Any, Mapping[str, Any], Any], tuple[Vector, Vector]]
+"""(observation, info, environment that gave them) → (state, input of the learner)."""
+Decide = Callable[[Vector, Vector], Decision]
+"""(state, input of the learner) → decision."""
+
+
+def training_seed(seed: int, episode: int) -> int:
+    """Return the environment's seed for an episode, from 0, of a training."""
+    return _seed(seed, _TRAINING, episode)
+
+
+def evaluation_seed(seed: int, episode: int) -> int:
+    """Return the environment's seed for an episode, from 0, of an evaluation."""
+    return _seed(seed, _EVALUATION, episode)
+
+
+def _seed(seed: int, use: int, episode: int) -> int:
+    return int(np.random.SeedSequence(seed, spawn_key=(use, episode)).generate_state(1)[0])
+
+
+class Playable(Protocol):
+    """The part of a task that a rollout uses; `BoundTask` and `RemoteTask` have it."""
+
+    @property
+    def env(self) -> Any:
+        """The environment, for a grounding that takes it."""
+
+    def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; return observation and info."""
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Execute an action; return observation, reward, terminated, truncated and info."""
+
+
+class Rollout:
+    """A running episode of a task, right after the reset of its environment.
+
+    It counts steps and truncates the episode after `limit` itself: Gymnasium's `TimeLimit` and
+    `RecordEpisodeStatistics` would add layers to the wrapper state of every checkpoint, mark
+    terminated steps as truncated, and write into `info`, which belongs to the task.
+
+    Attributes:
+        state: Current state `[F]`.
+        x: The learner's input for it.
+        info: The environment's info at the reset.
+        totals: The totals of the episode so far.
+    """
+
+    def __init__(
+        self,
+        task: Playable,
+        perceive: Perceive,
+        *,
+        seed: int,
+        limit: int,
+        judge: Judge,
+    ) -> None:
+        self._task = task
+        self._perceive = perceive
+        self._limit = limit
+        self._judge = judge
+        self.totals = EpisodeTotals()
+        self._observation, self.info = task.reset(seed=seed)
+        self.state, self.x = perceive(self._observation, self.info, task.env)
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has ended."""
+        return self.totals.terminated or self.totals.truncated
+
+    def step(self, decision: Decision) -> StepRecord:
+        """Execute a decision and return the record of the step.
+
+        Raises:
+            EnvironmentFailure: The environment raised or gave NaN.
+            TaskError: The grounding failed.
+            StateError: The domain file cannot judge the step, and its reward is learned from.
+        """
+        observation, env_reward, terminated, truncated, info = self._task.step(decision.action)
+        next_state, next_x = self._perceive(observation, info, self._task.env)
+        ground = int(decision.forecast.ground[decision.action])
+        judged = self._judge(self.state, ground, next_state, env_reward)
+        number = self.totals.length + 1
+        record = StepRecord(
+            number=number,
+            observation=self._observation,
+            state=self.state,
+            x=self.x,
+            decision=decision,
+            reward=judged.reward,
+            domain_reward=judged.domain_reward,
+            env_reward=env_reward,
+            unsafe=judged.unsafe,
+            unsafe_observed=judged.unsafe or single(info.get("unsafe")) is True,
+            next_state=next_state,
+            next_x=next_x,
+            terminated=terminated,
+            truncated=truncated or (number >= self._limit and not terminated),
+            info=info,
+            episode=self.totals,
+        )
+        self.totals.add(record)
+        self._observation, self.state, self.x = observation, next_state, next_x
+        return record
+
+    def cut_off(self) -> None:
+        """Truncate the episode after the steps that were made."""
+        self.totals.truncated = True
+
+    def steps(self, decide: Decide) -> Iterator[StepRecord]:
+        """Yield the steps of a policy to the end of the episode; each is executed when needed."""
+        while not self.over:
+            yield self.step(decide(self.state, self.x))
+
+
+class Lane:
+    """One of the environments of a training, and the episode that runs in it.
+
+    Args:
+        number: Its number, from 0.
+        task: The task with this environment.
+
+    Attributes:
+        number, task: As given.
+        seed: The environment's seed in the episode.
+        episode: Number of the episode, from 0, in the order in which episodes begin.
+        random: Whether the episode is a part of the initial data D₀.
+        rollout: The episode; None until its reset is done.
+        decision: The decision that is executed next; None after the last one.
+        losses: Losses of the learner after steps of the episode.
+        unit_value: The newest value of the counter that `arbiter.rho_unit` names.
+    """
+
+    def __init__(self, number: int, task: BoundTask | RemoteTask) -> None:
+        self.number, self.task = number, task
+        self.episode, self.seed, self.random = 0, 0, False
+        self.rollout: Rollout | None = None
+        self.decision: Decision | None = None
+        self.losses: list[float] = []
+        self.unit_value: Any = None
+
+    def begin(self, episode: int, seed: int, *, random: bool) -> None:
+        """Begin an episode; an environment in another process begins its reset."""
+        self.episode, self.seed, self.random = episode, seed, random
+        self.rollout, self.decision, self.losses = None, None, []
+        if isinstance(self.task, RemoteTask):
+            self.task.begin_reset(seed)
+
+    def execute(self, decision: Decision) -> None:
+        """Take a decision; an environment in another process begins to execute it."""
+        self.decision = decision
+        if isinstance(self.task, RemoteTask):
+            self.task.begin_step(decision.action)
+
+    def unit_ended(self, unit: str, info: Mapping[str, Any], *, reset: bool = False) -> bool:
+        """Return whether the counter that `arbiter.rho_unit` names has changed.
+
+        Raises:
+            SettingsError: There is no such counter in `info`.
+        """
+        if unit in ("step", "episode"):
+            return False
+        if unit not in info:
+            if reset:  # many environments give more entries in `step` than in `reset`
+                return False
+            raise SettingsError(
+                f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
+                "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
+            )
+        value = single(info[unit])
+        if not isinstance(value, str | int | float) or value != value:  # NaN is never equal
+            raise SettingsError(
+                f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
+                "or a text is needed"
+            )
+        before, self.unit_value = self.unit_value, value
+        return before is not None and value != before
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {"unit_value": self.unit_value, "environment": self.task.environment_state()}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        saved = Saved("environment", {}, meta)
+        self.unit_value = saved.part("unit_value")[1]
+        if not isinstance(self.unit_value, str | int | float | None):
+            raise saved.wrong("unit_value is neither a number nor a text")
+        self.task.restore_environment(saved.part("environment")[1])
+
+
+@contextlib.contextmanager
+def lanes_of(task: BoundTask, count: int) -> Iterator[list[Lane]]:
+    """Yield the environments of a training: that of the task, or `count` in their own processes.
+
+    Those are closed at the end.
+
+    Raises:
+        SettingsError: The environments would normalise differently.
+        EnvironmentFailure: An environment cannot be made.
+    """
+    if count == 1:
+        yield [Lane(0, task)]
+        return
+    if task.has_statistics:
+        raise SettingsError(
+            f"training.num_envs is {count}, but a wrapper of the environment keeps running "
+            "statistics (as NormalizeObservation does), which would differ from one environment "
+            "to the other; use 1, or normalise by fixed numbers"
+        )
+    with contextlib.ExitStack() as stack:
+        tasks = [stack.enter_context(RemoteTask(task, k + 1)) for k in range(count)]
+        for remote in tasks:
+            remote.wait_until_made()
+        yield [Lane(k, remote) for k, remote in enumerate(tasks)]

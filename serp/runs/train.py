@@ -1,0 +1,379 @@
+"""`plan_and_learn`: trains into a run folder, or continues a run.
+
+What the user gave is checked before torch is imported and anything is compiled.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import shlex
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final, Unpack
+
+from serp._util.numbers import seed_of
+from serp._util.processes import one_thread
+from serp._util.text import plural
+from serp.agent.agent import account_of
+from serp.agent.registry import refuse_unknown_names
+from serp.agent.step_record import StepRecord
+from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError
+from serp.model.transition_model import StateError
+from serp.runs.checkpoint import NEWEST, PREVIOUS
+from serp.runs.folder import METRICS, RunFolder, default_path, is_trace, refuse_occupied
+from serp.runs.progress import Progress, show_compiling
+from serp.runs.recording import Recorder
+from serp.runs.recording_format import RECORDING, Layout
+from serp.runs.rollout import Watchdog
+from serp.runs.run import (
+    Run,
+    begin_run,
+    content_digests,
+    read_run_metadata,
+    reading,
+    refuse_changes,
+)
+from serp.runs.tables import read_metrics
+from serp.runs.tensorboard import EventWriter, require_tensorboard
+from serp.runs.trainer import Budget, Callbacks, Trainer, TrainingCallbacks
+from serp.settings import Settings, resolve
+from serp.tasks.registry import find_task
+from serp.tasks.task import BoundTask, Task, describe_source
+
+if TYPE_CHECKING:
+    from serp.runs.run import Run
+
+
+SIGNALS: Final[tuple[signal.Signals, ...]] = (
+    signal.SIGINT,
+    signal.SIGTERM,
+    *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()),  # Windows has none
+)
+_ECHO: Final = 1.0
+"""Seconds in which a repeated SIGTERM or SIGHUP counts as the same request, because `timeout`,
+shells and schedulers send it to the process and to its group."""
+
+
+class StoppedAtOnce(KeyboardInterrupt):
+    """A second signal was received; `signal` is its number."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.signal = number
+
+
+class Stopping:
+    """The state of a request to stop: `signal` is the number of the first signal, None for none."""
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        self._since = 0.0
+        self._answered = False
+
+    @property
+    def requested(self) -> bool:
+        """Whether a signal was received."""
+        return self.signal is not None
+
+    def answer(self, finishing: str, otherwise: str) -> str | None:
+        """Return, once after a signal, what is finished first and what a second would do."""
+        if self.signal is None or self._answered:
+            return None
+        self._answered = True
+        pressed = self.signal == signal.SIGINT
+        name = "Ctrl-C" if pressed else signal.Signals(self.signal).name
+        again = "Press it again" if pressed else "Send another signal"
+        return (
+            f"{name}: finishing {finishing}, so that nothing is lost. {again} to stop at once; "
+            f"{otherwise}."
+        )
+
+    def hear(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal; raise `StoppedAtOnce` if it is not the first."""
+        now = time.monotonic()
+        if self.signal is None:
+            self.signal, self._since = number, now
+        elif number == signal.SIGINT or number != self.signal or now - self._since > _ECHO:
+            raise StoppedAtOnce(number)
+
+
+@contextlib.contextmanager
+def stop_between_episodes() -> Iterator[Stopping]:
+    """Turn the first signal into a request; a second one raises `StoppedAtOnce`.
+
+    The handler itself shows nothing, because it may interrupt the display in the middle of a line;
+    the training loop calls `answer` after every step. Outside the main thread no handler is set.
+    Signals that are ignored (Ctrl-C in a background job, SIGHUP under `nohup`) or already handled
+    are not changed either, except that a Python handler of Ctrl-C is replaced.
+    """
+    stopping = Stopping()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopping
+        return
+    before = {
+        number: handler
+        for number in SIGNALS
+        if (handler := signal.getsignal(number)) not in (None, signal.SIG_IGN)
+        and (number == signal.SIGINT or handler is signal.SIG_DFL)
+    }
+    try:
+        for number in before:
+            signal.signal(number, stopping.hear)
+        yield stopping
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def compiled_trainer(task: BoundTask, settings: Settings, seed: int, *, quiet: bool) -> Trainer:
+    """Return a trainer whose loops are compiled."""
+    with show_compiling(quiet=quiet):
+        trainer = Trainer(task, settings, seed)
+        try:
+            trainer.prepare()
+        except BaseException:
+            trainer.close()
+            raise
+    return trainer
+
+
+def continue_training(
+    folder: RunFolder, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
+) -> Run:
+    """Continue a run from its newest checkpoint, as if it had not been interrupted."""
+    made = read_run_metadata(folder)
+    if made.settings.training.tensorboard:
+        require_tensorboard()
+    with compiled_trainer(task, made.settings, made.seed, quiet=quiet) as trainer:
+        before = _restore(folder, trainer, made.budget)
+        limits = budget if budget.limits else before
+        return train(folder, trainer, limits, callbacks, quiet=quiet)
+
+
+def _restore(folder: RunFolder, trainer: Trainer, before: Budget) -> Budget:
+    """Restore the newest checkpoint, if there is one; return the budget of the run."""
+    # A run without a checkpoint and without an episode was stopped before it began.
+    if _has_checkpoint(folder) or len(read_metrics(folder.path / METRICS)["episode"]):
+        checkpoint = folder.resume()
+        refuse_changes(folder, checkpoint)
+        with reading(checkpoint) as saved:
+            trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
+            before = Budget.from_dict(saved.part("budget")[1])
+        if checkpoint.fallback is not None:
+            warnings.warn(
+                f"{checkpoint.fallback} The run goes on from the previous checkpoint, after "
+                f"{plural(trainer.env_steps, 'env step')}; what came after it is done again.",
+                Notice,
+                stacklevel=4,
+            )
+    return before
+
+
+def _has_checkpoint(folder: RunFolder) -> bool:
+    return any((folder.path / name).exists() for name in (NEWEST, PREVIOUS))
+
+
+@contextlib.contextmanager
+def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
+    """Add to any error of a training how to continue it, if that is possible.
+
+    Settings and domain cannot change in a run, so a run with a wrong one cannot be continued.
+    """
+    try:
+        yield
+    except (SettingsError, StateError):
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        if _has_checkpoint(folder):
+            kept = f"The run up to the last checkpoint is kept in {folder.path}. "
+            error.add_note(
+                f"{'' if isinstance(error, Interrupted) else kept}Continue with\n"
+                f"  serp plan-and-learn --resume {shlex.quote(str(folder.path))}\n"
+                f"or, in Python, plan_and_learn(task, out={str(folder.path)!r}, resume=True)"
+            )
+        raise
+
+
+def train(
+    folder: RunFolder,
+    trainer: Trainer,
+    budget: Budget,
+    callbacks: Callbacks,
+    *,
+    quiet: bool,
+) -> Run:
+    """Train until the budget is spent, a signal is received or a callback fails."""
+    settings = trainer.settings.training
+    trainer.decisions = folder.decisions
+    if not budget.limits:
+        # A number of units, if the task or the user sets one, replaces the number of steps.
+        units = settings.units
+        budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
+    before = trainer.env_steps
+    digests = content_digests(folder)
+    progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
+    trainer.task.on_notice = progress.note
+    watchdog = Watchdog(
+        trainer.task, settings.slow_step_seconds, lambda: trainer.under_way, progress.note
+    )
+    events: EventWriter | None = None
+
+    def save() -> float:
+        """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
+        begun = trainer.wall_time
+        arrays, meta = trainer.state_dict()
+        if trainer.recorder is not None:
+            trainer.recorder.flush()
+        folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
+        if events is not None:
+            events.flush()
+        cost = trainer.wall_time - begun
+        return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
+
+    with _advice_to_resume(folder), stop_between_episodes() as stopping:
+
+        def after_step(step: StepRecord) -> None:
+            answer = stopping.answer(
+                "the episode" if len(trainer.lanes) == 1 else "the episodes",
+                "the run then continues from its last checkpoint",
+            )
+            if answer is not None:
+                progress.answer(answer)
+            if events is not None and settings.tensorboard == "steps":
+                events.append_step(trainer.under_way, step)
+            callbacks.step(step)
+            progress.refresh()
+
+        trainer.on_step = after_step
+        with contextlib.ExitStack() as stack, one_thread(), progress, watchdog:
+            if settings.record:
+                layout = Layout.of(trainer.task.model, trainer.task.actions)
+                recorder = Recorder(folder.path / RECORDING, layout, trainer.env_steps)
+                trainer.recorder = stack.enter_context(recorder)
+            if settings.tensorboard:
+                events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
+            task = trainer.task
+            source = describe_source(
+                trainer.judge.source,
+                in_file=task.model.rewarding,
+                world=task.task.world is not None,
+            )
+            for note in (f"The learner learns from {source}.", *trainer.agent.notices):
+                progress.note(note)
+            if budget.spent_by(trainer):
+                progress.note(
+                    f"Nothing is left to do after {trainer.env_steps} env steps; to train on, give "
+                    f"a larger budget in all, such as --env-steps {2 * trainer.env_steps}."
+                )
+            else:
+                # A failure in the first episodes must not prevent a continuation.
+                due = save()
+            while not (budget.spent_by(trainer) or stopping.requested or callbacks.failure):
+                for row in trainer.run():
+                    folder.metrics.append(row)
+                    if events is not None:
+                        events.append(row)
+                    callbacks.episode(row)
+                if trainer.wall_time >= due:
+                    due = save()
+            if trainer.env_steps > before:
+                save()
+        from serp.runs.report import write_results
+
+        account = account_of(trainer.agent)
+        write_results(folder, compile_seconds=trainer.compile_seconds, account=account)
+        if callbacks.failure is not None:
+            raise callbacks.failure
+        if stopping.signal is not None and not budget.spent_by(trainer):
+            raise Interrupted(
+                f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; "
+                f"everything is saved in {folder.path}.",
+                stopping.signal,
+            )
+    return Run(folder.path, trainer.task.task)
+
+
+def plan_and_learn(
+    task: Task | str,
+    *,
+    preset: str = "default",
+    settings: Mapping[str, Mapping[str, Any]] | None = None,
+    episodes: int | None = None,
+    env_steps: int | None = None,
+    seed: int = 0,
+    out: str | Path | None = None,
+    resume: bool = False,
+    quiet: bool = False,
+    **callbacks: Unpack[TrainingCallbacks],
+) -> Run:
+    """Train on a task: the planner acts from the first step, the learner takes over.
+
+    Args:
+        task: The task, the name of an installed one, or a domain file that belongs to one.
+        preset: `default` or `paper`.
+        settings: Section → setting → value; overrides preset and task; see `serp.Settings`.
+        episodes: Number of episodes since the run began after which it ends.
+        env_steps: Number of env steps since the run began after which it ends; the episode that
+            reaches it is finished. With neither, a resumed run continues to its own budget, and a
+            new run ends after `training.units` or `training.env_steps` of the settings.
+        seed: Seed of everything random.
+        out: Folder of the run; by default `runs/<domain>-<time>`.
+        resume: Continue the run in `out` with its own domain, settings and seed; the continued
+            run equals one that was never interrupted.
+        quiet: Show no progress.
+        **callbacks: `on_step`, a function that is called with the `serp.StepRecord` of every env
+            step, and `on_episode`, one that is called with the metrics of every episode
+            (`MetricsRow`). They must not change what they get. If one of them raises, the episode
+            is finished, the run is saved, and the error is raised.
+
+    Returns:
+        The finished run.
+
+    Raises:
+        SerpError: Domain, task, settings or folder are wrong, or the environment failed.
+        Interrupted: Ctrl-C, SIGTERM or SIGHUP; the run is saved and can be resumed.
+    """
+    begun = datetime.datetime.now()
+    budget = Budget(episodes=episodes, env_steps=env_steps)
+    called = Callbacks(callbacks)
+    seed = seed_of(seed)
+    if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
+        raise SettingsError(f"out must be the name of a folder, not {out!r}")
+    if not isinstance(task, Task | str):
+        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
+    if resume:
+        if out is None:
+            raise RunError("to resume, name the run's folder (--out RUN)")
+        folder = RunFolder.open(out, writing=True)
+        with folder:
+            from serp.runs.run import task_of_run
+
+            # The run has its own copy of the domain.
+            own = task_of_run(folder, None if isinstance(task, str) else task)
+            with own.bind() as bound:
+                return continue_training(folder, bound, budget, called, quiet=quiet)
+    if isinstance(task, str):
+        task = find_task(task)
+    resolved = resolve(preset, task.settings, settings)
+    refuse_unknown_names(resolved, task.planners)
+    if resolved.training.tensorboard:
+        require_tensorboard()
+    if out is not None:
+        refuse_occupied(Path(out), is_trace)
+    with task.bind() as bound:
+        path = Path(out) if out is not None else default_path(bound.name, begun)
+
+        with (
+            compiled_trainer(bound, resolved, seed, quiet=quiet) as trainer,
+            begin_run(
+                path, bound, resolved, preset=preset, seed=seed, budget=budget, begun=begun
+            ) as folder,
+        ):
+            return train(folder, trainer, budget, called, quiet=quiet)

@@ -1,1 +1,0 @@
-"""The first files of a new task, for `serp new`."""

@@ -1,1 +1,0 @@
-"""Scenarios: what an expert expects in a situation, checked by `serp test`."""

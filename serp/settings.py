@@ -1,0 +1,538 @@
+"""All settings of a training."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import ItemsView, Mapping
+from typing import Annotated, Any, Final, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic_core import ErrorDetails
+
+from serp._util.numbers import COUNTED, SIZE
+from serp._util.text import did_you_mean
+from serp.errors import SettingsError
+
+_SECTIONS: Final = {"correction": "adaptation"}
+_SETTINGS: Final = {
+    ("adaptation", "tries"): "min_visits",
+}
+_BY_EVIDENCE: Final = "the strategy `evidence` decides on lead and imitation by returns"
+_REMOVED: Final = {
+    ("planner", "leaf_value"): "the planner `far-sight` values the leaves by itself",
+    ("arbiter", "rho_max"): "ρ grows to 1; `arbiter.rho_increment=0` keeps it as it is",
+    ("arbiter", "surety"): _BY_EVIDENCE,
+    ("arbiter", "broken_promises"): "three failures, and one in 1,000 steps, are tolerated",
+    ("arbiter", "after_veto"): "after a veto the planner acts",
+    ("arbiter", "exploration_slack"): "exploration is among the actions that no veto refuses",
+    ("arbiter", "indifferent"): _BY_EVIDENCE,
+    ("arbiter", "imitation"): _BY_EVIDENCE,
+    ("adaptation", "nonlinear"): "random features are used where they have predicted better",
+    **dict.fromkeys(
+        (
+            ("guide", "jump_stages"),
+            ("guide", "jump_tolerance"),
+            ("guide", "restrict_slack"),
+            ("guide", "imitation_steps"),
+            ("guide", "margin"),
+        ),
+        "the strategies that read it are gone; `evidence` and `mixture` remain",
+    ),
+    ("learner", "imitation_weight"): _BY_EVIDENCE,
+    ("learner", "protected_share"): "batches are drawn from all samples alike",
+}
+_VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}
+
+
+def refuse_old_section(section: Any, values: Any) -> None:
+    """Refuse the former name of a section, naming its settings as well.
+
+    Raises:
+        SettingsError: The section was renamed.
+    """
+    if not isinstance(section, str) or section not in _SECTIONS:
+        return
+    new = _SECTIONS[section]
+    text = f"section `{section}` is now called `{new}`"
+    for setting in values if isinstance(values, Mapping) else ():
+        name = _SETTINGS.get((new, setting), setting)
+        text += f", `{section}.{setting}` is `{new}.{name}`"
+    raise SettingsError(text)
+
+
+def refuse_old_names(section: str, setting: Any, value: Any) -> None:
+    """Refuse a former setting, and the former name of a setting or of its value.
+
+    Raises:
+        SettingsError: It was renamed or removed.
+    """
+    instead = _REMOVED.get((section, setting)) if isinstance(setting, str) else None
+    if instead is not None:
+        raise SettingsError(f"setting `{section}.{setting}` was removed: {instead}")
+    name = _SETTINGS.get((section, setting)) if isinstance(setting, str) else None
+    if name is not None:
+        raise SettingsError(f"setting `{section}.{setting}` is now called `{section}.{name}`")
+    word = _VALUES.get((section, setting, value)) if isinstance(value, str) else None
+    if word is not None:
+        raise SettingsError(f"{section}.{setting}: `{value}` is now called `{word}`")
+
+
+_INFINITIES = {math.inf: "inf", -math.inf: "-inf"}
+"""JSON has no infinity: infinities are written as these strings."""
+
+
+_WANTED = {
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "bool_type": "must be true or false",
+    "string_type": "must be a string",
+    "tuple_type": "must be a list",
+}
+"""Pydantic's error type → the message."""
+
+
+class Section(BaseModel):
+    """A section of the settings: immutable, and validated on creation.
+
+    NumPy numbers are converted to Python numbers. Booleans and NaN are not accepted as numbers.
+    What is outside its range, of another type, or unknown is a `SettingsError`.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True
+    )
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise SettingsError(_refusal(type(self), error)) from None
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _as_python(cls, value: Any) -> Any:
+        if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1):
+            return tuple(_plain(entry) for entry in value)
+        return _plain(value)
+
+    @classmethod
+    def section(cls) -> str:
+        """Return the section's name: `PlannerSettings` is `planner`."""
+        return cls.__name__.removesuffix("Settings").lower()
+
+    def replace(self, **changes: Any) -> Self:
+        """Return the section with other values."""
+        return type(self)(**{**dict(self), **changes})
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return setting → JSON value (tuples as lists, infinity as "inf")."""
+        return {name: _to_json(value) for name, value in self}
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _to_json(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return list(value)
+    return _INFINITIES.get(value, value) if isinstance(value, float) else value
+
+
+def from_json(value: Any) -> Any:
+    """Return the value that `Section.as_dict` wrote as a JSON value."""
+    if isinstance(value, str):
+        return {word: number for number, word in _INFINITIES.items()}.get(value, value)
+    return value
+
+
+def _refusal(section: type[Section], error: ValidationError) -> str:
+    """Say which values are refused, and what is allowed instead."""
+    said = [_said(section, problem) for problem in error.errors(include_url=False)]
+    return "; ".join(dict.fromkeys(said))
+
+
+def _said(section: type[Section], problem: ErrorDetails) -> str:
+    name = section.section()
+    why = _WANTED.get(problem["type"], problem["msg"])
+    why = why.removeprefix("Value error, ").replace("Input should be", "must be")
+    if not problem["loc"]:
+        return f"{name}.{why}"
+    setting = str(problem["loc"][0])
+    if problem["type"] == "extra_forbidden":
+        known = did_you_mean(setting, section.model_fields)
+        return f"there is no setting `{name}.{setting}`; {known}"
+    return f"{name}.{setting} {why}, not {problem['input']!r}"
+
+
+MAX_PERIODS: Final = 10_000
+"""Largest depth, and largest number of repetitions of an action."""
+
+Probability = Annotated[float, Field(ge=0, le=1)]
+"""A number from 0 to 1."""
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+"""A number, neither infinite nor NaN."""
+Nonnegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Periods = Annotated[int, Field(ge=1, le=MAX_PERIODS)]
+Count = Annotated[int, Field(ge=0, le=COUNTED)]
+PositiveCount = Annotated[int, Field(ge=1, le=COUNTED)]
+Size = Annotated[int, Field(ge=1, le=SIZE)]
+
+
+class PlannerSettings(Section):
+    """Depth, budget and preferences of the planner."""
+
+    name: str = "lookahead"
+    """The planner, by the name of its entry point in the group `serp.planners`, or of
+    `Task.planners`. `a+b` names several; the strategy `evidence` finds the better one. What follows
+    a colon is for the planner itself."""
+    depth: Periods = 5
+    """Lookahead in actions."""
+    discount: Annotated[float, Field(gt=0, le=1)] = 0.99
+    """Weight of a reward one control period later."""
+    repeat: Periods = 1
+    """Control periods for which one edge of the graph repeats its action. The executed action is
+    still chosen anew in every period."""
+    max_nodes: PositiveCount = 10_000
+    """Most nodes that are expanded. A layer that would exceed the budget is not expanded, and the
+    plan ends at the deepest complete layer. The first layer is always expanded."""
+    accepted_risk: Annotated[float, Field(ge=0, lt=1)] = 0.02
+    """Largest predicted probability of damage that one decision may add, in the step itself or on
+    the path that follows. An action whose step has no larger risk counts as safe; a path that risks
+    at most so much more than the least counts as one of the least risk, unless it is certain to do
+    damage. 0: the least risk comes before any reward. A model that is not adapted predicts no such
+    probabilities."""
+
+
+class AdaptationSettings(Section):
+    """Online adaptation of the model by its one-step errors."""
+
+    mode: Literal["off", "parameters", "residual", "full"] = "off"
+    """`off`: the errors are only recorded. `parameters`: the numbers in effects and rates are
+    estimated. `residual`: a model of the remaining one-step error is learned. `full`: both."""
+    min_visits: Count = 0
+    """In training, when it is the planner's turn, it prefers actions observed fewer times than
+    this that are predicted safe. 0, or mode `off`: never."""
+
+    @property
+    def residual(self) -> bool:
+        """Whether a residual is learned."""
+        return self.mode in ("residual", "full")
+
+    @property
+    def parameters(self) -> bool:
+        """Whether parameters of the file are estimated."""
+        return self.mode in ("parameters", "full")
+
+
+class ArbiterSettings(Section):
+    """Which of planner and learner acts, and which actions are vetoed."""
+
+    rho: Probability = 0.0
+    """Initial learner probability ρ."""
+    rho_increment: Probability = 0.01
+    """Δρ: increase of ρ at the end of each unit."""
+    rho_unit: str = "episode"
+    """`step`, `episode`, or the name of a counter in the environment's `info`, such as `game`:
+    ρ grows whenever it changes."""
+    r_min: Finite | None = None
+    """R_min: a proposal with a smaller predicted reward is vetoed. None: no proposal is."""
+    veto_horizon: Literal["step", "lookahead"] = "lookahead"
+    """`step` vetoes what the next step predicts. `lookahead` also vetoes what leads, within the
+    lookahead, to a state in which every action is unsafe, while another action does not, unless
+    the lookahead has failed too often to predict what is unsafe."""
+    unmodelled: Literal["allow", "veto"] = "allow"
+    """What to do with environment actions that the domain does not mention."""
+
+
+class GuideSettings(Section):
+    """How planner and learner share the decisions. Vetoes apply under every strategy."""
+
+    strategy: str = "mixture"
+    """The strategy, by the name of its entry point in the group `serp.strategies`. `mixture` is
+    Algorithm 1, with the learner probability ρ of section `arbiter`."""
+
+
+class LearnerSettings(Section):
+    """The learner, a DQN.
+
+    The defaults are a recipe that works on small control tasks. The preset `paper` has the
+    learner of the paper's section 4.
+    """
+
+    name: str = "dqn"
+    """The learner, by the name of its entry point in the group `serp.learners`."""
+    hidden: tuple[Size, ...] = (64, 64)
+    """Neurons of each hidden layer; none makes Q linear in the input."""
+    layer_norm: bool = False
+    """LayerNorm (arXiv 1607.06450) in every hidden layer, before its ReLU."""
+    members: Size = 1
+    """Networks of the ensemble. Each learns from separate batches; Q is their mean."""
+    symmetry: bool = False
+    """Use the task's symmetries, if it has any: every sample drawn is mirrored at random, and Q is
+    averaged over the mirror images of its input."""
+    learning_rate: Positive = 0.001
+    """Step size of Adam."""
+    discount: Annotated[float, Field(ge=0, lt=1)] = 0.99
+    """γ: weight of the reward of the next step."""
+    batch_size: Size = 64
+    """Samples in one gradient update of one network."""
+    updates_per_step: Nonnegative = 1.0
+    """Gradient updates per env step; 0.5 is one in every second step."""
+    target_period: PositiveCount | None = 200
+    """Gradient updates between two copies of the network to the target network. None: never."""
+    target_polyak: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Polyak averaging: move the target network towards the network by this fraction after every
+    gradient update. None: never. At most one of `target_period` and `target_polyak` is given;
+    with neither there is no target network, as in the paper's equation 3."""
+    double: bool = True
+    """Double DQN (arXiv 1509.06461): the network chooses the next action, the target network
+    estimates its value. No effect without a target network."""
+    n_step: Annotated[int, Field(ge=1, le=10_000)] = 3
+    """n of n-step returns: rewards summed before the estimated value of a later state."""
+    clip_targets: bool = True
+    """Clip estimated values to the range of possible returns."""
+    mask_targets: bool = True
+    """The value of the next state is that of its best admissible action. False: of its best
+    action, as in the paper's equation 3."""
+    loss: Literal["mse", "huber"] = "mse"
+    """Loss of one sample: squared error (paper, equation 2), or the Huber loss with threshold 1."""
+    reward_scale: Positive = 1.0
+    """Factor on rewards; Q-values are in the scaled unit."""
+    gradient_clip: Positive | None = 10.0
+    """Largest Euclidean norm of the gradient of one network. None: unlimited."""
+    epsilon_start: Probability = 1.0
+    """Probability of exploring in the first env step."""
+    epsilon_end: Probability = 0.05
+    """Probability of exploring from env step `epsilon_steps` on."""
+    epsilon_steps: Count = 4000
+    """Env steps over which the probability changes linearly between the two."""
+    buffer_size: Annotated[int, Field(ge=1, le=10**14)] = 50_000
+    """Samples in the replay buffer; the oldest is overwritten."""
+    learning_starts: Count = 200
+    """Env steps before the first gradient update."""
+    pretrain_updates: Count = 0
+    """Gradient updates on the initial data D₀ before training (Algorithm 1, line 1)."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> LearnerSettings:
+        if self.target_period is not None and self.target_polyak is not None:
+            raise ValueError(
+                f"target_polyak is {self.target_polyak!r}, but must be none while "
+                f"target_period is {self.target_period}"
+            )
+        return self
+
+    @property
+    def has_target(self) -> bool:
+        """Whether there is a target network."""
+        return self.target_period is not None or self.target_polyak is not None
+
+
+class TrainingSettings(Section):
+    """Settings of the training loop."""
+
+    reward: Literal["task", "domain", "environment", "sum"] = "task"
+    """The reward that the learner learns from: the one that the `task` declares (`Task.reward`),
+    that of the `domain` file, that of the `environment`, or the `sum` of the latter two. The
+    planner always uses the domain file."""
+    inputs: Literal["observation", "state", "both"] = "both"
+    """The input of the learner: the `observation`, the grounded `state`, or `both`."""
+    num_envs: Annotated[int, Field(ge=1, le=1024)] = 1
+    """Environments that are stepped at the same time, each in a process of its own if there are
+    several. They share learner, model and budget. Runs are then saved and stopped only where no
+    episode is running in any of them."""
+    random_steps: Count = 0
+    """Size of D₀ in env steps: actions are drawn uniformly (vetoes apply), and the learner is
+    pretrained on them before Algorithm 1 starts."""
+    env_steps: PositiveCount = 20_000
+    """Default budget of a training in env steps."""
+    units: PositiveCount | None = None
+    """Default budget in units of `arbiter.rho_unit`, such as games, instead of env steps. None: in
+    env steps."""
+    episode_steps: PositiveCount = 10_000
+    """Steps after which an episode is truncated that the environment does not end. Runs are saved
+    and stopped only between episodes."""
+    checkpoint_seconds: Annotated[float, Field(ge=0)] = 15.0
+    """Longest time between two checkpoints. They are written between episodes, more often where
+    writing takes little time."""
+    slow_step_seconds: Annotated[float, Field(gt=0)] = 30.0
+    """A step or reset of the environment that takes longer is reported while it lasts, once per
+    run. Infinity: never."""
+    record: bool = True
+    """Whether to record every step: state, decision, and all that was predicted. `serp why` needs
+    it."""
+    tensorboard: bool | Literal["steps"] = False
+    """Whether to write TensorBoard events as well (extra `tensorboard`): `true` for every episode,
+    `steps` for every env step, too, which takes about 0.15 ms more per step."""
+
+
+Changes = Mapping[str, Mapping[str, Any]]
+"""Section → setting → value."""
+
+
+class Settings(BaseModel):
+    """All settings, by section; immutable.
+
+    `serp.Settings()` has the defaults; `serp.Settings(planner=serp.PlannerSettings(depth=3))`
+    differs in one of them.
+
+    Raises:
+        SettingsError: A section is unknown or not of its class.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    planner: PlannerSettings = Field(default_factory=PlannerSettings)
+    adaptation: AdaptationSettings = Field(default_factory=AdaptationSettings)
+    arbiter: ArbiterSettings = Field(default_factory=ArbiterSettings)
+    guide: GuideSettings = Field(default_factory=GuideSettings)
+    learner: LearnerSettings = Field(default_factory=LearnerSettings)
+    training: TrainingSettings = Field(default_factory=TrainingSettings)
+
+    def __init__(self, **sections: Any) -> None:
+        try:
+            super().__init__(**sections)
+        except ValidationError as error:
+            wrong = error.errors(include_url=False)[0]
+            section = str(wrong["loc"][0])
+            wanted = f"{section.title()}Settings"
+            raise SettingsError(
+                f"settings: section `{section}` must be a {wanted}, not {wrong['input']!r}"
+            ) from None
+
+    def replace(self, changes: Changes) -> Settings:
+        """Return the settings with changes.
+
+        Raises:
+            SettingsError: `changes` is not such a mapping, a section or setting does not exist,
+                or a value is out of range.
+        """
+        sections: dict[str, Section] = {}
+        for name, values in entries(changes, "settings", '{"planner": {"depth": 5}}'):
+            refuse_old_section(name, values)
+            if name not in Settings.model_fields:
+                known = did_you_mean(str(name), Settings.model_fields)
+                raise SettingsError(f"there is no section `{name}`; {known}")
+            section: Section = getattr(self, name)
+            first, value = next(iter(section))
+            example = f"{{{first!r}: {value!r}}}"
+            changed = dict(entries(values, f"settings: section `{name}`", example))
+            for setting, value in changed.items():
+                refuse_old_names(name, setting, value)
+            sections[name] = section.replace(**{str(key): v for key, v in changed.items()})
+        return self.model_copy(update=sections)
+
+    def as_dict(self) -> dict[str, dict[str, Any]]:
+        """Return section → setting → JSON value (tuples as lists, infinity as "inf")."""
+        return {name: section.as_dict() for name, section in self}
+
+    @classmethod
+    def from_dict(cls, sections: Changes) -> Settings:
+        """Return the settings that `as_dict` wrote.
+
+        Raises:
+            SettingsError: A name is unknown, or a value is out of range.
+        """
+        return cls().replace(
+            {
+                name: {setting: from_json(value) for setting, value in values.items()}
+                if isinstance(values, Mapping)
+                else values
+                for name, values in entries(sections, "settings", "{}")
+            }
+        )
+
+
+def entries(value: Any, what: str, example: str) -> ItemsView[Any, Any]:
+    """Return the items of a mapping.
+
+    Raises:
+        SettingsError: It is not a mapping.
+    """
+    if not isinstance(value, Mapping):
+        raise SettingsError(f"{what} must be a mapping such as {example}, not {value!r}")
+    return value.items()
+
+
+PRESETS: Final[Mapping[str, Changes]] = {
+    # Algorithm 1 and section 4 of the paper. Where the paper leaves a choice open, the simplest
+    # one: vetoes by the next step, no filter, no target network.
+    "paper": {
+        "planner": {"discount": 0.9},
+        "arbiter": {
+            "rho": 0.0,
+            "rho_increment": 0.01,
+            "rho_unit": "episode",
+            "veto_horizon": "step",
+        },
+        "learner": {
+            "learning_rate": 1e-3,
+            "discount": 0.9,
+            "epsilon_start": 0.3,
+            "epsilon_end": 0.3,
+            "loss": "mse",
+            "double": False,
+            "n_step": 1,
+            "clip_targets": False,
+            "target_period": None,
+            "target_polyak": None,
+            "gradient_clip": None,
+            "mask_targets": False,
+            # D keeps every sample: up to 1,000 episodes of 500 steps.
+            "buffer_size": 500_000,
+            "pretrain_updates": 500,
+        },
+        "training": {"random_steps": 500},
+    },
+    # The best known choices.
+    "default": {
+        # With two control periods per edge the lookahead is twice as long at the same cost.
+        "planner": {"name": "far-sight", "repeat": 2},
+        "adaptation": {"mode": "full", "min_visits": 4},
+        "guide": {"strategy": "evidence"},
+        "learner": {
+            "symmetry": True,
+            "members": 3,
+            "layer_norm": True,
+            "batch_size": 32,
+            "target_period": None,
+            "target_polyak": 0.005,
+            # The learner begins with what the planner does.
+            "epsilon_start": 0.1,
+            "epsilon_end": 0.02,
+            "epsilon_steps": 3000,
+        },
+    },
+}
+
+
+def resolve(
+    preset: str = "default",
+    task_settings: Mapping[str, Changes] | None = None,
+    changes: Changes | None = None,
+) -> Settings:
+    """Return the settings of a preset, changed by the task and then by the caller.
+
+    Raises:
+        SettingsError: The preset or a setting does not exist, or a value is out of range.
+    """
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise SettingsError(f"there is no preset `{preset}`; {did_you_mean(str(preset), PRESETS)}")
+    of_task = {} if task_settings is None else task_settings
+    for key, _ in entries(of_task, "the task's settings", '{"*": {"planner": {"depth": 5}}}'):
+        if key != "*" and key not in PRESETS:
+            advice = did_you_mean(str(key), ["*", *PRESETS])
+            if key in Settings.model_fields:
+                advice = f'settings of every preset are written {{"*": {{{key!r}: ...}}}}'
+            raise SettingsError(
+                f"the task changes settings of a preset `{key}`, which does not exist; {advice}"
+            )
+    settings = Settings().replace(PRESETS[preset])
+    for key in ("*", preset):
+        settings = settings.replace(of_task.get(key, {}))
+    return settings.replace({} if changes is None else changes)

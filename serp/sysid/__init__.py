@@ -1,1 +1,0 @@
-"""System identification: regressions that estimate a transition model from observed transitions."""

@@ -1,1 +1,0 @@
-"""Worlds made of domain files, without an environment of their own."""

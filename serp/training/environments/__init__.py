@@ -1,1 +1,0 @@
-"""Tasks as Gymnasium environments, for learners that bring their own training loop."""

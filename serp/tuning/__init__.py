@@ -1,1 +1,0 @@
-"""Tuning settings on a task."""

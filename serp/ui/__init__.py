@@ -1,0 +1,18 @@
+"""What people see: the command line, reports, pictures, the studio."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NoReturn
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command and exit with its status.
+
+    Args:
+        arguments: What follows `serp`; by default what the user typed.
+    """
+    from serp.ui.main import serp
+
+    serp(arguments, prog_name="serp")
+    raise AssertionError("click exits by itself")

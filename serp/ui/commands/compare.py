@@ -1,0 +1,182 @@
+"""`serp compare`: several algorithms on one task, under one protocol."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp.ui.asked import asked_task
+from serp.ui.main import say, stopped_by
+from serp.ui.options import (
+    max_ground_schemas_option,
+    own_task_name,
+    own_task_option,
+    parse_seeds,
+    parse_settings,
+)
+from serp.ui.output import examples, open_console, print_result, print_table
+
+if TYPE_CHECKING:
+    from serp.runs.comparison.compare import Comparison
+
+
+@click.command(
+    "compare",
+    epilog=examples(
+        "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
+        "serp compare --domain cartpole --model-variants all",
+        "serp compare --domain cartpole --model-variants cartpole-reversed,cartpole-cart-only",
+        "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
+        "serp compare --out runs/soccer --algorithms ppo --seeds 10",
+        "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
+    ),
+)
+@click.option("--domain", metavar="NAME|FILE",
+              help="Installed task, or a domain file of one; any other file is a world, as in "
+                   "serp play.")  # fmt: skip
+@own_task_option
+@click.option("--algorithms", multiple=True, metavar="NAME,...",
+              help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
+                   "with a setting changed. May be repeated.  "
+                   "[default: serp,mrp,dqn]")  # fmt: skip
+@click.option("--seeds", metavar="N|A-B|A,B",
+              help="How many seeds from 0 on, or the seeds themselves.  [default: 5]")  # fmt: skip
+@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
+              help="Budget of each training.")  # fmt: skip
+@click.option("--model-variants", multiple=True, metavar="FILE,...",
+              help="Other domain files for the task, to see how bad the model may be: files, "
+                   "names of files beside the task's own, patterns, or `all`. May be "
+                   "repeated.")  # fmt: skip
+@click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
+              help="Change a setting of all of serp's algorithms that do not set it themselves; "
+                   "may be repeated.")  # fmt: skip
+@click.option("--threshold", type=float, metavar="X",
+              help="Return from which a policy counts as good.")  # fmt: skip
+@click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
+              help="Evaluate the learner alone every N env steps.  "
+                   "[default: budget/10]")  # fmt: skip
+@click.option("--evaluation-episodes", type=click.IntRange(min=1), metavar="N",
+              help="Episodes of each such evaluation.  [default: 10]")  # fmt: skip
+@click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
+              help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Folder of the comparison; one that is there is continued.  "
+                   "[default: runs/compare-<domain>-<time>]")  # fmt: skip
+@click.option("--jobs", type=click.IntRange(min=1), metavar="N",
+              help="Trials at the same time.  [default: one a core]")  # fmt: skip
+@click.option("--engine", metavar="local|ray|dask", default="local", show_default=True,
+              help="What runs the trials: processes of this machine, or a cluster.")  # fmt: skip
+@click.option("--address", metavar="ADDRESS",
+              help="The cluster of the engine.  [default: the engine starts workers "
+                   "here]")  # fmt: skip
+@click.option("--merge", type=click.Path(path_type=Path), multiple=True, metavar="DIR",
+              help="Copy the trials of another comparison into --out first; may be "
+                   "repeated.")  # fmt: skip
+@max_ground_schemas_option
+@click.option("--quiet", is_flag=True, help="No display; print the folder alone.")
+@click.option("--list", "listing", is_flag=True, help="List the algorithms.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    /,
+    domain: str | None,
+    algorithms: tuple[str, ...],
+    seeds: str | None,
+    model_variants: tuple[str, ...],
+    assignments: tuple[str, ...],
+    max_ground_schemas: int | None,
+    listing: bool,
+    **options: Any,
+) -> int | None:
+    """Train several algorithms on one task, with the same budget, seeds, reward and observation.
+
+    The report says how fast each learns, what it costs and what is left to chance. With the same
+    --out only what is missing is run: more algorithms, seeds or domain files, or the rest of what
+    Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
+    """
+    if listing:
+        _list()
+        return None
+    task = asked_task(domain, max_ground_schemas, worlds=True)
+    if task is None and options["out"] is None:
+        raise click.UsageError(
+            "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
+        )
+    if task is None and max_ground_schemas is not None:
+        raise click.UsageError(
+            "--max-ground-schemas cannot change in a comparison that is continued", ctx
+        )
+    names = _named(algorithms, "--algorithms")
+    options |= {
+        "algorithms": names,
+        "changed": {
+            name: parse_settings(name.partition(":")[2].split(";")) for name in names if ":" in name
+        },
+        "seeds": parse_seeds(seeds),
+        "settings": parse_settings(assignments),
+        "model_variants": _named(model_variants, "--model-variants"),
+    }
+    from serp.errors import Interrupted
+    from serp.runs.comparison.compare import compare
+
+    try:
+        comparison = compare(task, **options)
+    except Interrupted as stop:
+        missing = " and --out of that folder." if options["out"] is None else "."
+        say(f"{stop}.\nGo on with the same command{missing}")
+        return stopped_by(stop)
+    if options["quiet"]:
+        print_result(comparison.path)
+    else:
+        _print_results(comparison, domain if task is not None and task.world else None)
+    return None
+
+
+def _named(texts: tuple[str, ...], option: str) -> list[str]:
+    """Return the names that an option was given, apart by commas or given one by one.
+
+    Raises:
+        BadParameter: A text names nothing.
+    """
+    names: list[str] = []
+    for text in texts:
+        parts = re.split(r",(?![^\[(]*[\])])", text)  # commas outside brackets
+        found = [part.strip() for part in parts if part.strip()]
+        if not found:
+            raise click.BadParameter("nothing is named", param_hint=option)
+        names += found
+    return names
+
+
+def _list() -> None:
+    from serp.runs.comparison.algorithms import OWN, algorithm_entries
+
+    rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
+    rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]
+    print_table(open_console(), ("algorithm", ""), rows)
+
+
+def _print_results(comparison: Comparison, world: str | None) -> None:
+    own = own_task_name()
+    more = ["serp", "compare", *(("--task", own) if own else ())]
+    more += [*(("--domain", world) if world else ()), "--out", str(comparison.path)]
+    more += ["--seeds", "10"]
+    console = open_console()
+    console.print("")
+    print_table(console, *comparison.overview())
+    if comparison.caution is not None:
+        console.print(f"\n{comparison.caution}")
+    console.print("\nNext:")
+    print_table(
+        console,
+        ("", ""),
+        [
+            (f"  {comparison.path / 'report.html'}", "the whole comparison on one page"),
+            (f"  {comparison.path / 'measures.csv'}", "all measures, a row a trial"),
+            ("  " + shlex.join(more), "more seeds; what is there is kept"),
+        ],
+    )  # fmt: skip

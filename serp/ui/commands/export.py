@@ -1,0 +1,36 @@
+"""`serp export`: the trained policy of a run as a folder that a robot without serp decides by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from serp.ui.asked import open_run
+from serp.ui.main import say
+from serp.ui.options import own_task_option
+from serp.ui.output import examples
+
+
+@click.command(
+    "export",
+    epilog=examples("serp export runs/seven -o policy", "serp export runs/seven -o robot/policy"),
+)
+@click.argument("run", type=click.Path(path_type=Path))
+@own_task_option
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, metavar="FOLDER",
+              help="The new folder.")  # fmt: skip
+def command(run: Path, out: Path) -> None:
+    """Export the trained policy of RUN, the folder that plan-and-learn made, to FOLDER.
+
+    FOLDER holds the learner as ONNX, model, planner and vetoes as data, and a controller in Python
+    that decides as the policy does and needs NumPy and onnxruntime alone. What it cannot reproduce
+    is refused.
+    """
+    from serp.runs.policy_export import export_policy
+
+    export_policy(open_run(run), out)
+    say(
+        f"{out} holds the policy. With NumPy and onnxruntime, in that folder: "
+        "from controller import Controller"
+    )

@@ -1,0 +1,90 @@
+"""`serp list`: what is installed."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import click
+
+from serp.ui.output import examples, open_console, print_table
+
+PRESETS = {
+    "default": "what gives the best result today",
+    "paper": "Algorithm 1 and section 4 of the paper to the letter",
+}
+
+
+@click.command("list", epilog=examples("serp list"))
+def command() -> None:
+    """List the installed tasks, with their domain files, and what the settings can name."""
+    from serp._util.plugins import offered
+    from serp.agent.registry import KINDS, PLANNERS
+    from serp.runs.comparison.algorithms import GROUP, OWN
+    from serp.runs.comparison.workers import GROUP as ENGINES
+    from serp.runs.comparison.workers import LOCAL
+    from serp.tasks.registry import task_entries
+
+    console = open_console()
+    rows, styles = [], []
+    for name, entry in sorted(task_entries().items()):
+        description, domain, broken = _about(name)
+        rows.append((name, description, domain, _package(entry)))
+        styles.append("red" if broken else "")
+    if rows:
+        print_table(console, ("task", "", "domain file", "package"), rows, styles=styles)
+    else:
+        console.print("No task is installed.")
+    own = {name: algorithm.description for name, algorithm in OWN.items()}
+    groups = {GROUP: ("algorithm", "algorithm (serp compare)", own)} | {
+        group: (what, f"{setting} ({'--planner' if group == PLANNERS else '--set'})", {})
+        for group, (what, setting) in KINDS.items()
+    }
+    groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes of this machine"}
+    console.print("")
+    print_table(console, ("preset", ""), list(PRESETS.items()))
+    for group, (what, title, known) in groups.items():
+        shown = [(name, text, "") for name, text in known.items()]
+        styles = [""] * len(shown)
+        for name, entry in sorted(offered(group).items()):
+            description, broken = _first_line(entry, what)
+            shown.append((name, description, _package(entry)))
+            styles.append("red" if broken else "")
+        console.print("")
+        print_table(console, (title, "", "package"), shown, styles=styles)
+
+
+def _first_line(entry: EntryPoint, what: str) -> tuple[str, bool]:
+    """Return how an implementation describes itself, and whether it cannot be loaded."""
+    from serp._util.plugins import first_line, loading
+    from serp.errors import SerpError
+
+    try:
+        with loading(entry, what, SerpError):
+            return first_line(entry.load()), False
+    except SerpError as error:
+        return str(error), True
+
+
+def _about(name: str) -> tuple[str, str, bool]:
+    """Return description and domain file of a task, and whether it cannot be loaded."""
+    from serp.errors import SerpError
+    from serp.model.domain import Domain
+    from serp.tasks.registry import find_domain_file, load_task
+
+    try:
+        task = load_task(name)
+    except SerpError as error:
+        return str(error), "", True
+    shipped = Path(task.domain.source.name if isinstance(task.domain, Domain) else task.domain)
+    own = find_domain_file(name)
+    if own is None:
+        return task.description, str(shipped), False
+    same = own.resolve() == shipped.resolve()
+    return task.description, str(own) if same else f"{own} (instead of the installed one)", False
+
+
+def _package(entry: EntryPoint) -> str:
+    if entry.dist is None:
+        return entry.value
+    return f"{entry.dist.name} {entry.dist.version}"

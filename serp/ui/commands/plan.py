@@ -1,0 +1,185 @@
+"""`serp plan`: one decision of the planner, as a table, JSON or a picture."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp.errors import SettingsError
+from serp.ui.asked import asked_domain, asked_own_task
+from serp.ui.main import say
+from serp.ui.options import OutputFile, max_ground_schemas_option, own_task_option, settings_option
+from serp.ui.output import examples, learned_from, open_console, print_json
+from serp.ui.state import MakePlanner, asked_state
+
+if TYPE_CHECKING:
+    from serp.model.domain import Domain
+    from serp.settings import Changes
+    from serp.tasks.task import Task
+
+
+_USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
+"""The settings of one decision."""
+
+
+@click.command(
+    "plan",
+    epilog=examples(
+        "serp plan --domain cartpole",
+        "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
+        "serp plan --domain my/world.pddl --problem my/world-problem.pddl --depth 4",
+        "serp plan --domain my/world.pddl --planner lookahead --svg decision.svg",
+        "serp plan runs/seven --seed 3",
+    ),
+)
+@click.argument("run", type=click.Path(path_type=Path), required=False)
+@click.option("--domain", "name", metavar="NAME|FILE",
+              help="Installed task, or any domain file.")  # fmt: skip
+@own_task_option
+@click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
+              help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
+@max_ground_schemas_option
+@click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
+              help="Values of fluents; may be repeated.")  # fmt: skip
+@click.option("--observe", is_flag=True,
+              help="Take the state from the environment: the first one in which the actions have "
+                   "different best returns; with --state, the one after a reset.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+              help="Seed of the reset.")  # fmt: skip
+@click.option(
+    "--planner",
+    "planner_name",
+    metavar="NAME",
+    help="Who plans.  [default: the planner of a training]",
+)
+@click.option("--depth", type=click.IntRange(min=1), metavar="N",
+              help="Actions to look ahead, where the planner does not see to the end.  "
+                   "[default: the task's, else 5]")  # fmt: skip
+@click.option("--discount", type=click.FloatRange(0, 1, min_open=True), metavar="X",
+              help="Weight of a reward one control period later.")  # fmt: skip
+@click.option("--repeat", type=click.IntRange(min=1), metavar="N",
+              help="Control periods that an action is repeated for in the lookahead.")  # fmt: skip
+@click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
+              help="Control period.  [default: the task's, else 1]")  # fmt: skip
+@click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), default=10.0,
+              show_default=True, metavar="S", help="Most seconds to look ahead.")  # fmt: skip
+@settings_option
+@click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
+              help="Draw the planning graph there, that of the lookahead.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+def command(
+    run: Path | None,
+    name: str | None,
+    problem: Path | None,
+    max_ground_schemas: int | None,
+    assignments: tuple[str, ...],
+    observe: bool,
+    seed: int,
+    svg: Path | None,
+    as_json: bool,
+    **planning: Any,
+) -> None:
+    """Show what the planner decides in one state, and why.
+
+    The state is what --state says, the rest of it from the problem file or (with --observe) from
+    the task's environment. With neither, the problem's initial state is taken, or else one that is
+    observed. While the planner is indifferent there, its action is executed, and the next state is
+    tried.
+
+    The planner is the one that a training begins with, with the settings of the task. The picture
+    is one of the lookahead, and says so where the planner sees something else.
+
+    With RUN, the folder of a training, the decision is that of its planner, with the model that it
+    plans with, whatever that has learned.
+    """
+    from serp.ui.planner import RunPlanner, asked_run
+
+    domain, task, make_planner = (
+        _asked(name, problem, max_ground_schemas, **planning)
+        if run is None
+        else asked_run(run, planning["time_budget"])
+    )
+    domain, state, origin = asked_state(
+        domain, task, make_planner, assignments, observe=observe, seed=seed
+    )
+    planner = make_planner(domain)
+    plan = planner.plan(state)
+
+    from serp.agent.sentences import lines_of_flips
+    from serp.ui.decision import account_of_plan, describe, print_plan
+
+    account = account_of_plan(planner, state, plan)
+    flips = planner.flips(state) if isinstance(planner, RunPlanner) else None
+    if as_json:
+        told = describe(domain.name, origin, planner, account, plan)
+        print_json({**told, "flips": None if flips is None else asdict(flips)})
+    else:
+        console = open_console()
+        print_plan(console, domain.name, origin, planner, account, plan)
+        if flips is not None:
+            console.print("")
+            for line in [*lines_of_flips(flips), flips.searched]:
+                console.print(line)
+        if isinstance(planner, RunPlanner):
+            console.print(f"The model of {run} is {planner.adoption}.")
+        elif task is not None and domain.model.rewarding:
+            console.print(learned_from(domain, task))
+    if svg is not None:
+        from serp._util.files import write_durably
+        from serp.ui.pictures.plan_picture import plan_picture
+
+        drawn, what = plan, "The planning graph"
+        if not planner.decided_by_graph(plan):  # what else it sees cannot be drawn
+            drawn, what = planner.lookahead(state), "What the lookahead alone would choose"
+            origin += ": the lookahead alone"
+        write_durably(svg, plan_picture(drawn, planner, title=f"{domain.name}, {origin}"))
+        say(f"{what} is drawn in {svg}")
+
+
+def _asked(
+    name: str | None, problem: Path | None, max_ground_schemas: int | None, **planning: Any
+) -> tuple[Domain, Task | None, MakePlanner]:
+    """Return domain, task and planner that options ask for."""
+    from serp.tasks.registry import find_domain_file
+
+    own = asked_own_task()
+    if name is None and own is None:
+        raise click.UsageError(
+            "give --domain (`serp list` names the tasks), --task, or the folder of a run"
+        )
+    file = find_domain_file(name) if name is not None else None
+    domain, task = asked_domain(str(name), file, problem, max_ground_schemas, own)
+    return domain, task, _planning(task, **planning)
+
+
+def _planning(
+    task: Task | None,
+    settings: Changes,
+    dt: float | None,
+    time_budget: float,
+    planner_name: str | None,
+    **options: Any,
+) -> MakePlanner:
+    """Return a function that makes the planner of a domain, as task, settings and options say."""
+    from serp.settings import resolve
+    from serp.tasks.file_world import STEP_BY_STEP
+    from serp.ui.planner import ChosenPlanner, chosen_planner
+
+    every = resolve("default", STEP_BY_STEP if task is None else task.settings, settings)
+    for section, values in settings.items():
+        for name in values:
+            if section != "planner" or name not in _USED:
+                known = ", ".join(f"planner.{used}" for used in _USED)
+                raise SettingsError(f"--set {section}.{name}: one decision uses only {known}")
+    given = {name: value for name, value in options.items() if value is not None}
+    if planner_name is not None:
+        given["name"] = planner_name
+    chosen, period = every.planner.replace(**given), dt or (task.dt if task else 1.0)
+
+    def make_planner(domain: Domain) -> ChosenPlanner:
+        return chosen_planner(domain.model.replace(dt=period), chosen, task, time_budget)
+
+    return make_planner

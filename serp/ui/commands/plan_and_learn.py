@@ -1,0 +1,133 @@
+"""`serp plan-and-learn`: train, or continue a training."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from serp.ui.asked import asked_task
+from serp.ui.options import max_ground_schemas_option, own_task_option, settings_option
+from serp.ui.output import examples
+from serp.ui.trained import train
+
+_FROM_OUT = ""
+"""What `--resume` holds without a value of its own."""
+_FIXED = {
+    "preset": "--preset",
+    "seed": "--seed",
+    "adapt": "--adapt",
+    "planner": "--planner",
+    "num_envs": "--num-envs",
+    "max_ground_schemas": "--max-ground-schemas",
+    "settings": "--set",
+}
+"""What cannot change in a run that is resumed."""
+
+
+def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        raise click.UsageError(f"{option.opts[0]} is now called --adapt", ctx)
+
+
+@click.command(
+    "plan-and-learn",
+    epilog=examples(
+        "serp plan-and-learn --domain cartpole",
+        "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
+        "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
+        "serp plan-and-learn --domain cartpole --adapt off",
+        "serp plan-and-learn --domain taxi --planner far-sight+lookahead",
+        "serp plan-and-learn --domain cartpole --num-envs 16",
+        "serp plan-and-learn --task my_robot.py",
+        "serp plan-and-learn --resume runs/seven --episodes 500",
+    ),
+)
+@click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
+@own_task_option
+@click.option("--preset", metavar="default|paper", default="default", show_default=True,
+              help="Settings to begin with.")  # fmt: skip
+@click.option("--episodes", type=click.IntRange(min=1), metavar="N",
+              help="Train until N episodes have ended.")  # fmt: skip
+@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
+              help="Train for N steps in the environment.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+              help="Seed of everything random.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
+@click.option("--resume", is_flag=False, flag_value=_FROM_OUT, metavar="[RUN]",
+              help="Continue a run: this one, or that in --out.")  # fmt: skip
+@click.option("--adapt", metavar="off|parameters|residual|full",
+              help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
+@click.option(
+    "--planner",
+    metavar="NAME[+NAME…]",
+    help="The planner; the better one of several is found.  [default: by the preset]",
+)
+@click.option("--num-envs", type=click.IntRange(min=1), metavar="N",
+              help="Step N environments at the same time.  [default: 1]")  # fmt: skip
+@click.option("--correct", hidden=True, expose_value=False, callback=_renamed)
+@max_ground_schemas_option
+@settings_option
+@click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
+def command(
+    domain: str | None,
+    out: Path | None,
+    resume: str | None,
+    adapt: str | None,
+    planner: str | None,
+    num_envs: int | None,
+    max_ground_schemas: int | None,
+    settings: dict[str, dict[str, Any]],
+    quiet: bool,
+    **options: Any,
+) -> int | None:
+    """Train on a task, or continue a training.
+
+    The planner acts from the first step and the learner takes over; what the domain file flags
+    unsafe is refused whenever there is a choice.
+
+    A run that Ctrl-C, SIGTERM or SIGHUP stops (exit status 130, 143, 129) has lost nothing: the
+    episode is finished first. A second one stops at once, and the run goes on from its last
+    checkpoint.
+    """
+    _set(settings, "adaptation", "mode", "--adapt", adapt)
+    _set(settings, "planner", "name", "--planner", planner)
+    _set(settings, "training", "num_envs", "--num-envs", num_envs)
+    resuming = resume is not None
+    path = out if resume is None else _run_to_resume(resume, out)
+    task = asked_task(domain, max_ground_schemas)
+    if task is None and not resuming:
+        raise click.UsageError(
+            "give --domain (`serp list` names the tasks), --task, or --resume RUN"
+        )
+    return train(
+        task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet, **options
+    )
+
+
+def _set(
+    settings: dict[str, dict[str, Any]], section: str, name: str, option: str, value: Any
+) -> None:
+    """Set what an option of its own says, unless `--set` says it, too."""
+    if value is None:
+        return
+    if name in settings.setdefault(section, {}):
+        raise click.UsageError(f"give {option} or --set {section}.{name}, not both")
+    settings[section][name] = value
+
+
+def _run_to_resume(given: str, out: Path | None) -> Path:
+    """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
+    for name, option in _FIXED.items():
+        source = click.get_current_context().get_parameter_source(name)
+        if source is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{option} cannot change in a run that is resumed")
+    if given and out is not None and Path(given) != out:
+        raise click.UsageError(f"which run: --resume {given} or --out {out}?")
+    path = Path(given) if given else out
+    if path is None:
+        raise click.UsageError("give the run to continue: --resume RUN")
+    return path

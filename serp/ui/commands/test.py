@@ -1,0 +1,217 @@
+"""`serp test`: whether a controller does in given situations what the expert expects."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp._util.text import plural
+from serp.errors import SerpError, with_notes
+from serp.ui.asked import asked_domain, asked_own_task, open_run
+from serp.ui.main import DONE, MISTAKE, say
+from serp.ui.options import own_task_option, settings_option
+from serp.ui.output import examples, open_console, print_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.authoring.scenarios.checking import Result
+    from serp.authoring.scenarios.files import ScenarioFile
+
+
+@click.command(
+    "test",
+    epilog=examples(
+        "serp test cartpole",
+        "serp test domains/*.pddl",
+        "serp test domains/soccer.pddl -k goal",
+        "serp test cartpole --run runs/seven",
+        "serp test new.pddl --scenarios domains/cartpole.scenarios",
+        "serp test cartpole.pddl --update runs/seven --step 1204",
+    ),
+)
+@click.argument("names", metavar="FILE|NAME...", nargs=-1)
+@own_task_option
+@click.option("-k", "words", default="", metavar="WORDS",
+              help="Only scenarios whose title has these words.")  # fmt: skip
+@click.option("--scenarios", "file", type=click.Path(path_type=Path), metavar="FILE",
+              help="Another file of scenarios, such as that of a similar domain.")  # fmt: skip
+@click.option("--run", type=click.Path(path_type=Path), metavar="RUN",
+              help="Ask planner and vetoes of a run, with the model that it has learned.",
+              )  # fmt: skip
+@click.option("--update", type=click.Path(path_type=Path), metavar="RUN",
+              help="Write a recorded step of a run into the file, as a scenario with what holds "
+                   "there now.")  # fmt: skip
+@click.option("--step", type=click.IntRange(min=0), metavar="N",
+              help="The step, as `serp why` counts.")  # fmt: skip
+@click.option("--episode", type=click.IntRange(min=1), metavar="E",
+              help="The episode in which --step counts.")  # fmt: skip
+@click.option("--title", metavar="TEXT", help="Its title; a scenario that has it is replaced.",
+              )  # fmt: skip
+@click.option("--preset", default="default", show_default=True, metavar="NAME",
+              help="default or paper.")  # fmt: skip
+@settings_option
+@click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
+              help="Control period.  [default: the task's, else 1]")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print all results as JSON.")
+def command(
+    names: tuple[str, ...],
+    words: str,
+    update: Path | None,
+    step: int | None,
+    episode: int | None,
+    title: str | None,
+    as_json: bool,
+    **deciding: Any,
+) -> int:
+    """Check the scenarios beside domain files: NAME.scenarios beside NAME.pddl.
+
+    A scenario is a situation and what is expected in it: what the planner chooses, what is refused
+    and why, what an action is worth, what comes of it. Without an argument, all scenario files here
+    and in `domains` are checked.
+
+    Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
+    """
+    console = open_console()
+    if update is not None:
+        _update(names, update, step, episode, title, **deciding)
+        return DONE
+    if step is not None or episode is not None or title is not None:
+        raise click.UsageError("--step, --episode and --title belong to --update RUN")
+    files, passed, wrong, results = _asked(names), 0, 0, []
+    for position, name in enumerate(files):
+        try:
+            file = _opened(name, **deciding)
+            found = _report(console if not as_json else None, file, words, first=not position)
+        except SerpError as error:
+            say(with_notes(error), head="Error: ")
+            wrong += 1
+            continue
+        results += [_as_json(file, result) for result in found]
+        passed += sum(result.passed for result in found)
+    failed = len(results) - passed
+    if as_json:
+        print_json({"passed": passed, "failed": failed, "wrong": wrong, "scenarios": results})
+    elif results:
+        style = "bold green" if not failed and not wrong else "bold red"
+        total = f"{passed} passed" + (f", {failed} failed" if failed else "")
+        total += f", {plural(wrong, 'file')} wrong" if wrong else ""
+        console.print(f"\n{total}", style=style)
+    elif not wrong:
+        raise SerpError(f"no scenario has the words `{words}` in its title")
+    return DONE if not failed and not wrong else MISTAKE
+
+
+def _update(
+    names: tuple[str, ...],
+    of: Path,
+    step: int | None,
+    episode: int | None,
+    title: str | None,
+    **deciding: Any,
+) -> None:
+    """Write a recorded step into the scenario file of a domain."""
+    from serp._util.files import write_durably
+    from serp.authoring.scenarios.files import add_scenario, recorded_step
+
+    if step is None or len(_asked(names)) != 1:
+        raise click.UsageError("--update takes one domain and --step N")
+    (name,) = _asked(names)
+    file = _opened(name, make=True, **deciding)
+    recording, found = recorded_step(of, step, episode)
+    where = f"step {step} of " + ("" if episode is None else f"episode {episode} of ") + str(of)
+    text = add_scenario(file, title or where, where, recording, found)
+    write_durably(Path(file.source.name), text)
+    say(f"{file.source.name}: the scenario `{title or where}` is written")
+
+
+def _asked(names: tuple[str, ...]) -> list[str]:
+    """Return the domains to be tested, by name or file."""
+    from serp.authoring.scenarios.syntax import SUFFIX
+
+    if not names and asked_own_task() is not None:
+        return [""]
+    if names:
+        return [
+            str(Path(name).with_suffix(".pddl")) if name.endswith(SUFFIX) else name
+            for name in names
+        ]
+    here = [*Path().glob(f"*{SUFFIX}"), *Path("domains").glob(f"*{SUFFIX}")]
+    if not here:
+        raise click.UsageError(
+            "there are no scenario files here; name a domain file or a task: serp test cartpole"
+        )
+    return [str(file.with_suffix(".pddl")) for file in sorted(here)]
+
+
+def _opened(
+    name: str,
+    file: Path | None,
+    run: Path | None,
+    preset: str,
+    settings: Mapping[str, Mapping[str, Any]],
+    dt: float | None,
+    *,
+    make: bool = False,
+) -> ScenarioFile:
+    """Return the scenarios of a domain, with who decides in them.
+
+    With `make`, a file that is not there has no scenarios.
+    """
+    from serp.authoring.scenarios.checking import trained
+    from serp.authoring.scenarios.files import ScenarioFile, read_beside, scenarios_beside
+    from serp.pddl.source import Source
+    from serp.settings import resolve
+    from serp.tasks.file_world import STEP_BY_STEP
+    from serp.tasks.registry import find_domain_file
+
+    own = asked_own_task()
+    found = find_domain_file(name) if name else None
+    domain, task = asked_domain(name, found, None, None, own)
+    if file is None and make and not scenarios_beside(domain).exists():
+        source = Source(str(scenarios_beside(domain)), "")
+    else:
+        source = read_beside(domain) if file is None else Source.read(file)
+    if run is not None:
+        return ScenarioFile(source, trained(open_run(run).agent, domain))
+    used = resolve(preset, STEP_BY_STEP if task is None else task.settings, settings)
+    period = dt or (task.dt if task else 1.0)
+    return ScenarioFile.open(source, domain, used, period, task)
+
+
+def _report(
+    console: Console | None, file: ScenarioFile, words: str, *, first: bool
+) -> list[Result]:
+    """Check the scenarios of a file, and print each as soon as it is checked."""
+    from serp.authoring.scenarios.files import recorded_values
+
+    if console is not None:
+        console.print(("" if first else "\n") + file.source.name, style="bold")
+    results = []
+    for result in file.run(recorded_values, words):
+        results.append(result)
+        if console is None:
+            continue
+        mark, style = ("ok  ", "green") if result.passed else ("FAIL", "bold red")
+        console.print(f"  {mark}  {result.scenario.title}", style=style)
+        for failure in result.failures:
+            console.print(f"        line {failure.line}: {failure.expected}")
+            console.print(f"          {failure.found}", style="red")
+            for action, lines in failure.causes.items():
+                for line in lines:
+                    console.print(f"            {action}: {line}", style="dim")
+    return results
+
+
+def _as_json(file: ScenarioFile, result: Result) -> dict[str, Any]:
+    return {
+        "file": file.source.name,
+        "line": result.scenario.place.line,
+        "title": result.scenario.title,
+        "passed": result.passed,
+        "failures": [dataclasses.asdict(failure) for failure in result.failures],
+    }

@@ -1,0 +1,136 @@
+"""`serp tune`: search settings by the returns of whole trainings."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp._util.text import readable
+from serp.ui.asked import asked_task
+from serp.ui.main import say, stopped_by
+from serp.ui.options import (
+    max_ground_schemas_option,
+    own_task_name,
+    own_task_option,
+    parse_seeds,
+    settings_option,
+)
+from serp.ui.output import examples, open_console, print_result, print_table
+
+if TYPE_CHECKING:
+    from serp.runs.tuning import Tuned
+
+
+@click.command(
+    "tune",
+    epilog=examples(
+        "serp tune --domain cartpole --vary learner.learning_rate=log:1e-4..1e-2",
+        "serp tune --domain cartpole --vary planner.depth=2..7 --vary learner.double",
+        "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --storage soccer.db",
+        "serp tune --domain soccer --vary learner.n_step=1..10 --algorithm dqn --prune",
+    ),
+)
+@click.option("--domain", metavar="NAME|FILE",
+              help="Installed task, or a domain file of one; any other file is a world, as in "
+                   "serp play.")  # fmt: skip
+@own_task_option
+@click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME[=VALUES]",
+              help="A setting and its values: a range (2..7, log:1e-4..1e-2), or values "
+                   "(mse,huber); without any, all values of a truth value or word. May be "
+                   "repeated.")  # fmt: skip
+@click.option("--algorithm", metavar="NAME", default="serp", show_default=True,
+              help="One of serp's algorithms.")  # fmt: skip
+@click.option("--objective", type=click.Choice(["training", "evaluation"]), default="training",
+              show_default=True,
+              help="Area under the training curve, or return of the trained "
+                   "policy.")  # fmt: skip
+@click.option("--trials", type=click.IntRange(min=1), metavar="N", default=50, show_default=True,
+              help="Trials of the study in all.")  # fmt: skip
+@click.option("--seeds", metavar="N|A-B|A,B",
+              help="How many seeds from 1000 on, or the seeds themselves.  "
+                   "[default: 3]")  # fmt: skip
+@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
+              help="Budget of each training.")  # fmt: skip
+@settings_option
+@click.option("--storage", metavar="FILE|URL",
+              help="Where the study is; one that is there is continued.  "
+                   "[default: runs/tune-<domain>-<time>.db]")  # fmt: skip
+@click.option("--study", metavar="NAME", help="Its name there.  [default: that of the task]")
+@click.option("--prune", is_flag=True, help="End a trial after a seed if it is below the median.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+              help="Seed of the search.")  # fmt: skip
+@click.option("--engine", metavar="local|ray|dask", default="local", show_default=True,
+              help="What runs the trainings, as in serp compare.")  # fmt: skip
+@click.option("--address", metavar="ADDRESS", help="The cluster of the engine.")
+@click.option("--jobs", type=click.IntRange(min=1), metavar="N",
+              help="Trainings at the same time.  [default: one a core]")  # fmt: skip
+@max_ground_schemas_option
+@click.option("--quiet", is_flag=True, help="No display; print the best settings alone.")
+def command(
+    domain: str | None,
+    vary: tuple[str, ...],
+    seeds: str | None,
+    max_ground_schemas: int | None,
+    quiet: bool,
+    **options: Any,
+) -> int | None:
+    """Search settings by the returns of whole trainings, with Optuna.
+
+    With the same --storage the study goes on, in one process or in several. Its seeds are not
+    those of `serp compare`, so that results are not those of the seeds that were tuned on.
+    """
+    task = asked_task(domain, max_ground_schemas, worlds=True)
+    if task is None:
+        raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
+    varied = {name: values for name, _, values in (text.partition("=") for text in vary)}
+    if len(varied) < len(vary):
+        raise click.UsageError("--vary: a setting is given twice")
+    from serp.errors import Interrupted
+    from serp.runs.tuning import tune
+
+    try:
+        tuned = tune(task, vary=varied, seeds=parse_seeds(seeds), quiet=quiet, **options)
+    except Interrupted as stop:
+        say(f"{stop}.\nGo on with the same command and --storage.")
+        return stopped_by(stop)
+    assignments = [
+        f"{section}.{name}={_text(value)}"
+        for section, values in tuned.settings.items()
+        for name, value in values.items()
+    ]
+    if quiet:
+        print_result(" ".join(assignments))
+    else:
+        _print_results(tuned, assignments, options["algorithm"], domain)
+    return None
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
+
+
+def _print_results(
+    tuned: Tuned, assignments: list[str], algorithm: str, domain: str | None
+) -> None:
+    own = own_task_name()
+    changed = f"{algorithm}:{';'.join(assignments)}"
+    compare = ["serp", "compare", *(("--task", own) if own else ()),
+               *(("--domain", domain) if domain else ()),
+               "--algorithms", f"{changed},{algorithm}", "--seeds", "10"]  # fmt: skip
+    before = "" if tuned.before is None else f" ({readable(tuned.before)} as they were)"
+    console = open_console()
+    console.print("")
+    rows = [(text, "") for text in assignments]
+    print_table(console, (f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
+    console.print("\nNext:")
+    print_table(
+        console,
+        ("", ""),
+        [
+            (f"  {shlex.join(compare)}", "whether they are better, with other seeds"),
+            (f"  optuna-dashboard {tuned.storage}", "the study in a browser"),
+        ],
+    )  # fmt: skip

@@ -1,0 +1,113 @@
+"""`serp why`: one recorded step of a run, explained in the words of its domain file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from serp.ui.output import examples, open_console, print_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.runs.agreeing import RunModel
+    from serp.runs.recording import Recording
+    from serp.runs.step_account import FoundStep, StepAccount
+
+
+@click.command(
+    "why",
+    epilog=examples(
+        "serp why runs/seven",
+        "serp why runs/seven --step 1204",
+        "serp why runs/seven --episode 12 --step 37",
+        "serp why runs/seven --episode 12 --time 0:14.4",
+        "serp why runs/seven --evaluation serp-seed0 --episode 3 --step 8 --json",
+    ),
+)
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--step", type=click.IntRange(min=0), metavar="N",
+              help="The step: as in decisions.csv, from 0; with --episode that of the episode, "
+                   "from 1.  [default: the one that tells most]")  # fmt: skip
+@click.option("--episode", type=click.IntRange(min=1), metavar="E", help="The episode, from 1.")
+@click.option("--time", metavar="M:SS", help="Time since the episode began, instead of --step.")
+@click.option("--evaluation", metavar="NAME",
+              help="A step of an evaluation, such as serp-seed0, instead of the training.",
+              )  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+def command(
+    run: Path,
+    step: int | None,
+    episode: int | None,
+    time: str | None,
+    evaluation: str | None,
+    as_json: bool,
+) -> None:
+    """Explain a step of RUN, the folder that plan-and-learn made.
+
+    Who acted and why; the state; every action with its value, risk and reward, and what of the
+    domain file is behind them; what was predicted and what came; the next best action, and what
+    would have had to differ for it. Without a step, the last refused proposal that was applicable
+    is explained, else the last unsafe step, else the last refused proposal, else the last step.
+    """
+    from serp.runs.agreeing import RunModel
+    from serp.runs.step_account import account_of_step
+
+    read = RunModel(run)
+    recording = read.recording(evaluation)
+    account = account_of_step(read, recording, _asked(recording, step, episode, time))
+    if as_json:
+        told = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
+        print_json({**told, **account.as_dict()})
+    else:
+        _print(open_console(), read, account)
+
+
+def _asked(
+    recording: Recording, step: int | None, episode: int | None, time: str | None
+) -> FoundStep:
+    """Return the step that the options ask for."""
+    from serp.runs.step_account import FoundStep, most_telling, seconds_of, step_at
+
+    if time is not None:
+        if step is not None or episode is None:
+            raise click.UsageError("--time is a time in an episode: give --episode, and no --step")
+        return step_at(recording, episode, seconds_of(time))
+    if step is None:
+        if episode is not None:
+            raise click.UsageError("give --step or --time beside --episode")
+        return most_telling(recording)
+    return FoundStep(step if episode is None else recording.find(episode, step))
+
+
+def _print(console: Console, run: RunModel, account: StepAccount) -> None:
+    """Print an account in sentences and tables."""
+    from serp.runs.step_sentences import heading, what_came, what_would_differ, who_acted
+    from serp.ui.decision import print_alternatives, print_causes, print_state
+
+    because = f" ({account.because})" if account.because else ""
+    console.print(f"{run.domain.name}, {heading(account)}{because}", style="bold")
+    console.print(f"Lines are those of {run.domain.source.name}, the run's copy.", style="dim")
+    for line in who_acted(account):
+        console.print(line)
+    console.print("")
+    print_state(console, account.account)
+    console.print("")
+    refused = account.proposed if account.vetoed else ""
+    print_alternatives(console, account.account, refused)
+    console.print("")
+    print_causes(console, account.account, refused)
+    if account.ahead_by:
+        console.print(f"What lies ahead is as planned with {account.ahead_by}.")
+    else:
+        console.print("What the planner saw ahead cannot be planned again with today's model.")
+    console.print("")
+    for line in what_came(account):
+        console.print(line)
+    told = what_would_differ(account)
+    if told:
+        console.print("")
+    for line in told:
+        console.print(line)

@@ -1,0 +1,187 @@
+"""What one decision of the planner looks like: as text for people, as JSON for programs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from serp._util.text import percent, plural, readable
+from serp.agent.explanation import Alternative, Explanation, explain
+from serp.agent.sentences import between, beyond_of, kind_of_return, lines_of_causes, special_about
+from serp.ui.output import print_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.model.transition_model import Vector
+    from serp.planning.replanner import Plan
+    from serp.ui.planner import ChosenPlanner
+
+
+_ACTIONS_SHOWN = 30
+_FLUENTS_SHOWN = 24
+_CAUSES_SHOWN = 12
+
+
+def account_of_plan(planner: ChosenPlanner, state: Vector, plan: Plan) -> Explanation:
+    """Return the account of a planner's decision."""
+    return explain(
+        planner.model, state, plan.forecast, plan.action,
+        paths=planner.paths(plan, state), discount=planner.settings.discount,
+    )  # fmt: skip
+
+
+def describe(
+    domain: str, origin: str, planner: ChosenPlanner, account: Explanation, plan: Plan
+) -> dict[str, Any]:
+    """Return a decision as JSON values (infinities and NaN among them)."""
+    values, told = planner.model.values, account.as_dict()
+    return {
+        "domain": domain,
+        "state_from": origin,
+        "state": told["state"],
+        "action": plan.name,
+        "best_return": plan.reward,
+        "safe": plan.safe,
+        "indifferent": plan.indifferent,
+        "depth": plan.depth,
+        "discount": planner.settings.discount,
+        "repeat": planner.settings.repeat,
+        "control_period": planner.model.dt,
+        "bound": plan.bound.name.lower(),
+        "partial": plan.bound.partial,
+        "nodes": plan.nodes,
+        "actions": told["alternatives"],
+        "runner_up": told["runner_up"],
+        "path": [
+            {
+                "action": step.action,
+                "reward": step.reward,
+                "unsafe": step.unsafe,
+                "risk": step.risk,
+                "state": values(step.state),
+            }
+            for step in plan.path
+        ],
+    }
+
+
+def print_plan(
+    console: Console,
+    domain: str,
+    origin: str,
+    planner: ChosenPlanner,
+    account: Explanation,
+    plan: Plan,
+) -> None:
+    """Print a decision: the state, what each action is predicted to bring, and the best path."""
+    console.print(f"{domain}, {origin}", style="bold")
+    print_state(console, account)
+    console.print("")
+    print_alternatives(console, account)
+    console.print("")
+    for line in verdict(planner, plan):
+        console.print(line)
+    print_causes(console, account)
+    if plan.path:
+        console.print("")
+        _print_path(console, planner, account, plan)
+
+
+def verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
+    """Return the sentences that sum a decision up."""
+    if plan.name is None:
+        if not planner.model.actions:
+            return ["The domain has no ground action: there is nothing to decide."]
+        return ["No action is applicable here."]
+    kind = kind_of_return(plan.bound.partial)
+    lines = [f"Chosen: {plan.name}, {kind} {readable(plan.reward)}."]
+    lines += special_about(plan.forecast)
+    return [*lines, planner.sight(plan)]
+
+
+def print_state(console: Console, account: Explanation) -> None:
+    """Print the fluents of a state."""
+    state = account.state
+    numbers = [(name, value) for name, value in state.items() if not isinstance(value, bool)]
+    true = [name for name, value in state.items() if value is True]
+    for name, value in numbers[:_FLUENTS_SHOWN]:
+        console.print(f"  {name} = {readable(float(value))}")
+    if len(numbers) > _FLUENTS_SHOWN:
+        console.print(f"  … and {len(numbers) - _FLUENTS_SHOWN} more numbers (--json has all)")
+    if true:
+        console.print(f"  true: {shortened(true)}")
+
+
+def print_alternatives(console: Console, account: Explanation, refused: str = "") -> None:
+    """Print the table of the actions; `refused` is the name of a proposal that was refused."""
+    # The best first where there are too many to show; else as in the file.
+    order = list(account.alternatives)
+    if len(order) > _ACTIONS_SHOWN:
+        order.sort(key=_score, reverse=True)
+    rows, styles = [], []
+    for each in order[:_ACTIONS_SHOWN]:
+        numbers, style, taken = ("–", "–"), "dim", each.action == account.chosen
+        if each.applicable:
+            numbers = readable(each.reward), readable(each.best_return)
+            unsafe = each.unsafe or each.safe_steps is not None
+            style = "red" if unsafe else "bold blue" if taken else ""
+        mark = "→" if taken else "✗" if each.name == refused else ""
+        rows.append((mark, each.name, *numbers, each.remark))
+        styles.append(style)
+    head = ("", "action", "reward", kind_of_return(account.partial), "remarks")
+    print_table(console, head, rows, styles=styles, right=(2, 3))
+    if len(order) > _ACTIONS_SHOWN:
+        rest = plural(len(order) - _ACTIONS_SHOWN, "more action")
+        console.print(f"  … and {rest}, no better than these (--json has all)")
+
+
+def print_causes(console: Console, account: Explanation, refused: str = "") -> None:
+    """Print what is behind the action taken, a refused proposal, and the best other action."""
+    taken, other = account.taken, account.runner_up
+    if taken is None:
+        return
+    _print_lines(console, taken)
+    for each in account.alternatives:
+        if each.name == refused and (other is None or each.action != other.action):
+            _print_lines(console, each)
+    if other is not None:
+        console.print(between(other, taken.name))
+        _print_lines(console, account.alternatives[other.action])
+
+
+def _print_lines(console: Console, alternative: Alternative) -> None:
+    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
+    if lines:
+        console.print(f"Behind {alternative.name}:")
+    for line in lines[:_CAUSES_SHOWN]:
+        console.print(f"  {line}")
+    if len(lines) > _CAUSES_SHOWN:
+        console.print(f"  … and {len(lines) - _CAUSES_SHOWN} more (--json has all)")
+    for line in beyond_of(alternative):
+        console.print(f"  {line}")
+
+
+def _score(of: Alternative) -> tuple[float, ...]:
+    steps = math.inf if of.safe_steps is None else of.safe_steps
+    return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
+
+
+def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, plan: Plan) -> None:
+    rows, before = [], tuple(map(float, account.state.values()))
+    for k, step in enumerate(plan.path, 1):
+        mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
+        changes = [
+            f"{fluent.name} = {readable(after) if fluent.numeric else str(bool(after)).lower()}"
+            for fluent, old, after in zip(planner.model.fluents, before, step.state, strict=True)
+            if old != after
+        ]
+        rows.append((str(k), step.action + mark, readable(step.reward), shortened(changes)))
+        before = step.state
+    print_table(console, ("", "best path", "reward", "what changes"), rows, right=(2,))
+
+
+def shortened(texts: list[str]) -> str:
+    """Return texts with commas between them, and how many more there are."""
+    more = f" … and {len(texts) - _FLUENTS_SHOWN} more" if len(texts) > _FLUENTS_SHOWN else ""
+    return ", ".join(texts[:_FLUENTS_SHOWN]) + more

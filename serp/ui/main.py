@@ -1,0 +1,206 @@
+"""`serp` itself: its help, its version and its commands, each imported when it is used."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import functools
+import io
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, NoReturn
+
+import click
+
+from serp import __version__
+from serp._util.terminal import visible
+from serp._util.text import did_you_mean
+from serp.errors import Notice, SerpError, with_notes
+from serp.ui.output import examples
+
+DONE = 0
+MISTAKE = 1
+PIPE_CLOSED = 141  # 128 + SIGPIPE
+
+_default_format = warnings.formatwarning
+
+
+def stopped_by(stop: BaseException) -> int:
+    """Return the status of a command that a signal stopped."""
+    return 128 + int(getattr(stop, "signal", signal.SIGINT))
+
+
+def exit_with(run: Callable[[], Any]) -> NoReturn:
+    """Run a command, which returns its status or None for 0, and exit with it.
+
+    A `SerpError` or an `OSError`, which the user can fix, becomes a message, followed by its notes;
+    any other exception is a bug and keeps its traceback.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # what the terminal's encoding lacks is replaced
+            stream.reconfigure(errors="replace")
+    warnings.formatwarning = _one_line  # type: ignore[assignment]
+    try:
+        status = run()
+        if not status and not sys.stdout.closed:  # a server closes what it has served
+            sys.stdout.flush()  # a closed pipe is noticed here, not when Python ends
+    except click.ClickException as error:
+        with io.StringIO() as shown:
+            error.show(shown)
+            say(shown.getvalue().rstrip("\n"))
+        status = error.exit_code
+    except (click.Abort, KeyboardInterrupt) as stop:
+        if isinstance(stop.__cause__, EOFError):  # click takes any for the end of what is typed
+            raise stop.__cause__ from None
+        say("Stopped.")
+        status = stopped_by(stop)
+    except (SerpError, OSError) as error:
+        if _is_closed_output(error):
+            _discard_output()
+            sys.exit(PIPE_CLOSED)
+        if os.environ.get("SERP_DEBUG", "0") not in ("", "0"):
+            raise
+        message = str(error) if isinstance(error, SerpError) else _described(error)
+        say(with_notes(error, message), head="Error: ")
+        status = MISTAKE
+    _discard_output()
+    sys.exit(status or DONE)
+
+
+def say(text: str, head: str = "") -> None:
+    """Write a line to standard error after a head in red; do nothing if it is closed."""
+    with contextlib.suppress(OSError, ValueError):
+        click.echo(click.style(head, fg="red", bold=True) * bool(head) + visible(text), err=True)
+
+
+def _one_line(message: Warning | str, category: type[Warning], *rest: Any) -> str:
+    """Format a warning: a notice in one line, any other as Python does."""
+    if issubclass(category, Notice):
+        return f"Note: {visible(str(message))}\n"
+    return visible(_default_format(message, category, *rest))
+
+
+def _described(error: OSError) -> str:
+    reason = error.strerror or str(error) or type(error).__name__
+    if error.errno == errno.ENOSPC:
+        reason += " (free some space, then try again)"
+    return f"{error.filename}: {reason}" if error.filename else reason
+
+
+def _is_closed_output(error: Exception) -> bool:
+    """Whether an error says that the pipe or the terminal that was written to is closed."""
+    gone = isinstance(error, OSError) and error.errno == errno.EIO and error.filename is None
+    return gone or isinstance(error, BrokenPipeError)
+
+
+def _discard_output() -> None:
+    """Discard output that cannot be written, so that Python ends quietly and with our status."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            try:
+                stream.flush()
+            except OSError:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+SECTIONS = {
+    "files": (
+        "Your domain file",
+        {
+            "new": "Write the first files of a task of your own.",
+            "check": "Check domain files and say what to fix.",
+            "format": "Lay domain files out regularly.",
+            "lsp": "Check and complete domain files in an editor.",
+            "plan": "Show one decision of the planner, as a table or a picture.",
+            "play": "Step through the world of a domain file, or train in it.",
+            "test": "Check that a domain file leads to what you expect.",
+            "studio": "Edit a domain file in the browser and see what it means.",
+        },
+    ),
+    "training": (
+        "Training",
+        {
+            "plan-and-learn": "Train: the planner acts first, the learner takes over.",
+            "compare": "Compare algorithms on one task, under one protocol.",
+            "tune": "Search settings by the returns of whole trainings.",
+            "list": "List what is installed: tasks, algorithms, strategies.",
+        },
+    ),
+    "runs": (
+        "After a training",
+        {
+            "why": "Explain a recorded step of a run, in the words of its file.",
+            "report": "Write what happened in a run as one page for the browser.",
+            "evaluate": "Measure a trained policy.",
+            "watch": "Show a trained policy in a window or as a film.",
+            "diagnose": "Report what is wrong or missing in a run's domain file.",
+            "repair": "Write a run's domain file, corrected by what it observed.",
+            "export": "Write a trained policy for a robot without serp.",
+        },
+    ),
+}
+"""Folder of `serp.cli.commands` → what its commands are about, and command → one line of help, in
+the order of use. The command `a-b` is the attribute `command` of the module `a_b` there."""
+COMMANDS = {
+    name: f"serp.cli.commands.{folder}.{name.replace('-', '_')}"
+    for folder, (_, commands) in SECTIONS.items()
+    for name in commands
+}
+"""Command → its module, which is imported when the command is used."""
+
+
+class LazyGroup(click.Group):
+    """The commands of `COMMANDS`; `serp --help` imports none of them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order in which they are of use."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return a command; None where there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(COMMANDS[cmd_name]).command
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that the arguments begin with, or say which one may be meant."""
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            known = did_you_mean(args[0], COMMANDS)
+            raise click.UsageError(f"there is no command `{args[0]}`; {known}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write a table of commands for each section."""
+        width = max(map(len, COMMANDS))
+        for head, commands in SECTIONS.values():
+            with formatter.section(head):
+                formatter.write_dl([(name.ljust(width), line) for name, line in commands.items()])
+
+    def main(self, *arguments: Any, standalone_mode: bool = True, **options: Any) -> Any:
+        """Run a command; in standalone mode errors become messages, and the process exits."""
+        run = functools.partial(super().main, *arguments, standalone_mode=False, **options)
+        return exit_with(run) if standalone_mode else run()
+
+
+@click.group(
+    cls=LazyGroup,
+    epilog=examples(
+        "serp plan-and-learn --domain cartpole",
+        "serp plan --domain cartpole --svg decision.svg",
+        "serp plan --help",
+    )
+    + "\n\nExit status: 0 done; 1 a file, a name or the environment is wrong, and the message says "
+    "what; 2 the command line is wrong; 128 + n stopped by signal n (130: Ctrl-C). With "
+    "SERP_DEBUG=1 an error shows its traceback.",
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="serp", message="%(prog)s %(version)s")
+def serp() -> None:
+    """From an expert's PDDL file to a safe, explained, trained policy."""

@@ -1,0 +1,139 @@
+"""Options that several commands have."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, get_args
+
+import click
+
+from serp.runs.evaluation import Policy
+
+_KEY = f"{__name__}.task"
+
+
+def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
+    ctx.meta[_KEY] = value
+
+
+own_task_option = click.option(
+    "--task", metavar="FILE.py|MODULE:FUNCTION", expose_value=False, callback=_remember,
+    help="A task that is not installed: a Python file, FILE.py:FUNCTION or MODULE:FUNCTION that "
+         "gives a serp.Task.")  # fmt: skip
+
+max_ground_schemas_option = click.option(
+    "--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
+    help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
+
+settings_option = click.option(
+    "--set", "settings", multiple=True, metavar="SECTION.NAME=VALUE",
+    callback=lambda ctx, parameter, value: parse_settings(value),
+    help="Change a setting; may be repeated.")  # fmt: skip
+
+
+def own_task_name() -> str | None:
+    """Return what `--task` says, or None where it is not given."""
+    name: str | None = click.get_current_context().meta.get(_KEY)
+    return name
+
+
+def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the argument RUN and the options --policy and --task."""
+    option = click.option("--policy", type=click.Choice(get_args(Policy)),
+                          default="serp", show_default=True,
+                          help="serp: the trained policy, within the vetoes; planner: the "
+                               "planner alone; learner: the learner alone, no veto; training: who "
+                               "acts in training, planner or learner, within the vetoes. None "
+                               "explores.")  # fmt: skip
+    run = click.argument("run", type=click.Path(path_type=Path))
+    return run(option(own_task_option(command)))
+
+
+class OutputFile(click.Path):
+    """A file to be written, as a `Path`; its name must have one of some endings, such as `.svg`."""
+
+    def __init__(self, *endings: str) -> None:
+        super().__init__(path_type=Path)
+        self._endings = endings
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; fail if it has another ending."""
+        path: Path = super().convert(value, param, ctx)  # type: ignore[assignment]
+        if path.suffix.lower() not in self._endings:
+            self.fail(f"name a file that ends in {' or '.join(self._endings)}", param, ctx)
+        return path
+
+
+def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return section → setting → value of `section.name=value` texts.
+
+    Values are JSON where they can be (numbers, true, false, null, lists), else text; `inf` is the
+    infinity and `none` is null. Whether section and setting exist is for `serp.Settings` to say.
+
+    Raises:
+        UsageError: A text has another form, or a setting is given twice.
+    """
+    settings: dict[str, dict[str, Any]] = {}
+    for text in assignments:
+        target, equals, value = text.partition("=")
+        section, dot, name = (part.strip() for part in target.partition("."))
+        if not (equals and dot and section and name):
+            raise click.UsageError(
+                f"--set {text}: expected section.name=value, such as {_example(target)}"
+            )
+        if name in settings.setdefault(section, {}):
+            raise click.UsageError(f"--set {section}.{name} is given twice")
+        settings[section][name] = _setting(value.strip())
+    return settings
+
+
+def _example(name: str) -> str:
+    """Return an assignment of the setting of a name, whatever its section; else of any."""
+    from serp.settings import Settings
+
+    found = (
+        f"{section}.{setting}={value}".replace(" ", "")
+        for section, values in Settings().as_dict().items()
+        for setting, value in values.items()
+        if setting == name.strip()
+    )
+    return next(found, "planner.depth=7")
+
+
+_WORDS = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
+
+
+def _setting(text: str) -> Any:
+    if text in _WORDS:
+        return _WORDS[text]
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+    return tuple(value) if isinstance(value, list) else value
+
+
+_MOST_SEEDS = 10_000
+
+
+def parse_seeds(text: str | None) -> int | list[int] | None:
+    """Return how many seeds, or the seeds themselves, of `--seeds`; None where it is not given.
+
+    Raises:
+        BadParameter: The text is neither.
+    """
+    if text is None or text.strip().isdecimal():
+        return None if text is None else int(text)
+    seeds: list[int] = []
+    for part in text.split(","):
+        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        chosen = range(int(ends[1]), int(ends[2] or ends[1]) + 1) if ends else ()
+        if not 0 < len(chosen) <= _MOST_SEEDS:
+            raise click.BadParameter(
+                "expected a number, or seeds such as 0-9 or 1,3", param_hint="--seeds"
+            )
+        seeds += chosen
+    return seeds

@@ -1,0 +1,100 @@
+"""Writing: tables and lines (in colour on a terminal, plain text elsewhere), examples in help."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp._util import terminal
+from serp._util.terminal import visible
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.model.domain import Domain
+    from serp.tasks.task import Task
+
+
+_UNLIMITED = 10_000  # columns of a file or pipe: nothing is wrapped or cut
+
+
+def examples(*lines: str) -> str:
+    """Return the end of a command's help; no line is wrapped, so that each can be copied."""
+    return "\n".join(["\b", "Examples:", *(f"  {line}" for line in lines)])
+
+
+def open_console() -> Console:
+    """Return a console on standard output that takes text as it stands."""
+    console = terminal.open_console()
+    if not console.is_terminal:
+        console.width = _UNLIMITED
+    return console
+
+
+def print_table(
+    console: Console,
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    styles: Sequence[str] = (),
+    right: Iterable[int] = (),
+) -> None:
+    """Print a table without lines.
+
+    The head is omitted if all titles are empty. `styles` are rich's styles of the rows, `right` the
+    columns that are aligned to the right.
+    """
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    to_the_right = set(right)
+    table = Table(
+        box=box.SIMPLE_HEAD if any(head) else None,
+        show_header=any(head),
+        pad_edge=False,
+        show_edge=False,
+        header_style="bold",
+    )
+    for column, title in enumerate(head):
+        table.add_column(
+            Text(visible(title)),
+            justify="right" if column in to_the_right else "left",
+            overflow="fold",
+        )
+    for row, cells in enumerate(rows):
+        style = styles[row] if styles else None
+        table.add_row(*(Text(visible(cell)) for cell in cells), style=style)
+    if console.is_terminal:
+        console.print(table)
+        return
+    with console.capture() as captured:
+        console.print(table)
+    for line in captured.get().splitlines():
+        console.print(line.rstrip())
+
+
+def print_json(value: Any) -> None:
+    """Print JSON that every reader takes: NaN and infinities become null."""
+    from serp._util.files import finite, json_text
+
+    print_result(json_text(finite(value)).rstrip("\n"))
+
+
+def print_result(text: object) -> None:
+    """Print a line for programs to read, such as a path: as it is, but on a terminal visibly."""
+    click.echo(visible(str(text)) if sys.stdout.isatty() else str(text))
+
+
+def learned_from(domain: Domain, task: Task) -> str:
+    """Say what the learner of a task learns from, if it has this domain file."""
+    from serp.settings import resolve
+    from serp.tasks.task import declared_reward, describe_source, reward_source
+
+    declared = declared_reward(task, domain.model)
+    source = reward_source(declared, resolve("default", task.settings))
+    said = describe_source(source, in_file=domain.model.rewarding)
+    return f"task {task.name or domain.name}: the learner learns from {said}"

@@ -1,0 +1,159 @@
+"""The caption below the pictures of an episode: actor, action, and vetoes with their reasons."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import matplotlib
+from PIL import Image, ImageDraw, ImageFont
+
+from serp._util.figures import ACTORS, REFUSED
+from serp.agent.decision import Actor
+
+BACKGROUND: Final = "#16191F"
+INK: Final = "#F2F4F7"
+_FAINT: Final = "#A9B0BB"
+_ON: Final = {  # colour of text on an actor's colour
+    Actor.PLANNER: INK,
+    Actor.LEARNER: BACKGROUND,
+    Actor.EXPLORATION: INK,
+    Actor.FALLBACK: BACKGROUND,
+}
+_LINES: Final = 2  # of marked text
+_SMALLEST, _LARGEST = 12, 26
+_GAP = "   "
+_CHARACTERS = 44  # width of a picture in ems, which sets the font size within these limits
+
+
+class Mark(NamedTuple):
+    """A text that is marked red: a veto, or the execution of an unsafe or risky action.
+
+    Attributes:
+        what: The event.
+        why: The reason, in terms of the domain file.
+    """
+
+    what: str
+    why: str
+
+
+class Caption(NamedTuple):
+    """The content of a caption.
+
+    Attributes:
+        actor: Who acts; None before the first decision.
+        action: Name of the action.
+        facts: Episode, step, return; if there is little room, the first ones are left out.
+        marks: Texts marked red.
+        strip: The decisions so far, the newest last: who acted, and whether there was a veto.
+        outcome: How the episode ended; empty while it runs, or if the environment does not say.
+    """
+
+    actor: Actor | None
+    action: str
+    facts: tuple[str, ...]
+    marks: tuple[Mark, ...] = ()
+    strip: Sequence[tuple[Actor, bool]] = ()
+    outcome: str = ""
+
+
+class CaptionBand:
+    """Draws captions, all of one size.
+
+    Args:
+        width: Pixels.
+
+    Attributes:
+        size: Width and height, pixels.
+    """
+
+    def __init__(self, width: int) -> None:
+        letters = min(max(width // _CHARACTERS, _SMALLEST), _LARGEST)
+        fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+        self._plain = ImageFont.truetype(fonts / "DejaVuSans.ttf", letters)
+        self._bold = ImageFont.truetype(fonts / "DejaVuSans-Bold.ttf", letters)
+        self._pad = letters // 2
+        self._line = round(1.5 * letters)
+        self._bar = max(4, letters // 3)
+        self._strip = round(0.6 * letters)
+        height = 3 * self._pad + (1 + _LINES) * self._line + self._strip
+        self.size = (width, height + height % 2)  # videos want even numbers
+
+    def draw(self, caption: Caption) -> Image.Image:
+        """Return the band of a caption, RGB."""
+        image = Image.new("RGB", self.size, BACKGROUND)
+        draw = ImageDraw.Draw(image)
+        self._draw_decision(draw, caption)
+        self._draw_strip(draw, caption.strip)
+        if caption.marks:
+            self._draw_marks(draw, caption.marks)
+        return image
+
+    def _draw_decision(self, draw: ImageDraw.ImageDraw, caption: Caption) -> None:
+        width, pad = self.size[0], self._pad
+        middle = pad + self._line // 2
+        left, right = pad, width - pad
+        if (actor := caption.actor) is not None:
+            left = self._draw_label(draw, left, actor.value.upper(), ACTORS[actor], _ON[actor])
+        if caption.outcome:
+            word = _cut(self._bold, caption.outcome.upper(), width // 3)
+            right -= round(self._bold.getlength(word)) + 2 * pad
+            self._draw_label(draw, right, word, INK, BACKGROUND)
+            right -= pad
+        # If there is little room, the action comes before the facts.
+        action = _cut(self._bold, caption.action, right - left)
+        draw.text((left, middle), action, fill=INK, font=self._bold, anchor="lm")
+        room = right - left - self._bold.getlength(action) - 2 * pad
+        facts = list(caption.facts)
+        while facts and self._plain.getlength(_GAP.join(facts)) > room:
+            del facts[0]
+        draw.text((right, middle), _GAP.join(facts), fill=_FAINT, font=self._plain, anchor="rm")
+
+    def _draw_label(
+        self, draw: ImageDraw.ImageDraw, left: int, word: str, colour: str, ink: str
+    ) -> int:
+        """Write a word on a coloured background; return the position to its right."""
+        pad = self._pad
+        end = left + self._bold.getlength(word) + 2 * pad
+        draw.rounded_rectangle((left, pad, end, pad + self._line - 2), pad // 2, fill=colour)
+        draw.text((left + pad, pad + self._line // 2), word, fill=ink, font=self._bold, anchor="lm")
+        return round(end) + pad
+
+    def _draw_strip(self, draw: ImageDraw.ImageDraw, strip: Sequence[tuple[Actor, bool]]) -> None:
+        half = self._pad // 2
+        top = self._pad + self._line + half
+        count = (self.size[0] - 2 * self._pad) // self._bar
+        for place, (actor, refused) in enumerate(strip[-count:]):
+            left = self._pad + place * self._bar
+            right = left + self._bar - 2
+            draw.rectangle((left, top, right, top + self._strip), fill=ACTORS[actor])
+            if refused:  # also recognisable by its position, not only by colour
+                upper = (left, top - half, right, top + self._strip // 2)
+                draw.rectangle(upper, fill=REFUSED)
+
+    def _draw_marks(self, draw: ImageDraw.ImageDraw, marks: tuple[Mark, ...]) -> None:
+        width, height = self.size
+        pad = self._pad
+        top = height - _LINES * self._line - pad // 2
+        draw.rectangle((0, top - pad // 2, width, height), fill=REFUSED)
+        # A single reason has a line of its own.
+        lines = [(marks[0].what, ""), ("", marks[0].why)] if len(marks) == 1 else marks[:_LINES]
+        for number, (what, why) in enumerate(lines):
+            left, middle = pad, top + number * self._line + self._line // 2
+            for text, font in ((what, self._bold), (why, self._plain)):
+                shown = _cut(font, text, width - pad - left)
+                draw.text((left, middle), shown, fill=INK, font=font, anchor="lm")
+                left += round(font.getlength(shown)) + 2 * pad if shown else 0
+
+
+def _cut(font: ImageFont.FreeTypeFont, text: str, room: float) -> str:
+    """Return a text, cut to the available width."""
+    if font.getlength(text) <= room:
+        return text
+    length = bisect.bisect_right(
+        range(len(text)), room, key=lambda count: font.getlength(text[:count] + "…")
+    )
+    return text[: length - 1] + "…" if length else ""

@@ -1,0 +1,436 @@
+"""Films of a policy: pictures with captions and durations."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+import subprocess
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+from PIL import Image, ImageColor
+from pydantic import Field
+
+from serp._util.figures import ACTORS, REFUSED
+from serp._util.files import replaced_durably
+from serp._util.numbers import real
+from serp.agent.agent import Agent
+from serp.agent.decision import Actor
+from serp.agent.refusals import why_unsafe
+from serp.agent.step_record import StepRecord
+from serp.errors import EnvironmentFailure, RunError, TaskError, needs_extra
+from serp.model.flags import RISKY, UNSAFE
+from serp.runs.evaluation import Episode, Policy, outcome_of, play
+from serp.runs.recording import Recorder
+from serp.runs.run import Run
+from serp.settings import Section
+from serp.tasks.task import BoundTask
+from serp.ui.pictures.caption import INK, Caption, CaptionBand, Mark
+
+RGB_ARRAY: Final = "rgb_array"
+RGB_ARRAY_LIST: Final = "rgb_array_list"
+Picture = NDArray[np.uint8]
+
+
+def render_mode_of(run: Run) -> str:
+    """Return the render mode that gives the most pictures of a run's environment.
+
+    Raises:
+        TaskError: The environment draws no pictures.
+    """
+    with run.environment(RGB_ARRAY) as task:
+        modes = task.env.metadata.get("render_modes") or ()
+        for mode in (RGB_ARRAY_LIST, RGB_ARRAY):
+            if mode in modes:
+                return mode
+        raise TaskError(
+            f"task {task.name}: the environment draws no pictures; it needs the render mode "
+            f"`{RGB_ARRAY}`, and among metadata['render_modes'] are {', '.join(modes) or 'none'}"
+        )
+
+
+class Camera:
+    """Takes the pictures of a task whose environment was made with one of the two modes."""
+
+    def __init__(self, task: BoundTask) -> None:
+        self._task = task
+        self._several = task.env.render_mode == RGB_ARRAY_LIST
+        self._rate = real(task.env.metadata.get("render_fps"))
+
+    def take(self) -> list[Picture]:
+        """Return the pictures since the last call, each uint8 of shape `(height, width, 3)`.
+
+        Raises:
+            EnvironmentFailure: The environment cannot draw, or gave something else.
+        """
+        try:
+            seen: Any = self._task.env.render()
+        except DependencyNotInstalled as error:
+            raise self._failure(
+                f"the environment cannot draw: {error} (what serp's own environments need comes "
+                "with pip install 'serp[watch]')"
+            ) from error
+        except (Exception, SystemExit) as error:
+            raise self._failure(f"render failed: {type(error).__name__}: {error}") from error
+        pictures = seen if self._several and isinstance(seen, list) else [seen]
+        return [self._checked(picture) for picture in pictures]
+
+    def _checked(self, picture: Any) -> Picture:
+        array = np.asarray(picture)
+        if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or not array.size:
+            raise self._failure(
+                f"render returned {type(picture).__name__} {array.shape} of {array.dtype}; a "
+                "picture is uint8 of shape (height, width, 3)"
+            )
+        return array
+
+    def _failure(self, why: str) -> EnvironmentFailure:
+        return EnvironmentFailure(f"task {self._task.name}: {why}")
+
+    def period(self, count: int) -> float:
+        """Return the duration of each of a step's pictures, s of the task's time.
+
+        A single picture lasts a control period. For several, the environment's `render_fps` gives
+        the duration; without it they share the control period.
+        """
+        if self._several and self._rate is not None and self._rate > 0:
+            return 1.0 / self._rate
+        return self._task.model.dt / max(count, 1)
+
+
+HOLD: Final = 1.5
+"""Time that a mark is shown, unless another one follows, s."""
+END: Final = 1.0
+"""Additional duration of the last picture of an episode, s."""
+_WHOSE: Final = {
+    Actor.PLANNER: "the planner's",
+    Actor.LEARNER: "the learner's",
+    Actor.EXPLORATION: "a random",
+    Actor.FALLBACK: "the fallback's",
+}
+OnEpisode = Callable[[int, StepRecord], None]
+"""Called with the number of an episode and its last step."""
+
+
+class FilmSettings(Section):
+    """Settings of a film."""
+
+    policy: Policy = "serp"
+    """The policy; see `serp.runs.evaluation.Policy`."""
+    episodes: int = 3
+    """Number of episodes."""
+    seed: int = 0
+    """Seed of the environment; the episodes are those of `evaluate` with this seed."""
+    speed: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 1.0
+    """Speed relative to real time."""
+    fps: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 50.0
+    """Largest number of frames per second. Pictures beyond it are left out, except the first and
+    last of an episode and the first after a veto."""
+    width: int | None = None
+    """Largest width of a picture, pixels; None for no limit. Pictures are never enlarged."""
+    height: int | None = None
+    """Largest height of a picture without caption, pixels; None for no limit."""
+
+
+class Frame(NamedTuple):
+    """A frame of a film.
+
+    Attributes:
+        image: Picture and caption, RGB; all frames of a film have one size.
+        seconds: Its duration.
+        caption: The content of its caption.
+        step: The step whose result it shows; None right after a reset.
+    """
+
+    image: Image.Image
+    seconds: float
+    caption: Caption
+    step: StepRecord | None
+
+
+@contextlib.contextmanager
+def film_of_run(
+    run: Run, settings: FilmSettings, on_episode: OnEpisode | None = None
+) -> Iterator[Iterator[Frame]]:
+    """Yield the frames of a film of a run's policy, in an environment of their own.
+
+    The steps are recorded as those of an evaluation.
+
+    Raises:
+        SerpError: See `render_mode_of` and `film`.
+    """
+    agent = run.agent
+    with (
+        run.environment(render_mode_of(run)) as task,
+        run.recorder(settings.policy, settings.seed) as recorder,
+    ):
+        yield film(agent, task, settings, on_episode, recorder)
+
+
+def film(
+    agent: Agent,
+    task: BoundTask,
+    settings: FilmSettings,
+    on_episode: OnEpisode | None = None,
+    recorder: Recorder | None = None,
+) -> Iterator[Frame]:
+    """Play a policy and return the frames of a film as they are made.
+
+    Args:
+        agent: The agent.
+        task: The task, in an environment that is not used otherwise, made with a render mode of
+            `serp.ui.pictures.film`.
+        settings: The settings of the film.
+        on_episode: Called at the end of each episode.
+        recorder: Where the steps are recorded; None for nowhere.
+
+    Raises:
+        SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
+        SerpError: Environment or grounding failed (in a step).
+    """
+    episodes = play(
+        agent, task, settings.policy, episodes=settings.episodes, seed=settings.seed,
+        recorder=recorder,
+    )  # fmt: skip
+    filming = _Filming(agent, task, settings, on_episode)
+    return (frame for episode in episodes for frame in filming.frames(episode))
+
+
+def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
+    """Return the marks of a step: a veto, and the execution of an unsafe or risky action."""
+    decision, arbiter = step.decision, agent.arbiter
+    names = arbiter.actions
+    marks = []
+    if decision.vetoed:
+        name = names.name(decision.proposed)
+        why = arbiter.explain(decision, step.state).removeprefix(f"{name}: ")
+        whose = _WHOSE[decision.proposed_by]
+        marks.append(Mark(f"Refused in step {step.number}: {whose} {name}", why))
+    if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
+        name = names.name(decision.action)
+        ground = int(decision.forecast.ground[decision.action])
+        why = why_unsafe(arbiter.model, step.state, ground).removeprefix(f"{name}: ")
+        what = "Unsafe" if decision.unsafe else "Risky"
+        marks.append(Mark(f"{what}, executed in step {step.number}: {name}", why))
+    return tuple(marks)
+
+
+class _Filming:
+    """Makes the frames of one film."""
+
+    def __init__(
+        self, agent: Agent, task: BoundTask, settings: FilmSettings, on_episode: OnEpisode | None
+    ) -> None:
+        self._agent = agent
+        self._settings = settings
+        self._on_episode = on_episode
+        self._camera = Camera(task)
+        self._band: CaptionBand | None = None
+        self._size = (0, 0)
+        self._due = 0.0  # frames due so far minus frames shown
+        self._marks: tuple[Mark, ...] = ()
+        self._marked = 0.0  # remaining time of the mark, s
+
+    def frames(self, episode: Episode) -> Iterator[Frame]:
+        """Yield the frames of an episode."""
+        self._marked = 0.0
+        number = f"episode {episode.number}"
+        strip: list[tuple[Actor, bool]] = []
+        start = Caption(None, "start", (number,))
+        # All that belongs to the reset is one moment.
+        for picture in self._camera.take()[-1:]:
+            yield from self._shoot(picture, self._camera.period(1), start, None, always=True)
+        for step in episode.steps:
+            decision = step.decision
+            strip.append((decision.executed_by, decision.vetoed))
+            marks = marks_of(self._agent, step)
+            if marks:
+                self._marks, self._marked = marks, HOLD
+            name = self._agent.task.actions.name(decision.action)
+            facts = (number, f"step {step.number}", f"return {_signed(step.episode.return_)}")
+            caption = Caption(decision.executed_by, name, facts, strip=tuple(strip))
+            pictures = self._camera.take()
+            period = self._camera.period(len(pictures))
+            for k, picture in enumerate(pictures):
+                end = step.last and k == len(pictures) - 1
+                if end:
+                    caption = caption._replace(outcome=outcome_of(step.info))
+                always = end or (bool(marks) and k == 0)
+                yield from self._shoot(picture, period, caption, step, always=always, end=end)
+            if step.last and self._on_episode is not None:
+                self._on_episode(episode.number, step)
+
+    def _shoot(
+        self,
+        picture: Picture,
+        period: float,
+        caption: Caption,
+        step: StepRecord | None,
+        *,
+        always: bool,
+        end: bool = False,
+    ) -> Iterator[Frame]:
+        """Make the frame of a picture, if one is due."""
+        period /= self._settings.speed
+        self._due += period * self._settings.fps
+        if not always and self._due < 1.0 - 1e-9:
+            return
+        self._due = min(max(self._due - 1.0, 0.0), 1.0)
+        seconds = max(period, 1.0 / self._settings.fps) + (END if end else 0.0)
+        if self._marked > 0.0:
+            caption = caption._replace(marks=self._marks)
+            seconds = max(seconds, self._marked) if end else seconds
+            self._marked -= seconds
+        yield Frame(self._compose(picture, caption), seconds, caption, step)
+
+    def _compose(self, picture: Picture, caption: Caption) -> Image.Image:
+        image = Image.fromarray(picture)
+        if self._band is None:
+            self._size = self._fitting(image.size)
+            self._band = CaptionBand(self._size[0])
+        if image.size != self._size:
+            image = image.resize(self._size, Image.Resampling.HAMMING)
+        width, height = self._size
+        frame = Image.new("RGB", (width, height + self._band.size[1]))
+        frame.paste(image)
+        frame.paste(self._band.draw(caption), (0, height))
+        return frame
+
+    def _fitting(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Return the size of the pictures: within the limits, even, as videos require."""
+        limits = (self._settings.width or math.inf, self._settings.height or math.inf)
+        scale = min(1.0, limits[0] / size[0], limits[1] / size[1])
+        return (_even(scale * size[0]), _even(scale * size[1]))
+
+
+def _even(length: float) -> int:
+    return max(2, 2 * round(length / 2))
+
+
+def _signed(value: float) -> str:
+    return f"{value + 0.0:+.2f}".replace("-", "−")
+
+
+_TICK: Final = 0.01  # unit of durations in a GIF, s
+_FEWEST_TICKS: Final = 2  # browsers slow down faster GIFs
+_SAMPLES: Final = 60  # frames from which the palette is made
+_TRANSPARENT: Final = 255  # index in the palette
+_QUALITY: Final = 20  # libx264's constant rate factor: 0 is lossless, 51 is worst
+
+
+def write_film(
+    run: Run, path: Path, settings: FilmSettings, on_episode: OnEpisode | None = None
+) -> None:
+    """Play a run's policy and write a film of it; a failure leaves no file.
+
+    Args:
+        run: The run.
+        path: The file, which ends in a key of `WRITERS`; an existing one is replaced.
+        settings: How the film is made.
+        on_episode: Called at the end of each episode.
+
+    Raises:
+        MissingExtra: It is an MP4, and imageio-ffmpeg is not installed.
+        RunError: The file cannot be written, or the run not be read.
+        SerpError: The task cannot be loaded or draws no pictures, or its environment failed.
+    """
+    write = WRITERS[path.suffix.lower()]
+    with replaced_durably(path) as aside, film_of_run(run, settings, on_episode) as frames:
+        write(aside, frames)
+
+
+def write_gif(path: Path, frames: Iterator[Frame]) -> None:
+    """Write an endlessly repeated GIF.
+
+    The palette is taken from the first frames. Pillow stores only the pixels that change, and
+    keeps one byte per pixel of every frame until the end.
+    """
+    first = list(itertools.islice(frames, _SAMPLES))
+    palette = _palette([frame.image for frame in first])
+
+    def images() -> Iterator[Image.Image]:
+        due, spent = 0.0, 0
+        for frame in itertools.chain(first, frames):
+            due += frame.seconds / _TICK
+            ticks = max(round(due) - spent, _FEWEST_TICKS)
+            spent += ticks
+            image = frame.image.quantize(palette=palette, dither=Image.Dither.NONE)
+            image.info["duration"] = 10 * ticks
+            yield image
+
+    rest = images()
+    next(rest).save(
+        path,
+        "GIF",
+        save_all=True,
+        append_images=rest,
+        loop=0,
+        palette=bytes(palette.getpalette() or ()),
+        optimize=True,
+        transparency=_TRANSPARENT,
+        disposal=1,
+    )
+
+
+def _palette(images: list[Image.Image]) -> Image.Image:
+    """Return an image whose palette fits pictures and captions, even marks that come later."""
+    red, white = (np.array(ImageColor.getrgb(name)) for name in (REFUSED, INK))
+    shades = [red + (white - red) * k // 4 for k in range(5)]  # for smooth letters
+    fixed = np.concatenate([*shades, *(ImageColor.getrgb(name) for name in ACTORS.values())])
+    sample = np.concatenate([np.asarray(image) for image in images[:: _SAMPLES // 8]])
+    free = _TRANSPARENT - len(fixed) // 3
+    seen = Image.fromarray(sample).quantize(free, Image.Quantize.MAXCOVERAGE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*fixed.tolist(), *seen[: 3 * free]])
+    return palette
+
+
+def write_mp4(path: Path, frames: Iterator[Frame]) -> None:
+    """Write an MP4.
+
+    The duration of the first frame, at most 1 s, gives the frame rate; longer frames are repeated.
+    """
+    with needs_extra("watch", "writing MP4"):
+        from imageio_ffmpeg import get_ffmpeg_exe
+    try:
+        ffmpeg = get_ffmpeg_exe()
+    except RuntimeError as error:
+        raise RunError(f"MP4 needs ffmpeg, and none was found: {error}") from error
+    first = next(frames)
+    rate = max(Fraction(1.0 / first.seconds).limit_denominator(1000), Fraction(1))
+    width, height = first.image.size
+    command = [
+        ffmpeg, "-loglevel", "error", "-y",
+        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate),
+        "-i", "pipe:0",
+        "-c:v", "libx264", "-crf", str(_QUALITY), "-pix_fmt", "yuv420p",
+        "-movflags", "+faststart", "-f", "mp4", f"file:{path}",
+    ]  # fmt: skip
+    due, count = 0.0, 0
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None and process.stderr is not None
+        try:
+            for frame in itertools.chain([first], frames):
+                due += frame.seconds * float(rate)
+                for _ in range(max(1, round(due) - count)):
+                    process.stdin.write(frame.image.tobytes())
+                    count += 1
+            process.stdin.close()
+        except BrokenPipeError:
+            pass  # it ended early, and says why
+        why = process.stderr.read().decode(errors="replace").strip()
+    if process.returncode:
+        raise RunError(f"ffmpeg could not write {path}: {why}")
+
+
+WRITERS: Final[dict[str, Callable[[Path, Iterator[Frame]], None]]] = {
+    ".gif": write_gif,
+    ".mp4": write_mp4,
+}
+"""Suffix of a film → its writer."""

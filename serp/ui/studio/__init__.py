@@ -1,0 +1,1 @@
+"""`serp studio`: a domain file in the browser, and what it means, live."""

@@ -1,0 +1,69 @@
+"""The scenarios beside a domain, run on the text as it is edited."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from serp.model.domain import Domain
+from serp.pddl.source import Source
+from serp.settings import resolve
+from serp.tasks.file_world import STEP_BY_STEP
+from serp.tasks.task import Task
+from serp.ui.studio.reading import Surroundings, Version
+from serp.ui.studio.shown_state import ShownState
+
+if TYPE_CHECKING:
+    from serp.authoring.scenarios.checking import Result
+    from serp.authoring.scenarios.files import ScenarioFile
+
+
+@dataclass(frozen=True)
+class Expectations:
+    """Scenarios as they are edited, and what they are about.
+
+    Attributes:
+        source: The scenarios.
+        version: The domain and its problem.
+        surroundings: Control period.
+        task: The task; None for a file alone.
+    """
+
+    source: Source
+    version: Version
+    surroundings: Surroundings
+    task: Task | None
+
+    def run(self) -> list[Result]:
+        """Check all scenarios as `serp test` does; this may take some seconds.
+
+        Raises:
+            SerpError: A text is wrong.
+        """
+        from serp.authoring.scenarios.files import recorded_values
+
+        return list(self._file().run(recorded_values))
+
+    def with_state(self, title: str, shown: ShownState) -> str:
+        """Return the text with a state in it, as a scenario of what holds there.
+
+        Raises:
+            SerpError: A text is wrong, or nothing can be expected there.
+        """
+        from serp.authoring.scenarios.files import add_situation
+
+        file = self._file()
+        model = file.decider.model
+        values = {name: float(value) for name, value in model.values(shown.state(model)).items()}
+        title = " ".join(title.split())
+        remark = " ".join(shown.origin.split()) or "set by hand"
+        return add_situation(file, title, values, remark)
+
+    def _file(self) -> ScenarioFile:
+        from serp.authoring.scenarios.files import ScenarioFile
+
+        task = self.task
+        observed = task is not None and not task.closed
+        domain = Domain.parse(*self.version.sources(), observed=observed)
+        settings = resolve("default", STEP_BY_STEP if task is None else task.settings)
+        return ScenarioFile.open(self.source, domain, settings, self.surroundings.dt, task)

@@ -1,0 +1,154 @@
+"""The planner's decision: the table of actions and the planning graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+from nicegui import ui
+
+from serp._util.text import percent, readable
+from serp.agent.causes import Cause
+from serp.agent.explanation import Alternative
+from serp.agent.sentences import kind_of_return, told
+from serp.ui.studio.pages.live import Live, Pane
+from serp.ui.studio.session import Request, Session, View
+
+_MOST_CAUSES = 3
+_DEEPEST = 30
+_PLACE = "(e) => { const b = e.target.closest('[data-place]'); if (b) emit(b.dataset.place) }"
+_HEAD = (
+    "<thead><tr><th></th><th>action</th><th>reward</th><th>{}</th><th>risk</th>"
+    "<th>why</th></tr></thead>"
+)
+
+
+class DecisionPane(Pane):
+    """Shows decisions; where an error leaves none, the last one stays, faint.
+
+    Args:
+        session, live: See `Pane`.
+        jump: Shows a line and column of a file.
+    """
+
+    def __init__(self, session: Session, live: Live, jump: Callable[[str, int, int], None]) -> None:
+        super().__init__(session, live)
+        self._jump = jump
+        with (
+            ui.element("section")
+            .classes("serp-decision")
+            .props('aria-label="Decision"') as self._root
+        ):
+            self._table = ui.html()
+            self._table.on("click", self._clicked, js_handler=_PLACE)
+            with ui.element("div").classes("serp-row"):
+                depth = session.surroundings.planner.depth
+                ui.number("actions ahead", value=depth, min=1, max=_DEEPEST, precision=0,
+                          on_change=self._deeper).props("dense").classes("serp-seed")  # fmt: skip
+                self._verdict = ui.label().classes("serp-faint").props('role="status"')
+            self._graph = ui.html().classes("serp-graph").props('tabindex="0"')
+        live.shows(self.show)
+
+    def _deeper(self, event: Any) -> None:
+        if event.value is not None:
+            self._session.set_planner(depth=min(_DEEPEST, max(1, int(event.value))))
+            self._live.changed()
+
+    def _clicked(self, event: Any) -> None:
+        line, column, file = (*str(event.args).split(":", 2), "", "")[:3]
+        if line.isdecimal() and column.isdecimal():
+            self._jump(file, int(line), int(column))
+
+    def show(self, request: Request, view: View) -> None:
+        """Show the decision of a view."""
+        decision = view.decision
+        if decision is None:
+            self._root.classes(add="serp-stale")
+            if not self._verdict.text:
+                self._verdict.set_text("The file has errors, so there is no decision yet.")
+            return
+        self._root.classes(remove="serp-stale")
+        alternatives = decision.account.alternatives
+        rows = "".join(_row(alternatives[k], decision.account.chosen) for k in decision.order)
+        if left := len(alternatives) - len(decision.order):
+            rows += f'<tr><td></td><td colspan="5">… and {left:,} more</td></tr>'
+        head = _HEAD.format(kind_of_return(decision.account.partial))
+        self._table.set_content(f'<table class="serp-actions">{head}<tbody>{rows}</tbody></table>')
+        self._verdict.set_text(" ".join(decision.verdict))
+        self._graph.set_content(decision.graph)
+
+
+def _row(action: Alternative, chosen: int | None) -> str:
+    taken = action.action == chosen
+    harm = action.applicable and bool(action.path_risk)
+    kinds = [
+        name
+        for name, holds in (
+            ("serp-chosen", taken),
+            ("serp-harm", harm),
+            ("serp-out", not action.applicable),
+        )
+        if holds
+    ]
+    value = action.best_return if action.applicable else None
+    risk = percent(action.path_risk) if harm else ""
+    numbers = "".join(
+        f'<td class="serp-number">{escape(cell)}</td>'
+        for cell in (readable(action.reward), readable(value), risk)
+    )
+    mark = '<span aria-label="chosen">➜</span>' if taken else ""
+    return (
+        f'<tr class="{" ".join(kinds)}"><td>{mark}</td><td>{escape(action.name)}</td>{numbers}'
+        f"<td>{_why(action, 2 * _MOST_CAUSES if taken else _MOST_CAUSES)}</td></tr>"
+    )
+
+
+def _why(action: Alternative, most: int) -> str:
+    """Return what of the file is behind an action, shortly, each with a way there.
+
+    What a schema brings in one control period is one line; its tooltip has the whole sentences.
+    """
+    by_schema: dict[tuple[int, str, str], list[Cause]] = {}
+    for cause in (*action.causes, *action.ahead):
+        by_schema.setdefault((cause.after, cause.origin, cause.name), []).append(cause)
+    items = "".join(_item(causes, action.name) for causes in [*by_schema.values()][:most])
+    if left := len(by_schema) - most:
+        items += f"<li>… and {left} more</li>" if left > 0 else ""
+    remark = escape(action.remark) if not action.causes else ""
+    return f'{remark}<ul class="serp-causes">{items}</ul>' if items else remark
+
+
+def _item(causes: list[Cause], action: str) -> str:
+    causes = sorted(causes, key=lambda cause: cause.what != "reward")
+    first = causes[0]
+    when = f"step {first.after + 1}: " if first.after else ""
+    name = "" if first.name == action else f" · {first.name or first.origin}"
+    place = first.place
+    where = "" if place is None else f" · line {place.line}"
+    text = f"{when}{', '.join(map(_brought, causes))}{name}{where}"
+    if place is None:
+        return f"<li>{escape(text)}</li>"
+    at = f"{place.line}:{place.column}:{place.file}"
+    whole = "\n".join(told(cause) for cause in causes)
+    return (
+        f'<li><button type="button" data-place="{escape(at, quote=True)}" '
+        f'title="{escape(whole, quote=True)}">{escape(text)}</button></li>'
+    )
+
+
+def _brought(cause: Cause) -> str:
+    match cause.what:
+        case "reward":
+            text = readable(cause.amount)
+            return text if text.startswith("−") else f"+{text}"
+        case "unsafe":
+            return "unsafe"
+        case "risk":
+            return f"risk {percent(cause.amount or 0.0)}"
+        case "end":
+            return "ends the task"
+        case "failed":
+            return f"needs {cause.text}"
+        case _:
+            return f"no result: {cause.text}"

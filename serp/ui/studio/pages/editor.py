@@ -1,0 +1,311 @@
+"""The editor: the domain and its problem, and saving.
+
+The text is what the browser shows; what is typed comes from there as changes of it. Nothing here
+sets the text of an editor, nor any of its properties: with them NiceGUI sends the text that it
+knows, over what has been typed since. A change that is made elsewhere is proposed to the browser
+with the text that it is a change of, and dropped where that is no longer what is shown.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping
+from html import escape
+from typing import Any, Final
+
+from nicegui import ui
+
+from serp._util.text import plural
+from serp.authoring.lint.findings import Finding
+from serp.errors import SerpError
+from serp.ui.studio.document import ChangedOnDisk
+from serp.ui.studio.pages.live import Live, Pane
+from serp.ui.studio.reading import Version
+from serp.ui.studio.session import DOMAIN, SCENARIOS, Request, Session, View
+
+_LANGUAGE = "Common Lisp"
+_THEMES = {False: "githubLight", True: "githubDark"}
+_REPLACE: Final = """((id, known, from, to, insert) => {
+  const editor = getElement(id).editor;
+  if (editor.state.doc.toString() === known) editor.dispatch({changes: {from, to, insert}});
+})"""
+_IN_SIGHT: Final = """requestAnimationFrame(() => {
+  for (const {editor} of %s.map(getElement)) {
+    const cursor = editor.hasFocus && editor.coordsAtPos(editor.state.selection.main.head);
+    const end = editor.scrollDOM.getBoundingClientRect().bottom;
+    if (cursor && cursor.bottom > end && cursor.bottom < end + 0.4 * innerHeight)
+      editor.dispatch({scrollIntoView: true});
+  }
+})"""
+"""Scrolls to a cursor that has just come to lie below the text."""
+
+
+class EditorPane(Pane):
+    """Editors in tabs."""
+
+    def __init__(self, session: Session, live: Live) -> None:
+        super().__init__(session, live)
+        self._editors: dict[str, ui.codemirror] = {}
+        with ui.element("section").classes("serp-files"):
+            self._build_editors()
+
+    def _build_editors(self) -> None:
+        documents = self._session.documents
+        with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as tabs:
+            for which, document in documents.items():
+                ui.tab(which, label=document.path.name)
+        tabs.set_value(DOMAIN)
+        self._tabs = tabs
+        # Not panels of the tabs: an editor that was never shown would not be there to be told.
+        for which in documents:
+            with ui.element("div").classes("serp-document") as panel:
+                self._editors[which] = ui.codemirror(
+                    documents[which].text,
+                    language=None if which == SCENARIOS else _LANGUAGE,
+                    indent="  ",
+                    on_change=functools.partial(self._edited, which),
+                    keymap={"Mod-s": lambda: self.save()},
+                ).classes("serp-code")
+            panel.bind_visibility_from(tabs, "value", value=which)
+
+    def dark(self, dark: bool) -> None:
+        """Show the text light on dark, or dark on light."""
+        for editor in self._editors.values():
+            editor.run_method("setTheme", _THEMES[dark])
+
+    def _edited(self, which: str, event: Any) -> None:
+        self._session.edit(which, event.value or "")
+        self._live.changed()
+
+    def keys(self, keys: Mapping[str, Callable[[], None]]) -> None:
+        """Bind keys in the text, such as `F8`."""
+        for editor in self._editors.values():
+            for key, pressed in keys.items():
+                editor.map_key(key, pressed)
+
+    def underline(self, which: str, marks: list[dict[str, Any]]) -> None:
+        """Underline places of a document."""
+        self._editors[which].run_method("setDecorations", marks)
+
+    def keep_in_sight(self) -> None:
+        """Show the cursor where what is below the text has grown over it."""
+        self._tabs.client.run_javascript(
+            _IN_SIGHT % [editor.id for editor in self._editors.values()]
+        )
+
+    # Going there -------------------------------------------------------------------------------
+
+    def jump(self, file: str, line: int, column: int) -> None:
+        """Show a line and column of a file, both from 1, if it is open."""
+        for which, document in self._session.documents.items():
+            lines = document.text.split("\n")
+            if document.name == file and 0 < line <= len(lines):
+                start = sum(len(each) + 1 for each in lines[: line - 1]) + column - 1
+                self.reveal(which, start, line)
+
+    def reveal(self, which: str, start: int, line: int) -> None:
+        """Put the cursor before a character of a document and show its line."""
+        editor = self._editors[which]
+        self._tabs.set_value(which)
+        units = _units(self._session.documents[which].text[:start])
+        editor.client.run_javascript(
+            f"const e = getElement({editor.id}).editor;"
+            f"const at = Math.min({units}, e.state.doc.length);"
+            "e.dispatch({selection: {anchor: at}, scrollIntoView: true}); e.focus();"
+        )
+        editor.reveal_line(line)
+
+    # Saving ------------------------------------------------------------------------------------
+
+    def save(self, *, anyway: bool = False) -> None:
+        """Save what was changed; ask where a file was changed by another program."""
+        try:
+            saved = self._session.save(anyway=anyway)
+        except ChangedOnDisk as conflict:
+            self._ask(str(conflict))
+        except SerpError as error:
+            ui.notify(str(error), type="negative", close_button=True, timeout=0)
+        else:
+            names = ", ".join(map(str, saved))
+            ui.notify(f"Saved {names}" if saved else "Nothing to save", position="bottom-left")
+        self._live.changed()
+
+    def _ask(self, conflict: str) -> None:
+        def choose(action: Callable[[], None]) -> None:
+            dialog.close()
+            action()
+
+        with ui.dialog() as dialog, ui.card():
+            ui.label(conflict)
+            with ui.row():
+                for text, action in (
+                    ("Keep mine, replace the file", lambda: self.save(anyway=True)),
+                    ("Take the file's text", self.reload),
+                    ("Cancel", lambda: None),
+                ):
+                    ui.button(text, on_click=functools.partial(choose, action)).props("no-caps")
+        dialog.open()
+
+    def reload(self) -> None:
+        """Take the texts that are on the disk."""
+        try:
+            self._session.reload()
+        except SerpError as error:
+            ui.notify(str(error), type="negative")
+        self.refresh()
+        self._live.changed()
+
+    def refresh(self) -> None:
+        """Propose the texts of the session to the browser, from where they come back as changes."""
+        for which, editor in self._editors.items():
+            known, text = editor.value or "", self._session.documents[which].text
+            if known == text:
+                continue
+            first = _common(known, text)
+            last = _common(known[first:][::-1], text[first:][::-1])
+            begin = _units(known[:first])
+            end = begin + _units(known[first : len(known) - last])
+            told = (editor.id, known, begin, end, text[first : len(text) - last])
+            editor.client.run_javascript(f"{_REPLACE}({', '.join(map(json.dumps, told))})")
+
+
+def _units(text: str) -> int:
+    """Return the length of a text as browsers count it."""
+    return len(text.encode("utf-16-le")) // 2
+
+
+def _common(one: str, other: str) -> int:
+    """Return the number of characters with which both texts begin."""
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((k for k, (a, b) in pairs if a != b), min(len(one), len(other)))
+
+
+_PAUSE: Final = 0.3
+"""Seconds without a change after which places are underlined."""
+_MOST: Final = 200
+_CLICK: Final = (
+    "(e) => { const b = e.target.closest('[data-finding]'); "
+    "if (b) emit(b.dataset.what, b.dataset.finding) }"
+)
+
+
+class FindingsPane(Pane):
+    """The list of findings; each can be gone to, and mended where it is known how.
+
+    Args:
+        session, live: See `Pane`.
+        editor: Where the texts are edited.
+    """
+
+    def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
+        super().__init__(session, live)
+        self._editor = editor
+        self._findings: tuple[Finding, ...] = ()
+        self._listed: list[str] | None = None
+        self._underlined: dict[str, list[tuple[str, int]]] = {}
+        self._position = -1
+        self._summary = ui.label().classes("serp-summary").props('role="status"')
+        self._list = ui.html(tag="ul").classes("serp-findings")
+        self._list.on("click", self._clicked, js_handler=_CLICK)
+        editor.keys({"F8": lambda: self._next(1), "Shift-F8": lambda: self._next(-1)})
+        live.shows(self.show)
+
+    def show(self, request: Request, view: View) -> None:
+        """Show what is wrong, in the text and in the list."""
+        self._findings = view.findings
+        asyncio.get_running_loop().call_later(_PAUSE, self._underline, request.version)
+        listed = [finding.rendered for finding in view.findings] + [view.failure]
+        if listed == self._listed:
+            return
+        self._listed, self._position = listed, -1
+        counted = Counter(finding.severity for finding in view.findings)
+        said = [
+            plural(counted[kind], kind) for kind in ("error", "warning", "note") if counted[kind]
+        ]
+        self._summary.set_text(view.failure or ", ".join(said) or "Nothing is wrong here.")
+        self._list.set_content("".join(map(self._item, range(_MOST), view.findings)))
+        self._editor.keep_in_sight()
+
+    def _underline(self, version: Version) -> None:
+        """Underline the places of findings, unless the text has changed since.
+
+        Not while somebody types: the editor may then put the cursor elsewhere.
+        """
+        if version != self._session.version:
+            return
+        for which in self._session.documents:
+            placed = [f for f in self._findings if self._session.document_of(f.place) == which]
+            marks = [mark for finding in placed if (mark := _mark(finding)) is not None]
+            # The editor moves its marks along with their text.
+            told = [(mark["attributes"]["title"], mark["to"] - mark["from"]) for mark in marks]
+            if told != self._underlined.get(which, []):
+                self._editor.underline(which, marks)
+                self._underlined[which] = told
+
+    def _item(self, position: int, finding: Finding) -> str:
+        place, severity = finding.place, finding.severity
+        where = ""
+        if place is not None and (which := self._session.document_of(place)) is not None:
+            name = self._session.documents[which].path.name
+            where = f'<span class="serp-place">{escape(name)}:{place.line}:{place.column}</span> '
+        advice = finding.advice and f'<span class="serp-advice">{escape(finding.advice)}</span>'
+        mend = ""
+        if finding.fix is not None:
+            mend = (
+                f'<button type="button" class="serp-mend" data-what="mend" '
+                f'data-finding="{position}">{"Mend" if finding.fix.sure else "Try this"}</button>'
+            )
+        return (
+            f'<li><button type="button" class="serp-{severity}" data-what="go" '
+            f'data-finding="{position}"><span class="serp-kind">{severity}</span> {where}'
+            f'{escape(finding.message)} <span class="serp-place">[{escape(finding.code)}]</span>'
+            f"{advice}</button>{mend}</li>"
+        )
+
+    def _clicked(self, event: Any) -> None:
+        what, position = event.args
+        if not str(position).isdecimal() or not int(position) < len(self._findings):
+            return
+        finding = self._findings[int(position)]
+        if what == "mend":
+            if self._session.mend(finding):
+                self._editor.refresh()
+                self._live.changed()
+        else:
+            self._position = int(position)
+            self._go(finding)
+
+    def _next(self, step: int) -> None:
+        placed = [k for k, finding in enumerate(self._findings) if finding.place is not None]
+        if placed:
+            at = placed.index(self._position) + step if self._position in placed else 0
+            self._position = placed[at % len(placed)]
+            self._go(self._findings[self._position])
+
+    def _go(self, finding: Finding) -> None:
+        which = self._session.document_of(finding.place)
+        if which is not None and finding.place is not None:
+            self._editor.reveal(which, finding.place.start, finding.place.line)
+
+
+def _mark(finding: Finding) -> dict[str, Any] | None:
+    """Return how the editor underlines a place: within its first line, at least a character."""
+    place = finding.place
+    if place is None:
+        return None
+    text = place.source.text
+    line_end = place.start + len(place.source_line) - (place.column - 1)
+    end = min(max(place.end, place.start + 1), max(line_end, place.start + 1), len(text))
+    if end <= place.start:
+        return None
+    said = f"{finding.message}\n{finding.advice}".strip()
+    return {
+        "kind": "mark",
+        "from": place.start,
+        "to": end,
+        "class": f"serp-mark-{finding.severity}",
+        "attributes": {"title": said},
+    }

@@ -1,0 +1,86 @@
+"""Keeps what is shown up with what is edited: one view at a time, always of the newest state."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from nicegui import background_tasks, run, ui
+
+from serp.ui.studio.session import Request, Session, View
+
+Shown = Callable[[Request, View], None]
+
+
+class Live:
+    """Asks for a view after every change and hands it to whoever shows it.
+
+    A change that comes while a view is computed is looked at next; those between are left out, so
+    that a slow file delays what is shown and never the typing.
+
+    Args:
+        session: What is open.
+
+    Attributes:
+        closed: Whether the page no longer owns the session; it then may change nothing.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._shown: list[Shown] = []
+        self._wanted = asyncio.Event()
+        self.closed = False
+
+    def shows(self, shown: Shown) -> None:
+        """Add a function that is called with every request and its view."""
+        self._shown.append(shown)
+
+    def begin(self) -> None:
+        """Begin to follow the session."""
+        self._wanted.set()
+        background_tasks.create(self._follow(), name="studio: views")
+
+    def changed(self) -> None:
+        """Say that the session has changed."""
+        self._wanted.set()
+
+    def close(self) -> None:
+        """Follow no longer."""
+        self.closed = True
+        self._wanted.set()
+
+    async def _follow(self) -> None:
+        while True:
+            await self._wanted.wait()
+            self._wanted.clear()
+            if self.closed:
+                return
+            request = self._session.request()
+            view = await run.io_bound(request.view)
+            if view is not None and not self.closed:
+                for shown in self._shown:
+                    shown(request, view)
+
+
+class Pane:
+    """A part of the page.
+
+    Args:
+        session: What is open.
+        live: Follows the session.
+    """
+
+    def __init__(self, session: Session, live: Live) -> None:
+        self._session = session
+        self._live = live
+
+
+@contextmanager
+def busy(button: ui.button) -> Iterator[None]:
+    """Show that what a button has begun goes on."""
+    button.props("loading")
+    try:
+        yield
+    finally:
+        button.props(remove="loading")

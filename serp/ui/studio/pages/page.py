@@ -1,0 +1,122 @@
+"""The page of the studio: the files on the left, what they mean on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from nicegui import ui
+
+from serp._util.figures import PALETTE
+from serp.ui.studio.document import Document
+from serp.ui.studio.pages.decision import DecisionPane
+from serp.ui.studio.pages.editor import EditorPane, FindingsPane
+from serp.ui.studio.pages.expectations import ExpectationsPane
+from serp.ui.studio.pages.live import Live
+from serp.ui.studio.pages.situation import ScenePane
+from serp.ui.studio.pages.training import TrainingPane
+from serp.ui.studio.pages.versions import VersionsPane
+from serp.ui.studio.session import SCENARIOS, Request, Session, View
+
+_STYLE = Path(__file__).with_name("studio.css").read_text(encoding="utf-8")
+_PAGE = {
+    "paper": ("#f6f7f9", "#0f1216"),
+    "warn": ("#8a5a00", "#e3b341"),
+    "glow": ("#e8f0fa", "#1f2c3d"),
+}
+"""Colours of the page beside those of the palette: light, dark."""
+_ALL = {**PALETTE, **_PAGE}
+_PREFERS_DARK = "matchMedia('(prefers-color-scheme: dark)').matches"
+
+
+async def show_page(session: Session) -> None:
+    """Build the page for a browser that has just called; it takes the studio from an older one."""
+    client = ui.context.client
+    live = Live(session)
+
+    def let_go() -> None:
+        live.close()
+        if client.is_deleted:
+            return
+        client.content.clear()  # what this tab still sends, perhaps after a pause, finds nobody
+        with client.content, ui.card().classes("serp-elsewhere"):
+            ui.label("The studio is open in another tab.")
+            ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
+
+    owner = session.take_over(let_go)
+    ui.add_css(_colours() + _STYLE)
+    dark = ui.dark_mode()
+    with ui.element("header").classes("serp-head"):
+        ui.label("serp studio").classes("serp-brand")
+        state = ui.label().classes("serp-file")
+        ui.element("div").classes("serp-space")
+        save = ui.button("Save").props('dense flat no-caps title="Ctrl+S"')
+        theme = ui.button("Dark").props("dense flat no-caps")
+    with ui.splitter(value=45, limits=(20, 80)).classes("serp-main") as splitter:
+        files = ui.element("section").classes("serp-editor").props('aria-label="Files"')
+        files.move(splitter, target_slot="before")
+        with files:
+            editor = EditorPane(session, live)
+            FindingsPane(session, live, editor)
+        with splitter.after, ui.element("div").classes("serp-right"):
+            scene = ScenePane(session, live)
+            with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as tabs:
+                names = ("Decision", "Versions", "Scenarios", "Training")
+                made = [ui.tab(name) for name in names]
+            with ui.tab_panels(tabs, value="Decision", animated=False, keep_alive=True).classes(
+                "serp-views"
+            ):
+                panes: tuple[Callable[[], object], ...] = (
+                    lambda: DecisionPane(session, live, editor.jump),
+                    lambda: VersionsPane(session, live),
+                    lambda: ExpectationsPane(session, live, editor),
+                    lambda: TrainingPane(session),
+                )
+                for tab, pane in zip(made, panes, strict=True):
+                    with ui.tab_panel(tab), ui.element("section").classes("serp-panel"):
+                        pane()
+    save.on_click(lambda: editor.save())
+
+    def show_state(request: Request, view: View) -> None:
+        files = ", ".join(
+            _told(document)
+            for which, document in session.documents.items()
+            if which != SCENARIOS or document.text
+        )
+        state.set_text(files)
+        save.set_enabled(session.changed)
+
+    live.shows(show_state)
+
+    def set_dark(value: bool) -> None:
+        dark.set_value(value)
+        editor.dark(value)
+        theme.set_text("Light" if value else "Dark")
+
+    theme.on_click(lambda: set_dark(not dark.value))
+    client.on_delete(live.close)
+    await client.connected()
+    if session.owner != owner:
+        return
+    prefers_dark = bool(await ui.run_javascript(_PREFERS_DARK))
+    if session.owner != owner:
+        return
+    set_dark(prefers_dark)
+    live.begin()
+    await scene.begin()
+
+
+def _told(document: Document) -> str:
+    """Return a file's name, whether it was changed, and where it is saved if elsewhere."""
+    name = document.path.name + (" •" if document.changed else "")
+    if document.path == document.target:
+        return name
+    return f"{name} (to be saved as {document.target.name} in the working folder)"
+
+
+def _colours() -> str:
+    """Return the palette as CSS variables, light and dark."""
+    return "".join(
+        f"{where} {{{''.join(f'--{name}: {both[k]};' for name, both in _ALL.items())}}}\n"
+        for k, where in enumerate((":root", ".body--dark"))
+    )

@@ -1,0 +1,234 @@
+"""The state that decisions are shown for: a slider for each number, a switch for each predicate."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, Final
+
+from nicegui import run, ui
+
+from serp.errors import SerpError
+from serp.ui.studio.pages.live import Live, Pane, busy
+from serp.ui.studio.session import PROBLEM, Request, Session, View
+from serp.ui.studio.shown_state import Control
+
+Changed = Callable[[Any], None]
+
+_MOST = 60
+"""Fluents that are shown at a time."""
+
+
+class StatePane(Pane):
+    """Sliders and switches."""
+
+    def __init__(self, session: Session, live: Live) -> None:
+        super().__init__(session, live)
+        self._controls: tuple[Control, ...] = ()
+        self._setters: dict[str, list[Any]] = {}
+        self._filter = ""
+        with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
+            self._search = ui.input(placeholder="find a fluent", on_change=self._filtered).props(
+                "dense clearable"
+            )
+            self._search.set_visibility(False)
+            self._switches = ui.element("div").classes("serp-switches")
+            self._grid = ui.element("div").classes("serp-controls")
+            self._more = ui.label().classes("serp-faint")
+        live.shows(self.show)
+
+    def show(self, request: Request, view: View) -> None:
+        """Show the controls of a view."""
+        if view.decision is None:
+            return
+        controls = view.decision.controls
+        same = [_kind(each) for each in controls] == [_kind(each) for each in self._controls]
+        self._controls = controls
+        if not same:
+            self._build()
+            return
+        for control in controls:
+            for element in self._setters.get(control.name, ()):
+                # What is being dragged or typed is ahead of this view.
+                newest = self._session.shown.values.get(control.name, control.value)
+                value = float(newest) if control.numeric else bool(newest)
+                if element.value != value:
+                    element.value = value
+
+    def _filtered(self, event: Any) -> None:
+        self._filter = (event.value or "").lower()
+        self._build()
+
+    def _build(self) -> None:
+        wanted = [each for each in self._controls if self._filter in each.name]
+        self._search.set_visibility(len(self._controls) > 12)
+        self._setters = {}
+        self._grid.clear()
+        self._switches.clear()
+        for control in wanted[:_MOST]:
+            changed = functools.partial(self._changed, control)
+            make = self._slider if control.numeric else self._switch
+            with self._grid if control.numeric else self._switches:
+                self._setters[control.name] = make(control, changed)
+        left = len(wanted) - _MOST
+        self._more.set_text(f"… and {left:,} more" if left > 0 else "")
+
+    def _switch(self, control: Control, changed: Changed) -> list[Any]:
+        switch = ui.switch(control.name, value=bool(control.value), on_change=changed)
+        return [switch.props("dense").classes("serp-switch")]
+
+    def _slider(self, control: Control, changed: Changed) -> list[Any]:
+        with ui.element("div").classes("serp-control"):
+            ui.label(control.name).classes("serp-name").tooltip(control.name)
+            slider = ui.slider(
+                min=control.low, max=control.high, step=control.step, value=control.value,
+                on_change=changed,
+            )  # fmt: skip
+            number = ui.number(value=control.value, format="%.4g", on_change=changed)
+            for element, what in ((slider, "slider"), (number, "number")):
+                element.props("dense")
+                element.props["aria-label"] = f"{control.name}, {what}"
+            number.props("borderless").classes("serp-value")
+        return [slider, number]
+
+    def _changed(self, control: Control, event: Any) -> None:
+        value = event.value
+        if value is None:
+            return
+        known = self._session.shown.values.get(control.name, control.value)
+        if float(value) != float(known):
+            self._session.set_fluent(control.name, float(value) if control.numeric else bool(value))
+            self._live.changed()
+
+
+def _kind(control: Control) -> tuple[object, ...]:
+    return control.name, control.numeric, control.low, control.high
+
+
+_MOST_MARKERS: Final = 50
+
+
+class ScenePane(Pane):
+    """Buttons that choose the state, the steps of the episode, two pictures, and the fluents."""
+
+    def __init__(self, session: Session, live: Live) -> None:
+        super().__init__(session, live)
+        with ui.element("section").classes("serp-panel").props('aria-label="Situation"'):
+            with ui.element("div").classes("serp-row"):
+                if PROBLEM in session.documents:
+                    ui.button("Initial state", on_click=self._initial).props(
+                        "dense outline no-caps"
+                    )
+                self._play = ui.button("Play an episode", on_click=self.play).props(
+                    "dense outline no-caps"
+                )
+                self._seed = ui.number("seed", value=0, min=0, precision=0).props("dense")
+                self._seed.classes("serp-seed")
+                if session.recorded is not None:
+                    self._episode = ui.number("episode", value=1, min=1, precision=0)
+                    self._episode.props("dense").classes("serp-seed")
+                    ui.button("Show", on_click=self._show_episode).props("dense outline no-caps")
+                    ui.button("Next veto", on_click=self._next_veto).props("dense outline no-caps")
+                self._origin = ui.label().classes("serp-faint")
+            self._steps = ui.slider(min=0, max=1, step=1, value=0, on_change=self._chosen)
+            self._steps.props('dense snap aria-label="Step of the episode"')
+            self._steps.set_visibility(False)
+            with ui.element("div").classes("serp-situation"):
+                with ui.element("div").classes("serp-scenes"):
+                    self._drawing = ui.html().classes("serp-drawing")
+                    self._picture = ui.html().classes("serp-picture")
+                StatePane(session, live)
+        live.shows(self.show)
+
+    async def play(self, *, unasked: bool = False) -> None:
+        """Play an episode in the environment, in a thread, and show its steps.
+
+        What prevents it is told, unless nobody has asked for it.
+        """
+        with busy(self._play):
+            try:
+                played = await run.io_bound(self._session.player(int(self._seed.value or 0)))
+            except SerpError as error:
+                if not unasked:  # a place in a file is told beside the text, with its line
+                    ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
+                return
+        if self._live.closed:
+            return
+        self._session.take(played)
+        if played.note:
+            ui.notify(played.note, multi_line=True)
+        self._taken()
+
+    def _taken(self) -> None:
+        """Show the steps of an episode that was taken over."""
+        played = self._session.played
+        assert played is not None
+        self._steps.props(f"max={len(played.steps) - 1}")
+        self._steps.props["markers"] = len(played.steps) <= _MOST_MARKERS
+        self._steps.set_visibility(len(played.steps) > 1)
+        self._steps.set_value(self._session.step)
+        self._live.changed()
+
+    def _show_episode(self) -> None:
+        try:
+            self._session.show_episode(int(self._episode.value or 1))
+        except SerpError as error:
+            ui.notify(str(error), type="warning", multi_line=True)
+        else:
+            self._taken()
+
+    def _next_veto(self) -> None:
+        if self._session.show_next_veto():
+            self._taken()
+        else:
+            ui.notify("Nothing was refused in this run.")
+
+    async def begin(self) -> None:
+        """Show steps at the beginning: of the run, or else of an episode of the task."""
+        if self._session.played is not None:
+            self._taken()
+        elif self._session.recorded is not None:
+            if self._session.show_next_veto():
+                self._taken()
+            else:
+                self._show_episode()
+        elif self._session.task is not None:
+            await self.play(unasked=True)
+
+    def _initial(self) -> None:
+        self._session.show_initial()
+        self._live.changed()
+
+    def _chosen(self, event: Any) -> None:
+        if self._session.played is not None and event.value != self._session.step:
+            self._session.show_step(int(event.value))
+            self._live.changed()
+
+    def show(self, request: Request, view: View) -> None:
+        """Show where the state comes from, and its pictures."""
+        session, played = self._session, self._session.played
+        as_played = session.as_played
+        origin = request.shown.origin
+        if session.step is not None and played is not None:
+            action = played.steps[session.step].action
+            origin = f"{played.name}, step {session.step} of {len(played.steps) - 1}"
+            origin += f", {action}" if action and as_played else ""
+        changed = request.shown.values and not as_played
+        self._origin.set_text(origin + (", changed by hand" if changed else ""))
+        if view.decision is not None:  # else the last one stays, as the decision does
+            self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))
+        picture = ""
+        if session.step is not None and played is not None:
+            url = played.steps[session.step].picture
+            if url:
+                said = "the environment at this step"
+                said += "" if as_played else "; the fluents have been changed since"
+                picture = _figure(f'<img src="{url}" alt="{said}">', said)
+        self._picture.set_content(picture)
+        self._picture.classes(
+            add="" if as_played else "serp-stale", remove="serp-stale" if as_played else ""
+        )
+
+
+def _figure(picture: str, said: str) -> str:
+    return f"<figure>{picture}<figcaption>{said}</figcaption></figure>" if picture else ""

@@ -1,0 +1,139 @@
+"""Training for a command: the run, how it ends, and what is said of it."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from serp._util.text import percent, plural, readable
+from serp.ui.main import say, stopped_by
+from serp.ui.options import own_task_name
+from serp.ui.output import open_console, print_result, print_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.runs.run import Run
+    from serp.tasks.task import Task
+
+
+def unsafe_text(counts: Mapping[str, Any]) -> str:
+    """Return how often a run, or an evaluation, was unsafe: by prediction, and by observation."""
+    said = f"{plural(counts['unsafe_executed'], 'action')} executed that the domain file flags"
+    if counts["avoidable_unsafe"]:
+        said += f", {counts['avoidable_unsafe']:,} of them while another one was not flagged"
+    if counts["unsafe_observed"] is not None:
+        said += f"; {plural(counts['unsafe_observed'], 'step')} came out unsafe, foreseen or not"
+    return said
+
+
+def print_account(
+    console: Console, account: Mapping[str, Any], sight: Mapping[str, float | None]
+) -> None:
+    """Print what `serp.agent.agent.account_of` and `sight_of` return."""
+    rows = [("trained policy", account["trained_policy"])]
+    if account["evidence"] is not None:
+        rows.append(("evidence", account["evidence"]["sentence"]))
+    if sight["saw_all"] is not None:
+        shares = [percent(share or 0.0) for what, share in sight.items() if what != "mean_depth"]
+        said = (
+            "everything in {} of the steps, beyond its layers by cells in {}, cut short in {}, "
+            "indifferent in {}".format(*shares)
+        )
+        if sight["mean_depth"] is not None:
+            said += f"; otherwise {readable(sight['mean_depth'])} layers of states"
+        rows.append(("planner saw", said))
+    rows.append(("model", account["model"]["sentence"]))
+    rows += [
+        ("", f"{fluent['fluent']} as written: {fluent['why']}")
+        for fluent in account["model"]["fluents"]
+        if not fluent["adapted"]
+    ]
+    print_table(console, ("", ""), rows)
+
+
+def train(task: Task | str, *, quiet: bool, **options: Any) -> int | None:
+    """Train on a task as `serp.plan_and_learn` does, and say what came of it.
+
+    Returns:
+        The exit status of a training that was stopped; None for one that ended.
+    """
+    from serp.errors import Interrupted
+    from serp.runs.train import plan_and_learn
+
+    try:
+        with _own_task_added():
+            run = plan_and_learn(task, quiet=quiet, **options)
+    except (Interrupted, KeyboardInterrupt) as stop:
+        if not isinstance(stop, Interrupted) and not _notes(stop):
+            raise
+        said = str(stop) if isinstance(stop, Interrupted) else "Stopped at once."
+        say("\n".join([said, *_notes(stop)]))
+        return stopped_by(stop)
+    if quiet:
+        print_result(run.path)
+    else:
+        _print_results(run)
+    return None
+
+
+@contextlib.contextmanager
+def _own_task_added() -> Iterator[None]:
+    """Add `--task` to what an error says of how the run goes on."""
+    try:
+        yield
+    except BaseException as error:
+        if _notes(error) and (own := _own_task()):
+            error.add_note(f"and add{own} to the command, for this task is not installed")
+        raise
+
+
+def _notes(error: BaseException) -> list[str]:
+    """Return what was added to an error: how the run goes on."""
+    return list(getattr(error, "__notes__", []))
+
+
+def _own_task() -> str:
+    """Return `--task` as it was given, for a command that is to be typed next."""
+    name = own_task_name()
+    return f" --task {shlex.quote(name)}" if name is not None else ""
+
+
+def _print_results(run: Run) -> None:
+    summary: dict[str, Any] = run.summary
+    episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
+    said = f"{readable(returns['mean'])} on average"
+    if returns["last_20"] is not None:
+        said += f", {readable(returns['first_10'])} in the first 10 episodes, "
+        said += f"{readable(returns['last_20'])} in the last 20"
+    quoted = shlex.quote(str(run.path))
+    console = open_console()
+    console.print("")
+    print_table(
+        console,
+        ("", ""),
+        [
+            ("run", str(run.path)),
+            ("length", f"{episodes}, {plural(summary['env_steps'], 'env step')}"),
+            ("return", said),
+            ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
+                           "(a fall, a crash, the goal)"),
+            ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
+            ("unsafe", unsafe_text(summary)),
+        ],
+    )  # fmt: skip
+    console.print("")
+    print_account(console, summary, summary["sight"])
+    console.print("\nNext:")
+    print_table(
+        console,
+        ("", ""),
+        [
+            (f"  serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
+            (f"  serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
+            (f"  serp why {quoted}", "what happened in a step, and what of the file is behind it"),
+            (f"  serp report {quoted}{_own_task()}", "the whole run as one page for the browser"),
+        ],
+    )

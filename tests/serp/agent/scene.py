@@ -1,0 +1,56 @@
+"""A planner's view and a learner whose values are known, to see what a strategy makes of both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from serp.agent.protocols import Mask
+from serp.agent.strategy import Situation, Strategy
+from serp.learning.dqn import Proposal
+from serp.model.flags import APPLICABLE
+from serp.planning.edges import Bound
+from serp.planning.forecast import SAFE
+from serp.tasks.action_map import ActionForecast
+
+
+def forecast(values: Sequence[float]) -> ActionForecast:
+    """What the planner thinks of actions that are all applicable and safe."""
+    value = np.array(values, dtype=np.float64)
+    count = len(value)
+    return ActionForecast(
+        choice=int(value.argmax()),
+        ground=np.arange(count),
+        value=value,
+        path_risk=np.zeros(count),
+        safe_steps=np.full(count, SAFE),
+        reward=np.zeros(count),
+        flags=np.full(count, APPLICABLE),
+        depth=1,
+        bound=Bound.DEPTH,
+        indifferent=count > 1 and bool((value == value[0]).all()),
+    )
+
+
+def situation(values: Sequence[float]) -> Situation:
+    """A state in which the plans from each action on are worth so much; no veto refuses one."""
+    return Situation(forecast(values), np.ones(len(values), bool))
+
+
+class Known:
+    """A learner whose values are given; it never explores."""
+
+    def __init__(self, q: Sequence[float]) -> None:
+        self.q = np.array(q, dtype=np.float32)
+
+    def propose(self, explorable: Mask | None) -> Proposal:
+        return self.propose_greedily()
+
+    def propose_greedily(self) -> Proposal:
+        return Proposal(int(self.q.argmax()), False, self.q)
+
+
+def learner_acts(strategy: Strategy) -> bool:
+    """Whether the learner is asked next, all else equal."""
+    return strategy.propose(situation([1.0, 0.0]), Known([0.0, 1.0])) is not None

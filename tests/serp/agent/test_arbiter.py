@@ -1,0 +1,202 @@
+"""Who acts, what is refused and what a decision says of itself; `test_guarantee` has the rest."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from random import Random
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from serp.agent.arbiter import Arbiter
+from serp.agent.decision import Actor, Decision, Reason
+from serp.agent.strategy import Mixture
+from serp.learning.dqn import Proposal
+from serp.model.learned.adapted_model import AdaptedModel
+from serp.model.transition_model import Vector
+from serp.planning.forecast import SAFE
+from serp.planning.lookahead import Lookahead
+from serp.settings import ArbiterSettings, PlannerSettings, Settings
+from serp.tasks.action_map import ActionMap
+from tests.serp.agent.decisions import (
+    MODELS,
+    View,
+    Wild,
+    action_maps,
+    arbiter_of,
+    proposer_of,
+)
+from tests.serp.agent.scene import Known
+from tests.serp.planning.worlds import load, states_of
+
+
+class Case(NamedTuple):
+    """A decision by Algorithm 1, and what the model predicts where it was made."""
+
+    arbiter: Arbiter
+    view: View
+    state: Vector
+    decision: Decision
+
+
+@pytest.fixture(scope="module")
+def cases() -> list[Case]:
+    """Decisions in all worlds, with all maps of actions and settings of all kinds."""
+    made = []
+    for seed, model in enumerate(MODELS):
+        random = Random(seed)
+        for number, actions in enumerate([*action_maps(model, random)] * 4):
+            arbiter, learner = arbiter_of(actions, random), Wild(100 * seed + number, actions.size)
+            for state in states_of(model, random, 9):
+                with np.errstate(over="ignore", invalid="ignore"):
+                    decision = arbiter.decide(state, proposer_of(learner))
+                view = View.of(arbiter, state)
+                made.append(Case(arbiter, view, state, decision))
+    return made
+
+
+def test_the_record_tells_what_happened(cases: list[Case]) -> None:
+    for arbiter, view, _, decision in cases:
+        settings = arbiter.settings
+        assert decision.rho == arbiter.rho == settings.rho
+        assert decision.admissible.tolist() == view.admissible(settings)
+        if view.applicable[decision.action]:
+            assert decision.predicted_reward == view.reward[decision.action]
+        else:
+            assert math.isnan(decision.predicted_reward)
+        proposed = "none" if decision.proposed < 0 else view.kind[decision.proposed]
+        assert decision.proposal_unsafe == (proposed in ("unsafe", "risky", "certain"))
+        assert decision.vetoed == (
+            decision.proposed_by is not Actor.PLANNER and decision.reason is not Reason.ACCEPTED
+        )
+        if decision.proposed_by is Actor.PLANNER:
+            assert settings.rho < 1.0
+            if decision.reason is Reason.PLANNER_TURN:
+                assert decision.action == decision.proposed
+        elif decision.reason is Reason.ACCEPTED:
+            assert decision.executed_by is decision.proposed_by
+            assert decision.action == decision.proposed
+            assert decision.admissible[decision.action]
+        else:
+            assert not decision.admissible[decision.proposed]
+            assert decision.executed_by in (Actor.PLANNER, Actor.FALLBACK)
+        if decision.executed_by is Actor.PLANNER:
+            assert view.applicable[decision.action]
+
+
+REFUSED = {
+    Reason.NOT_APPLICABLE: {"not applicable"},
+    Reason.UNDEFINED: {"undefined"},
+    Reason.UNSAFE: {"unsafe"},
+    Reason.TOO_RISKY: {"risky", "certain"},
+    Reason.LOW_REWARD: {"safe"},
+    Reason.UNSAFE_AHEAD: {"safe"},
+    Reason.UNMODELLED: {"unknown"},
+}
+"""Reason → kinds of proposals that are refused for it."""
+
+
+def test_the_reason_is_one_that_holds(cases: list[Case]) -> None:
+    reasons: Counter[Reason] = Counter()
+    for arbiter, view, _, decision in cases:
+        settings, reason, proposed = arbiter.settings, decision.reason, decision.proposed
+        reasons[reason] += 1
+        if reason in REFUSED:
+            assert view.kind[proposed] in REFUSED[reason]
+        match reason:
+            case Reason.PLANNER_TURN:
+                assert decision.proposed_by is Actor.PLANNER
+            case Reason.LOW_REWARD:
+                assert settings.r_min is not None
+                assert view.reward[proposed] < settings.r_min
+            case Reason.UNSAFE_AHEAD:
+                assert settings.veto_horizon == "lookahead"
+                assert view.steps[proposed] < SAFE
+            case Reason.UNMODELLED:
+                assert settings.unmodelled == "veto"
+            case Reason.NO_SAFE_ACTION:
+                assert "safe" not in view.kind and "unsafe" in view.kind
+            case Reason.LEAST_RISK:
+                assert "safe" not in view.kind
+                assert not {"risky", "certain"}.isdisjoint(view.kind)
+            case Reason.NO_APPLICABLE_ACTION:
+                assert not any(view.applicable)
+                assert decision.executed_by is Actor.FALLBACK
+    assert set(reasons) == set(Reason) - {Reason.LITTLE_TRIED}
+    assert min(reasons.values()) >= 5
+
+
+def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file(cases: list[Case]) -> None:
+    said: dict[str, tuple[str, ...]] = {
+        "unknown": ("domain does not mention",),
+        "not applicable": ("does not hold",),
+        "unsafe": ("(unsafe)", "contradicts", "neither true nor false", "no finite"),
+        "undefined": ("contradicts", "neither true nor false", "no finite"),
+        "safe": ("below R_min", "then nothing is left that is predicted safe"),
+    }
+    for arbiter, view, state, decision in cases:
+        explanation = arbiter.explain(decision, state)
+        if isinstance(arbiter.model, AdaptedModel):
+            continue  # what it says of learned risks, the tests of the model ask
+        if decision.reason in (Reason.PLANNER_TURN, Reason.ACCEPTED):
+            assert explanation == ""
+            continue
+        shown = decision.proposed if decision.proposed >= 0 else decision.action
+        assert any(text in explanation for text in said[view.kind[shown]]), explanation
+        name = explanation.split(":")[0]
+        assert name in [action.name for action in arbiter.model.actions] or name.startswith(
+            "action"
+        )
+
+
+# Algorithm 1 ------------------------------------------------------------------------------------
+
+TWO = load(
+    """
+    (define (domain two)
+      (:predicates (unsafe))
+      (:functions (x) (reward))
+      (:action good :parameters () :precondition (and)
+        :effect (and (increase (reward) 1)))
+      (:action bad :parameters () :precondition (and)
+        :effect (and (increase (reward) 0))))
+    """
+)
+STATE = np.array([0.0])[: len(TWO.fluents)]
+
+
+def two(**settings: object) -> Arbiter:
+    """An arbiter whose planner always wants action 0."""
+    chosen = ArbiterSettings(**settings)  # type: ignore[arg-type]
+    planner = Lookahead(TWO, PlannerSettings(depth=2))
+    return Arbiter(planner, ActionMap(TWO, 2), chosen, Mixture(Settings(arbiter=chosen), 7))
+
+
+def test_plan_and_judge_proposal_do_not_draw() -> None:
+    arbiter = two(rho=0.5)
+    before = arbiter.state_dict()
+    assert arbiter.plan(STATE).reason is Reason.PLANNER_TURN
+    assert arbiter.judge_proposal(STATE, Proposal(1, False, None)).reason is Reason.ACCEPTED
+    assert arbiter.state_dict() == before
+
+
+def test_what_is_tried_for_the_sake_of_learning_is_no_plan() -> None:
+    """In its turn in training the planner tries something; its plan and all others stay."""
+    plain = two(rho=0.0)
+    other = 1 - plain.plan(STATE).action
+    exploring = Arbiter(
+        plain.planner, plain.actions, plain.settings,
+        exploration_bonus=lambda forecast: forecast._replace(choice=other),
+    )  # fmt: skip
+    tried = exploring.decide(STATE, Known([0.0, 1.0]))
+    assert (tried.action, tried.reason) == (other, Reason.LITTLE_TRIED)
+    assert tried.executed_by is Actor.PLANNER
+    assert not tried.vetoed
+    assert exploring.explain(tried, STATE) == ""
+    assert tried.forecast.choice == exploring.plan(STATE).action == plain.plan(STATE).action
+    asked = Arbiter(
+        plain.planner, plain.actions, ArbiterSettings(rho=1.0), exploration_bonus=lambda _: 1 / 0
+    )
+    assert asked.decide(STATE, Known([0.0, 1.0])).executed_by is Actor.LEARNER

@@ -1,0 +1,223 @@
+"""The account of a decision says what the model says, in the words of the file."""
+
+from __future__ import annotations
+
+from random import Random
+
+import numpy as np
+import pytest
+
+from serp.agent.causes import causes_of, observed_causes
+from serp.agent.counterfactuals import flips_of
+from serp.agent.explanation import Explanation, explain
+from serp.agent.sentences import between, lines_of
+from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
+from serp.model.learned.adapted_model import AdaptedModel
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.edges import Bound
+from serp.planning.forecast import SAFE, Forecast, score_of
+from serp.planning.lookahead import Lookahead
+from serp.planning.replanner import MonitorReplanner
+from serp.settings import PlannerSettings
+from tests.generated import PLANNABLE, Texts, generate, load_texts, random_states
+from tests.serp.planning.worlds import WORLDS, states_of, world
+
+HALL = """(define (domain hall)
+  (:predicates (open) (unsafe) (terminal))
+  (:functions (x) (reward))
+  (:action walk      ; one metre
+    :parameters () :precondition (and)
+    :effect (and (increase (x) 1) (decrease (reward) 0.5)))
+  (:action leap :parameters () :precondition (and (open))
+    :effect (and (increase (x) 2)))
+  (:process tire :parameters () :precondition (and) :effect (and (decrease (reward) (* #t 0.25))))
+  (:event door       ; it leads outside
+    :parameters () :precondition (and (> (x) 3))
+    :effect (and (increase (reward) (* 2 (x))) (assign (x) 9) (terminal)))
+  ; A hole in the floor.
+  (:event hole :parameters () :precondition (and (>= (x) 2) (< (x) 2.25))
+    :effect (and (unsafe))))
+"""
+
+
+@pytest.fixture(scope="module")
+def hall() -> TransitionModel:
+    return load_texts(Texts(HALL, None)).model
+
+
+def account(model: TransitionModel, state: Vector, depth: int = 2) -> Explanation:
+    plan = MonitorReplanner(model, depth=depth).plan(state)
+    return explain(model, state, plan.forecast, plan.action, paths=plan.paths)
+
+
+def one_step(model: TransitionModel, state: Vector) -> Forecast:
+    """What a planner of depth 1 predicts, without compiling anything."""
+    steps = [model.transition(state.tolist(), k) for k in range(len(model.actions))]
+    outs, flags = [out for out, _ in steps], np.array([flag for _, flag in steps], dtype=int)
+    there = flags & APPLICABLE > 0
+    reward = np.where(there, [out[-1] for out in outs], 0.0)
+    unsafe = there & (flags & UNSAFE > 0)
+    steps = np.where(there, np.where(unsafe, 0, SAFE), -1)
+    value = np.where(there, reward, -np.inf)
+    risk = np.where(there & ~unsafe, 0.0, 1.0)
+    return Forecast(-1, value, risk, steps, reward, flags, 1, Bound.DEPTH)
+
+
+def test_the_parts_of_a_reward_add_up_to_it_and_flags_have_causes() -> None:
+    """On generated domains: what is refused has a cause, nothing else has one, and none fails."""
+    told = {"reward": 0, "unsafe": 0, "not applicable": 0}
+    models = [(world(seed), states_of(world(seed), Random(seed), 6)) for seed in range(WORLDS)]
+    for seed in range(60):
+        random = Random(seed)
+        model = generate(random, PLANNABLE).model
+        models.append((model, random_states(random, model, 4)))
+    for model, states in models:
+        for state in states:
+            for each in explain(model, state, one_step(model, state), None).alternatives:
+                amounts = [c.amount or 0.0 for c in each.causes if c.what == "reward"]
+                assert all(cause.origin != "learned" for cause in each.causes)
+                assert sum(amounts) == pytest.approx(each.reward or 0.0, rel=1e-9, abs=1e-9)
+                whats = {cause.what for cause in each.causes}
+                if each.applicable:
+                    assert ("unsafe" in whats) == each.unsafe == ("unsafe:" in each.remark)
+                    assert ("end" in whats) == each.terminal == ("ends" in each.remark)
+                else:
+                    assert whats & {"failed", "conflict", "undefined"}
+                    assert each.remark.startswith("not applicable: ")
+                told["not applicable"] += not each.applicable
+                told["unsafe"] += each.unsafe
+                told["reward"] += len(amounts)
+    assert min(told.values()) > 200
+
+
+def test_causes_quote_the_file_with_comment_place_and_values(hall: TransitionModel) -> None:
+    walk, leap = account(hall, np.array([0.0, 2.5])).alternatives
+    says = [(c.what, c.amount, c.origin, c.name, c.comment) for c in walk.causes]
+    assert says == [
+        ("reward", -0.5, "action", "walk", "one metre"),
+        ("reward", -0.25, "process", "tire", ""),
+        ("end", None, "event", "door", "it leads outside"),
+        ("reward", 7.0, "event", "door", "it leads outside"),
+    ]
+    door = walk.causes[3]
+    assert (door.text, door.condition) == ("(increase (reward) (* 2 (x)))", "(> (x) 3)")
+    assert door.reads == {"x": 3.5} and walk.next_state == {"open": False, "x": 9.0}
+    assert door.place is not None and (door.place.line, door.place.column) == (12, 18)
+    assert "+7, the end of the task by event door: it leads outside." in lines_of(walk)[2]
+    assert [c.what for c in leap.causes] == ["failed"] and leap.reward is None
+    assert leap.causes[0].reads == {"open": False}
+
+
+def test_goal_and_metric_are_causes_too() -> None:
+    domain = """(define (domain d) (:predicates (there)) (:functions (total-cost))
+      (:action go :parameters () :precondition (and)
+        :effect (and (there) (increase (total-cost) 3))))"""
+    problem = """(define (problem p) (:domain d) (:init (= (total-cost) 0))
+      ; where it is warm
+      (:goal (there))
+      (:metric minimize (+ (* 2 (total-time)) (total-cost))))"""
+    model = load_texts(Texts(domain, problem)).model
+    assert model.initial_state is not None
+    causes = causes_of(model, model.initial_state, 0)
+    rewards = [(c.origin, c.amount) for c in causes if c.what == "reward"]
+    assert [origin for origin, _ in rewards] == ["action", "goal", "metric"]
+    assert (rewards[0][1], rewards[2][1]) == (-3.0, pytest.approx(-2.0))
+    step = model.step(model.initial_state, 0)
+    assert sum(amount or 0.0 for _, amount in rewards) == pytest.approx(step.reward)
+    assert [(c.what, c.comment) for c in causes][-1] == ("end", "where it is warm")
+    observed, judged = observed_causes(model, model.initial_state, 0, step.state)
+    parts = [cause.amount or 0.0 for cause in observed if cause.what == "reward"]
+    assert sum(parts) == pytest.approx(judged.reward) and judged.reward == step.reward
+
+
+def test_what_follows_on_the_best_path_is_told_with_its_step(hall: TransitionModel) -> None:
+    walk, leap = account(hall, np.array([1.0, 0.0]), depth=3).alternatives
+    assert [(c.what, c.after) for c in walk.ahead if c.name in ("door", "hole")] == [
+        ("end", 2),
+        ("reward", 2),
+    ]
+    assert [c.what for c in leap.causes if c.name == "hole"] == ["unsafe"]
+    assert leap.causes[-1].comment == "A hole in the floor."
+
+
+def test_what_was_learned_is_a_cause_of_its_own(hall: TransitionModel) -> None:
+    adapted = AdaptedModel(hall)
+    state = np.array([0.0, 0.0])
+    forecast = Lookahead(adapted, PlannerSettings(depth=1)).forecast(state)
+    learned = forecast._replace(reward=forecast.reward + 0.125)
+    ends = learned._replace(flags=learned.flags | TERMINAL)
+    causes = explain(adapted, state, ends, 0).alternatives[0].causes
+    assert [c.origin for c in causes if c.what == "end"] == ["learned"]
+    causes = explain(adapted, state, learned, 0).alternatives[0].causes
+    assert [(c.origin, c.amount) for c in causes if c.origin == "learned"] == [("learned", 0.125)]
+    assert sum(c.amount or 0.0 for c in causes) == learned.reward[0]
+
+
+def test_the_runner_up_is_the_best_other_action() -> None:
+    seen = set[str]()
+    for seed in range(15):
+        random = Random(seed)
+        model = generate(random, PLANNABLE).model
+        for state in random_states(random, model, 2):
+            predicted = one_step(model, state)
+            scores = {
+                k: score_of(predicted, k) for k in np.flatnonzero(predicted.applicable).tolist()
+            }
+            for chosen in scores:
+                found = explain(model, state, predicted, chosen).runner_up
+                others = {k: score for k, score in scores.items() if k != chosen}
+                assert (found is None) == (not others)
+                if found is not None:
+                    best = max(others.values())
+                    assert others[found.action] == best
+                    assert scores[chosen] == best or found.ahead == (scores[chosen] > best)
+                    seen.add(found.by)
+    assert {"value", "order", "rank"} <= seen
+
+
+def test_a_risk_that_decides_is_that_of_the_path(hall: TransitionModel) -> None:
+    state = np.array([1.0, 0.5])
+    predicted = one_step(hall, state)._replace(path_risk=np.array([0.1, 0.17]))
+    found = explain(hall, state, predicted, 0)
+    assert found.runner_up is not None and found.taken is not None
+    assert "whose path has more risk (17 % against 10 %)" in between(found.runner_up, "walk")
+    assert found.taken.remark.endswith("risk of its path 10 %")
+
+
+def test_an_action_that_only_puts_off_is_told_from_one_that_is_worth_less(
+    hall: TransitionModel,
+) -> None:
+    state = np.array([1.0, 0.5])
+    for less, by in ((np.nextafter(4.0, 0.0), "delay"), (3.999, "value")):
+        predicted = one_step(hall, state)._replace(value=np.array([less, 4.0]))
+        ahead, behind = (explain(hall, state, predicted, chosen).runner_up for chosen in (1, 0))
+        assert ahead is not None and ahead.ahead and ahead.by == by
+        assert behind is not None and not behind.ahead and behind.by == by
+
+
+def test_the_smallest_change_that_tips_the_choice_is_found(hall: TransitionModel) -> None:
+    planner = Lookahead(hall, PlannerSettings(depth=1))
+    state = np.array([1.0, 0.5])  # leaping costs less than walking
+    ranges = np.array([0.0, -5.0]), np.array([1.0, 5.0])
+    assert planner.forecast(state).choice == 1
+    flips = flips_of(lambda s: planner.forecast(s).choice, hall, state, ranges)
+    by_fluent = {flip.fluent: flip for flip in flips.found}
+    assert by_fluent["open"].becomes == 0.0 and by_fluent["open"].outcome == "0"
+    x = by_fluent["x"]  # below 0.25 a leap ends in the hole
+    assert x.becomes == pytest.approx(0.25) and x.becomes < 0.25 and x.outcome == "0"
+    assert x.share == pytest.approx(0.025)
+    whole = flips_of(lambda s: planner.forecast(s).choice, hall, state, ranges, whole=[1])
+    assert [flip.becomes for flip in whole.found if flip.fluent == "x"] == []  # 0 and 1 are none
+    one = np.array([1.0, 1.0])
+    whole = flips_of(lambda s: planner.forecast(s).choice, hall, one, ranges, whole=[1])
+    assert [flip.becomes for flip in whole.found if flip.fluent == "x"] == [0.0]
+    assert flips.found[0].share == min(flip.share for flip in flips.found)
+    assert "1 number" in flips.searched and "1 predicate" in flips.searched
+
+
+def test_no_change_is_told_with_which_all_would_be_over(hall: TransitionModel) -> None:
+    state = np.array([1.0, 0.5])
+    ranges = np.array([0.0, -5.0]), np.array([1.0, 5.0])
+    found = flips_of(lambda s: int(s[1] >= 2.0), hall, state, ranges).found  # the hole is there
+    assert [flip.becomes for flip in found] == [pytest.approx(2.25)]
+    assert flips_of(lambda s: int(s[1] > 3.5), hall, state, ranges).found == ()  # it is outside

@@ -1,0 +1,118 @@
+"""The guarantee: nothing unsafe is executed while there is something else, whoever proposes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.agent.arbiter import Arbiter
+from serp.agent.decision import Decision, Reason
+from serp.agent.registry import strategy_names
+from serp.learning.dqn import Proposal
+from serp.model.transition_model import Vector
+from serp.tasks.registry import find_task
+from tests.benchmarks.study_safety import train
+from tests.generated.profile import examples
+from tests.serp import lava
+from tests.serp.agent.decisions import (
+    MODELS,
+    RISKY,
+    View,
+    Wild,
+    action_maps,
+    arbiter_of,
+    proposer_of,
+)
+from tests.serp.planning.worlds import states_of
+
+
+def every_decision(arbiter: Arbiter, state: Vector, seed: int) -> list[Decision]:
+    """Decide in all the ways in which a decision is executed under vetoes."""
+    proposer, size = proposer_of(Wild(seed, arbiter.actions.size)), arbiter.actions.size
+    with np.errstate(over="ignore", invalid="ignore"):
+        return [
+            arbiter.decide(state, proposer),
+            arbiter.decide_greedily(state, proposer),
+            arbiter.decide_in_turns(state, proposer, arbiter.strategy),
+            arbiter.plan(state),
+            *(arbiter.judge_proposal(state, Proposal(k, True, None)) for k in range(size)),
+        ]
+
+
+def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
+    """Under every strategy, whatever was learned of the world and of values."""
+    met: Counter[str] = Counter()
+
+    @examples(2_000)
+    @given(
+        strategy=st.sampled_from(strategy_names()),
+        model=st.sampled_from((*MODELS, *RISKY)),
+        actions=st.integers(0, 4),
+        seed=st.integers(0, 2**32),
+    )
+    def holds(strategy: str, model: Any, actions: int, seed: int) -> None:
+        random = Random(seed)
+        arbiter = arbiter_of(list(action_maps(model, random))[actions], random, strategy)
+        arbiter._exploration_bonus = lambda forecast: (
+            forecast._replace(choice=random.randrange(len(model.actions)))
+            if random.random() < 0.3
+            else forecast
+        )
+        for state in states_of(model, random, 3):
+            view = View.of(arbiter, state)
+            for decision in every_decision(arbiter, state, seed):
+                check(decision, view, arbiter.settings.unmodelled == "allow")
+
+    def check(decision: Decision, view: View, unknown_allowed: bool) -> None:
+        kinds, executed = view.kind, view.kind[decision.action]
+        unknown = "unknown" in kinds and unknown_allowed
+        if "safe" in kinds:
+            assert executed == "safe" or (executed == "unknown" and unknown)
+        elif unknown:
+            assert executed in ("unknown", "risky")
+        elif not {"risky", "undefined", "certain"}.isdisjoint(kinds):
+            assert executed in ("risky", "undefined", "certain")
+            if "risky" not in kinds and "undefined" in kinds:
+                assert executed == "undefined"  # may be damage, which the others are for certain
+        elif any(view.applicable):
+            # Nothing is left but damage: it is done knowingly, by an action that has effects.
+            assert executed == "unsafe"
+        elif "not applicable" in kinds:
+            assert executed == "not applicable"
+        assert decision.unsafe == (executed == "unsafe")
+        met[f"{executed}, {'with' if 'safe' in kinds or unknown else 'without'} alternative"] += 1
+        met["refused as unsafe"] += decision.vetoed and decision.proposal_unsafe
+        met["refused as too risky"] += decision.reason is Reason.TOO_RISKY
+
+    holds()
+    # The danger was there.
+    assert met["unsafe, without alternative"] > 500
+    assert met["not applicable, without alternative"] > 50
+    assert met["safe, with alternative"] > 5_000
+    assert met["unknown, with alternative"] > 500
+    assert met["undefined, without alternative"] > 50
+    assert met["risky, without alternative"] > 500
+    assert met["refused as unsafe"] > 500
+    assert met["refused as too risky"] > 100
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "strategy"),
+    [("lava", 500, "mixture"), ("lava", 300, "evidence"), ("cliff", 500, "mixture")],
+)
+def test_every_decision_of_a_training_is_judged_again_by_the_file_as_written(
+    name: str, steps: int, strategy: str
+) -> None:
+    """The model adapts itself meanwhile."""
+    task = lava.task() if name == "lava" else find_task(name)
+    small = {"hidden": [16], "batch_size": 16, "members": 1, "symmetry": False}
+    settings: dict[str, Any] = {"learner": small, "guide": {"strategy": strategy}}
+    counts = train(task.bind(), steps, 1, settings)
+    assert counts["decisions"] >= steps
+    assert counts["avoidable"] == counts["avoidable risk"] == 0

@@ -1,0 +1,83 @@
+"""What an editor is told of any position of any file."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+
+pytest.importorskip("pygls")
+
+from serp.authoring.language_server.completion import MEANINGS, choices, explained
+from serp.authoring.language_server.features import Positions, code_actions, renamed, symbols
+from serp.authoring.language_server.index import Index
+from serp.authoring.lint.findings import findings_of
+from serp.errors import SerpError
+from serp.pddl.parser import SUPPORTED_REQUIREMENTS
+from serp.pddl.reader import SECTIONS
+from serp.pddl.scope import REQUIREMENTS_INSTEAD, RESERVED_WORDS
+from serp.pddl.source import Source
+from tests.serp.pddl.test_fuzz import SHIPPED, damage
+from tests.serp.ui.cli.conftest import WALK
+
+POSITIONS = Positions("utf-16")
+
+
+def test_damaged_files_are_explained_as_far_as_they_can_be_read() -> None:
+    for seed in range(25):
+        random = Random(seed)
+        texts = damage(random.choice(SHIPPED), random)
+        source = Source("d.pddl", texts.domain)
+        index = Index(source)
+        symbols(index, POSITIONS)
+        whole = POSITIONS.range(source.place(0, len(source.text)))
+        code_actions(findings_of(source), "d.pddl", whole, POSITIONS)
+        for _ in range(15):
+            position = random.randrange(len(source.text) + 1)
+            at = POSITIONS.position(source, position)
+            assert POSITIONS.offset(source, at) == position
+            explained(index, source, position)
+            choices(index, source, position)
+            try:
+                places = renamed(index, source, position, "new-name")
+            except SerpError:
+                continue
+            assert len({place.text.lower() for place in places}) == 1
+
+
+def test_every_word_of_the_language_is_explained() -> None:
+    words = RESERVED_WORDS | SUPPORTED_REQUIREMENTS | REQUIREMENTS_INSTEAD.keys() | SECTIONS
+    assert sorted(words - {"preference"} - MEANINGS.keys()) == []
+    text = "(define (domain d) (:requirements :typing :durative-actions))"
+    source = Source("d.pddl", text)
+    found = [explained(Index(source), source, text.index(w)) for w in (":typing", ":durative")]
+    assert [said and said[0] for said in found] == [
+        "The file gives types to objects and parameters.",
+        "Not supported: write an action, and a process for what goes on meanwhile.",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("before", "texts"),
+    [
+        ("(define (domain walk)\n  (:re", [":requirements"]),
+        ("(:requirements :typ", [":typing"]),
+        ("(at ?p - ", ["place", "object", "number"]),
+        (":parameters (?a - place ?b - place)\n    :precondition (and (at ?", ["?a", "?b"]),
+        (":precondition (and (ro", ["road"]),
+        (":effect (and (assign (wal", ["walked"]),
+        (":precondition (and (a", ["at", "and"]),
+        (":effect (and (when (and (> (", ["reward", "walked", "+", "-", "*", "/"]),
+        (":parameters ()\n    :pre", [":precondition"]),
+        ("(walked) 0) (sca", ["scale-up", "scale-down"]),
+        ("; a comm", []),
+    ],
+)
+def test_what_can_stand_there_is_offered_though_the_form_is_not_complete(
+    before: str, texts: list[str]
+) -> None:
+    index = Index(Source("d.pddl", WALK))
+    start = next((k for k in range(len(before), 0, -1) if before[:k] in WALK), 0)
+    text = WALK[: WALK.index(before[:start]) + start] + before[start:]
+    found = choices(index, Source("d.pddl", text), len(text))
+    assert [choice.text for choice in found] == texts

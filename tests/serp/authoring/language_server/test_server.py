@@ -1,0 +1,230 @@
+"""The language server, asked by a client over standard input and output."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("pygls")
+
+from lsprotocol import types
+from pygls.lsp.client import LanguageClient
+
+from serp.authoring.language_server.server import uri_of
+from serp.pddl.source import Source
+from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
+
+
+class Client(LanguageClient):
+    """A client that notes how the server ended."""
+
+    status: int | None = None
+
+    async def server_exit(self, server: asyncio.subprocess.Process) -> None:
+        self.status = server.returncode
+
+
+class Editor:
+    """An editor with some files open."""
+
+    def __init__(self, client: LanguageClient, folder: Path) -> None:
+        self.client = client
+        self.folder = folder
+        self.told: dict[str, list[list[types.Diagnostic]]] = {}
+        self.news = asyncio.Event()
+        self.texts: dict[str, str] = {}
+
+    def uri(self, name: str) -> str:
+        return uri_of(Source(str(self.folder / name), ""))
+
+    def see(self, params: types.PublishDiagnosticsParams) -> None:
+        self.told.setdefault(Path(params.uri).name, []).append(list(params.diagnostics))
+        self.news.set()
+
+    def open(self, name: str, text: str) -> None:
+        self.texts[name] = text
+        document = types.TextDocumentItem(self.uri(name), "pddl", 1, text)
+        self.client.text_document_did_open(types.DidOpenTextDocumentParams(document))
+
+    def type(self, name: str, text: str) -> None:
+        self.texts[name] = text
+        document = types.VersionedTextDocumentIdentifier(2, self.uri(name))
+        change = types.TextDocumentContentChangeWholeDocument(text)
+        self.client.text_document_did_change(types.DidChangeTextDocumentParams(document, [change]))
+
+    def close(self, name: str) -> None:
+        document = types.TextDocumentIdentifier(self.uri(name))
+        self.client.text_document_did_close(types.DidCloseTextDocumentParams(document))
+
+    async def until(self, name: str, *codes: str) -> list[types.Diagnostic]:
+        """Wait until the findings of a file are of some codes."""
+        while name not in self.told or [d.code for d in self.told[name][-1]] != [*codes]:
+            self.news.clear()
+            await asyncio.wait_for(self.news.wait(), 20)
+        return self.told[name][-1]
+
+    def at(self, name: str, words: str, offset: int = 1) -> dict[str, Any]:
+        before = self.texts[name][: self.texts[name].index(words) + offset]
+        line = before.rpartition("\n")[2]
+        units = len(line.encode("utf-16-le")) // 2
+        position = types.Position(before.count("\n"), units)
+        return {"text_document": types.TextDocumentIdentifier(self.uri(name)), "position": position}
+
+
+def in_editor(folder: Path, use: Callable[[Editor], Awaitable[None]]) -> None:
+    async def run() -> None:
+        client = Client("editor", "1")
+        editor = Editor(client, folder)
+        client.feature(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)(lambda found: editor.see(found))
+        await client.start_io(sys.executable, "-m", "serp", "lsp")
+        capabilities = types.ClientCapabilities()
+        await client.initialize_async(types.InitializeParams(capabilities))
+        client.initialized(types.InitializedParams())
+        await use(editor)
+        await client.shutdown_async(None)
+        client.exit(None)
+        await client.stop()
+        assert client.status == 0
+
+    asyncio.run(asyncio.wait_for(run(), 60))
+
+
+def test_an_editor_is_served_while_files_are_being_written(tmp_path: Path) -> None:
+    # The file on the disk is older than the one in the editor; its problem is not open at first.
+    (tmp_path / "walk.pddl").write_text("(define (domain old))")
+    (tmp_path / "walk-problem.pddl").write_text(WALK_PROBLEM)
+    text = WALK.replace("(walked) (reward))", "(walked)  ; métres 🤖 walked\n    (reward))")
+
+    async def use(editor: Editor) -> None:
+        client = editor.client
+        editor.open("walk.pddl", text)
+        await editor.until("walk.pddl")
+        await completes_and_explains(editor)
+        await finds_and_renames(editor)
+        editor.type("walk.pddl", text.replace("(increase (walked) 1)", "(increase (walkd) 1)"))
+        (found,) = await editor.until("walk.pddl", "unknown-name")
+        assert found.severity == types.DiagnosticSeverity.Error
+        assert (found.range.start.line, found.range.start.character) == (10, 50)
+        params = types.CodeActionParams(
+            types.TextDocumentIdentifier(editor.uri("walk.pddl")),
+            found.range,
+            types.CodeActionContext([found]),
+        )
+        (action,) = await client.text_document_code_action_async(params) or []
+        assert isinstance(action, types.CodeAction) and action.title == "Write `walked`"
+        assert edits(action.edit) == {"walk.pddl": ["walked"]}
+        editor.open("walk-problem.pddl", WALK_PROBLEM.replace("(at home)", "(at hom)"))
+        await editor.until("walk-problem.pddl", "unknown-object")
+        warned = text.replace("(assign (walked) 0)", "(increase (walked) 0)")
+        editor.type("walk.pddl", warned)
+        (found,) = await editor.until("walk.pddl", "no-change")
+        params.range = found.range
+        (action,) = await client.text_document_code_action_async(params) or []
+        assert isinstance(action, types.CodeAction)
+        assert edits(action.edit) == {"walk.pddl": ["  ; serp: ignore[no-change]"]}
+
+    in_editor(tmp_path, use)
+
+
+def test_files_that_belong_together_are_checked_together(tmp_path: Path) -> None:
+    (tmp_path / "walk.pddl").write_text(WALK)
+    (tmp_path / "walk-problem.pddl").write_text(WALK_PROBLEM.replace("(at home)", "(at hom)"))
+    moved = WALK_PROBLEM.replace("(walked) 0", "(walked) 2")
+    scenarios = "scenario at home\n  (walked) = 3\n  allows rest\n  chooses go home shp\n"
+
+    async def use(editor: Editor) -> None:
+        editor.open("walk.pddl", WALK)
+        await editor.until("walk-problem.pddl", "unknown-object")  # as it is on the disk
+        editor.open("walk-problem.pddl", moved)
+        await editor.until("walk-problem.pddl")
+        editor.open("walk.scenarios", scenarios)
+        (found,) = await editor.until("walk.scenarios", "malformed")
+        assert (found.range.start.line, found.range.start.character) == (3, 10)
+        editor.type("walk-problem.pddl", moved.replace("(walked)", "(walkt)"))
+        await editor.until("walk-problem.pddl", "unknown-name")
+        await editor.until("walk.scenarios")  # nothing is said of them while the domain is wrong
+        editor.type("walk-problem.pddl", moved.replace("shop", "shp"))
+        await editor.until("walk-problem.pddl")
+        editor.type("walk.pddl", WALK.replace("(increase (walked) 1)", "(increase (walked) 0)"))
+        await editor.until("walk.pddl", "no-change")
+        editor.close("walk-problem.pddl")
+        await editor.until("walk-problem.pddl", "unknown-object")
+        (tmp_path / "walk-problem.pddl").unlink()
+        gone = types.FileEvent(editor.uri("walk-problem.pddl"), types.FileChangeType.Deleted)
+        editor.client.workspace_did_change_watched_files(types.DidChangeWatchedFilesParams([gone]))
+        await editor.until("walk-problem.pddl")
+        editor.close("walk.pddl")
+        await editor.until("walk.pddl")
+
+    in_editor(tmp_path, use)
+
+
+async def completes_and_explains(editor: Editor) -> None:
+    client = editor.client
+    found = await client.text_document_completion_async(
+        types.CompletionParams(**editor.at("walk.pddl", "(walked) 1)", 3))
+    )
+    (item,) = found if isinstance(found, list) else []
+    assert (item.label, item.documentation) == ("walked", "métres 🤖 walked")
+    hover = await client.text_document_hover_async(
+        types.HoverParams(**editor.at("walk.pddl", "(walked) 1)"))
+    )
+    assert hover is not None and isinstance(hover.contents, types.MarkupContent)
+    for said in (
+        "métres 🤖 walked",
+        "At the start: `(= (walked) 0)`",
+        "Changed by action `go` (line 11), action `rest` (line 16)",
+        "Read by action `rest` (line 15)",
+    ):
+        assert said in hover.contents.value
+    hover = await client.text_document_hover_async(
+        types.HoverParams(**editor.at("walk.pddl", ":effect", 3))
+    )
+    assert hover is not None and "evaluated before" in str(hover.contents)
+    document = types.TextDocumentIdentifier(editor.uri("walk.pddl"))
+    outline = await client.text_document_document_symbol_async(types.DocumentSymbolParams(document))
+    assert [symbol.name for symbol in outline or []][-2:] == ["go", "rest"]
+    options = types.FormattingOptions(2, True)
+    edited = await client.text_document_formatting_async(
+        types.DocumentFormattingParams(document, options)
+    )
+    assert [edit.new_text for edit in edited or []] == [editor.texts["walk.pddl"].lstrip("\n")]
+
+
+async def finds_and_renames(editor: Editor) -> None:
+    client = editor.client
+    here = editor.at("walk.pddl", "(mined ?b)")
+    definition = await client.text_document_definition_async(types.DefinitionParams(**here))
+    assert isinstance(definition, types.Location)
+    assert definition.range.start.line == 4
+    context = types.ReferenceContext(include_declaration=True)
+    places = await client.text_document_references_async(
+        types.ReferenceParams(context=context, **here)
+    )
+    assert [Path(place.uri).name for place in places or []] == [
+        "walk.pddl", "walk.pddl", "walk-problem.pddl",
+    ]  # fmt: skip
+    changed = await client.text_document_rename_async(
+        types.RenameParams(new_name="trapped", **here)
+    )
+    assert edits(changed) == {"walk.pddl": ["trapped"] * 2, "walk-problem.pddl": ["trapped"]}
+    variable = editor.at("walk.pddl", "?b) (and", 2)
+    changed = await client.text_document_rename_async(
+        types.RenameParams(new_name="?to", **variable)
+    )
+    assert edits(changed) == {"walk.pddl": ["?to"] * 4}
+    for taken in ("road", "2nd", "unsafe"):
+        with pytest.raises(Exception, match=taken):
+            await client.text_document_rename_async(types.RenameParams(new_name=taken, **here))
+
+
+def edits(change: types.WorkspaceEdit | None) -> dict[str, list[str]]:
+    assert change is not None and change.changes is not None
+    return {
+        Path(uri).name: [edit.new_text for edit in found] for uri, found in change.changes.items()
+    }

@@ -1,0 +1,260 @@
+"""All findings come in one pass, comments silence warnings, and other programs read them."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from serp.authoring.lint.findings import Finding, findings_of
+from serp.authoring.lint.fixing import changes, mended, write_changed
+from serp.authoring.lint.formats import as_github, as_sarif
+from serp.authoring.lint.subject import CODES
+from serp.pddl.source import Source
+from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
+
+PAGE = Path(__file__).resolve().parents[4] / "docs" / "reference" / "checks.md"
+
+MANY = """\
+(define (domain d)
+  (:requirements :typing :adl :numeric-fluents)
+  (:types place)
+  (:predicates (at ?p - «plase») (open ?p - place) (unsafe))
+  (:functions (speed) (reward))
+  (:action go :parameters (?p - place)
+    :precondition (and («opne» ?p) (> («sped») 3) (at ?p))
+    :effect (and (increase (speed) «0,5») «(set (speed) 4)»))
+  (:action open-all :parameters ()
+    :effect (and (increase (speed) 1)«»
+  (:action stop :parameters (?p - place)
+    «:precondtion» (and (opne ?p))
+    :effect (and (decrease (speed) (* 2 «#t»))))
+  («:acton» bad :parameters ())
+  (:event e :parameters () :precondition (and (> (speed) 2) «(< (speed) 1)»)
+    :effect (and (unsafe))))
+"""
+
+
+def found_in(text: str, problem: str | None = None) -> list[Finding]:
+    given = None if problem is None else Source("p.pddl", problem)
+    return findings_of(Source("d.pddl", text), given)
+
+
+def test_all_that_is_wrong_is_found_in_one_pass_and_nothing_that_follows_from_it() -> None:
+    starts, text = [], ""
+    for part in re.split("([«»])", MANY):
+        if part == "«":
+            starts.append(len(text))
+        elif part != "»":
+            text += part
+    findings = found_in(text)
+    assert [f.place.start for f in findings if f.place] == starts, [f.rendered for f in findings]
+    assert [f.severity for f in findings] == ["error"] * (len(starts) - 1) + ["warning"]
+    again = text.replace(":event e ", ":event go ")  # of which the first could not be read
+    assert "`go` is defined twice" in [f.message for f in found_in(again)]
+
+
+OBJECTS = """\
+(define (domain d)
+  (:requirements :typing :object-fluents)
+  (:types van place)
+  (:functions (place-of ?v - van) - place (fuel ?v - van) - number (next ?p - place) - place)
+  (:action go :parameters (?v - van ?to - place)
+    :precondition (and (= (next (place-of ?v)) ?to) (> (fuel ?v) 0))
+    :effect (and (assign (place-of ?v) ?to) (decrease (fuel ?v) 1))))
+"""
+
+
+def test_of_what_is_not_supported_the_first_place_is_told_and_nothing_that_follows() -> None:
+    problem = """(define (problem p) (:domain d) (:objects v - van a b - place)
+      (:init (= (place-of v) a) (= (fuel v) 3) (at 2 (= (fuel v) 5)) (at 9 (= (fuel v) 5)))
+      (:goal (and (= (place-of v) b))))"""
+    found = [f for f in found_in(OBJECTS, problem) if f.severity == "error"]
+    assert [f.message for f in found] == [
+        "functions with values other than numbers are not supported (2 places)",
+        "timed initial literals are not supported (2 places)",
+    ]
+    assert all(f.advice for f in found)
+    template = problem.replace("(= (fuel v) 3)", "{{ fuel }} {% if x %} (( {% endif %}")
+    messages = [f.message for f in found_in(WALK, template)]
+    assert messages == ["`{{ fuel }}` is filled in by a template engine, and no PDDL"]
+
+
+def test_errors_of_both_files_are_found() -> None:
+    domain = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
+    problem = WALK_PROBLEM.replace("(at home)", "(at hom)").replace("(mined field)", "(mind field)")
+    found = [(f.code, f.place and f.place.text) for f in found_in(domain, problem)]
+    names = [("unknown-name", "walkd"), ("unknown-object", "hom"), ("unknown-name", "mind")]
+    assert found == names
+
+
+@pytest.mark.parametrize(
+    ("comment", "codes"),
+    [
+        ("", ["schema-without-use"]),
+        ("; serp: ignore[schema-without-use]", []),
+        ("; why not?  serp: ignore[schema-without-use, no-change]", ["useless-silence"]),
+        ("; serp: ignore[schema-without-us]", ["useless-silence", "schema-without-use"]),
+        ("; serp: ignore", ["useless-silence", "schema-without-use"]),
+        ("; serp: ignore[unknown-name]", ["useless-silence", "schema-without-use"]),
+    ],
+)
+def test_a_comment_silences_a_warning_and_nothing_else(comment: str, codes: list[str]) -> None:
+    idle = (
+        "(:action idle {}\n    :parameters () :precondition (and) :effect (and))\n  (:action rest"
+    )
+    above = (
+        "{}\n  ; and more\n\n  (:action idle\n :parameters () :precondition (and) :effect (and))"
+    )
+    for form in (idle, above + "(:action rest"):
+        text = WALK.replace("(:action rest", form.replace("{}", comment))
+        assert sorted(f.code for f in found_in(text, WALK_PROBLEM)) == sorted(codes)
+    anywhere = WALK.replace("(:action rest", idle.replace("{}", "")) + comment.replace(
+        "ignore", "ignore-file"
+    )
+    assert sorted(f.code for f in found_in(anywhere, WALK_PROBLEM)) == sorted(codes)
+
+
+def test_a_form_at_several_places_is_told_once_where_no_comment_silences_it() -> None:
+    action = "(:action idle{} :effect (and (increase (walked) 1)){}\n)\n  "
+    one, two = action.format("", ""), action.format("-2\n    :parameters ()", "")
+    text = WALK.replace("(:action rest", f"{one}\n  {two}(:action rest")
+
+    def told(text: str) -> list[str]:
+        return [f.message for f in found_in(text, WALK_PROBLEM) if f.code != "same-schema"]
+
+    left_out, *others = told(text)
+    assert left_out == "`:parameters` is left out; write `:parameters ()`"
+    assert others == ["`:precondition` is left out; write `:precondition (and)` (2 places)"]
+    silent = text.replace("idle-2\n", "idle-2 ; serp: ignore[not-portable]\n")
+    assert told(silent) == [left_out, others[0].removesuffix(" (2 places)")]
+    fixed = mended(Source("d.pddl", text), Source("p.pddl", WALK_PROBLEM))[0].text
+    assert "(:action idle :parameters () :precondition (and) :effect (and" in fixed
+    assert told(fixed) == []
+    broken = WALK.replace(
+        "(:action rest", "(:event e\n    :effect (and (unsafe)))\n  (:action rest"
+    )
+    broken = mended(Source("d.pddl", broken), Source("p.pddl", WALK_PROBLEM))[0].text
+    assert "(:event e\n    :parameters ()\n    :precondition (and)\n    :effect" in broken
+
+
+def test_files_are_mended_until_nothing_sure_is_left_and_keep_every_other_byte(
+    tmp_path: Path,
+) -> None:
+    broken = WALK.replace("(assign (walked) 0)", "(walked = 0,5)").replace(":typing ", "")
+    broken = broken.replace("(increase (walked) 1)", "(increase (walkd) 1)\t")
+    domain, problem = mended(Source("d.pddl", broken), Source("p.pddl", WALK_PROBLEM))
+    assert problem is not None and problem.text == WALK_PROBLEM
+    expected = WALK.replace("(assign (walked) 0)", "(assign (walked) 0.5)")
+    assert domain.text == expected.replace(
+        "(increase (walked) 1)", "(increase (walkd) 1)\t"
+    ).replace(
+        ":typing ", ""
+    )  # the guess stays undone, and with it what is asked of right files only
+    file = tmp_path / "d.pddl"
+    file.write_bytes(b"\xef\xbb\xbf; r\xc3\xa4d\r\n" + broken.replace("\n", "\r\n").encode())
+    file.chmod(0o640)
+    write_changed({file: mended(Source.read(file))[0].text})
+    wanted = domain.text.replace("\n", "\r\n").encode()
+    assert file.read_bytes() == b"\xef\xbb\xbf; r\xc3\xa4d\r\n" + wanted
+    assert file.stat().st_mode & 0o777 == 0o640
+
+
+def test_sarif_and_workflow_commands_name_places() -> None:
+    findings = found_in(WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)"), WALK_PROBLEM)
+    log = json.loads(as_sarif(findings))
+    assert log["version"] == "2.1.0"
+    ((rule,), (result,)) = log["runs"][0]["tool"]["driver"]["rules"], log["runs"][0]["results"]
+    # GitHub takes rules with all of these, and results with a location.
+    assert {*rule} == {"id", "shortDescription", "fullDescription", "help"}
+    assert rule["shortDescription"] == {"text": CODES["unknown-name"].meaning}
+    unread = json.loads(as_sarif(findings_of("no-such.pddl")))["runs"][0]["results"][0]
+    assert unread["locations"] == [{"physicalLocation": {"artifactLocation": {"uri": "."}}}]
+    assert (result["ruleId"], result["ruleIndex"], result["level"]) == ("unknown-name", 0, "error")
+    (location,) = result["locations"]
+    region = {"startLine": 10, "startColumn": 51, "endLine": 10, "endColumn": 56}
+    assert location["physicalLocation"] == {
+        "artifactLocation": {"uri": "d.pddl"}, "region": region,
+    }  # fmt: skip
+    (change,) = result["fixes"][0]["artifactChanges"]
+    assert change["replacements"] == [
+        {"deletedRegion": region, "insertedContent": {"text": "walked"}}
+    ]
+    assert as_github(findings) == (
+        "::error title=serp check%3A unknown-name,file=d.pddl,line=10,col=51::"
+        "unknown function `walkd`%0Adid you mean `walked`?"
+    )
+
+
+def page_rows() -> list[tuple[str, str, str]]:
+    rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \| (?:`(.*?)`)? \|$", PAGE.read_text(), re.M)
+    return [(code, meaning, example or "") for code, meaning, example in rows]
+
+
+def test_the_page_explains_every_code_with_an_example_that_has_it() -> None:
+    lamps = re.search(r"```pddl\n(.*?)```", PAGE.read_text(), re.S)
+    assert lamps is not None
+    assert [f.rendered for f in found_in(lamps[1])] == []
+    without = {code for code, _, example in page_rows() if not example}
+    whole = {"too-large", "unreadable-file", "missing-domain", "no-action", "no-reward"}
+    assert without == {*whole, "nothing-unsafe", "out-of-range", "task-mismatch", "unbounded-goal"}
+    assert {code: meaning for code, meaning, _ in page_rows()} == {
+        code: known.meaning for code, known in CODES.items()
+    }
+    for code, _, example in page_rows():
+        problem = f"(define (problem p) (:domain lamps) {PROBLEM})"
+        text = lamps[1]
+        if example.startswith("(:domain"):
+            problem = problem.replace("(:domain lamps)", example)
+        elif example:
+            for section in re.findall(r"\((:[a-z]+)", example):
+                if section not in (":action", ":event", ":process"):
+                    text = re.sub(rf"\({section} .*\)\n", "", text)
+            text = text.replace("  (:action switch", f"  {example}\n  (:action switch")
+        codes = [f.code for f in found_in(text, problem)]
+        assert not example or code in codes, (code, codes)
+
+
+PROBLEM = "(:init (on desk) (= (level) 1)) (:goal (and))"
+
+
+def test_a_file_that_is_written_is_noticed(tmp_path: Path) -> None:
+    file = tmp_path / "d.pddl"
+    noticed = changes([file])
+    next(noticed)
+    (tmp_path / "d-problem.pddl").write_text("(define (problem p))")
+    next(noticed)
+    file.write_text("(define (domain d))")
+    next(noticed)
+
+
+def test_every_code_in_the_program_is_documented() -> None:
+    found = {
+        code
+        for path in (PAGE.parents[2] / "serp").rglob("*.py")
+        for code in re.findall(r'\bcode="([a-z-]+)"', path.read_text(encoding="utf-8"))
+    }
+    assert {"wrong-type", "task-mismatch"} < found <= CODES.keys()
+
+
+def test_a_lost_parenthesis_is_told_in_its_place_and_once() -> None:
+    text = (PAGE.parents[2] / "domains" / "cliff.pddl").read_text()
+    code = re.sub(";[^\n]*", lambda match: " " * len(match[0]), text)
+    near = 0
+    places = [match.start() for match in re.finditer(r"[()]", code)][::4]
+    for place in places:
+        errors = [f for f in found_in(text[:place] + text[place + 1 :]) if f.severity == "error"]
+        assert 1 <= len(errors) <= 2, [f.rendered for f in errors]
+        line = text.count("\n", 0, place) + 1
+        near += any(f.place is not None and abs(f.place.line - line) <= 1 for f in errors)
+    assert near >= 0.98 * len(places)
+
+
+def test_every_beginning_of_a_file_is_told_to_be_incomplete_once() -> None:
+    for end in range(1, len(WALK.rstrip())):
+        found = [
+            f.rendered for f in findings_of(Source("cut.pddl", WALK[:end])) if f.severity == "error"
+        ]
+        assert found and len(set(found)) == len(found)

@@ -1,0 +1,65 @@
+"""Formatting changes blanks only, once, and leaves what is shipped as it is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.authoring.lint.formatting import WIDTH, formatted
+from serp.pddl.source import DomainError, Source
+from tests.generated import FULL, examples, write_texts
+
+ROOT = Path(__file__).parents[4]
+TOKEN = re.compile(r";[^\n]*|[()]|[^\s();]+")
+BLANKS = ("", " ", "  ", "\t", "\n", "\n\n\n", "\n   ", "\r\n      ", " ; remark\n", "\n;; (a\n")
+
+
+def words(text: str) -> list[str]:
+    return [match.rstrip() for match in TOKEN.findall(text.replace("\r\n", "\n"))]
+
+
+def test_what_is_shipped_stays_as_it_is() -> None:
+    for path in sorted([*ROOT.glob("domains/*.pddl"), *ROOT.glob("docs/examples/**/*.pddl")]):
+        assert formatted(Source.read(path)) == path.read_text()
+
+
+@given(st.integers(0, 10_000), st.lists(st.sampled_from(BLANKS), min_size=1, max_size=60))
+@examples(30)
+def test_any_layout_becomes_a_regular_one_and_says_the_same(seed: int, blanks: list[str]) -> None:
+    domain = write_texts(Random(seed), FULL).domain
+    text = ""
+    for number, token in enumerate(TOKEN.findall(domain)):
+        blank = blanks[number % len(blanks)]
+        apart = text[-1:] in "()" or token[0] in "();"
+        text += (blank if blank or apart else " ") + token + "\n" * token.startswith(";")
+    once = formatted(Source("d.pddl", text))
+    assert words(once) == words(text)
+    assert formatted(Source("d.pddl", once)) == once
+    assert not re.search(r"[ \t]+$|\n\n\n", once, re.MULTILINE)
+
+
+def test_lines_that_are_too_long_are_broken_and_comments_stay_below_one_another() -> None:
+    text = (
+        "(define (domain d)\n\n\n(:functions (a)    ; first\n (b) (c)           ; second\n"
+        "                   ; and more\n(d)) ; last  \n"
+        "  ; of go\n  (:action go :parameters () :precondition (and (> (a) 1) (> (b) 2)"
+        " (or (> (c) 3) (> (d) 4))) :effect (and (assign (a) 1))\n )\n)"
+    )
+    assert formatted(Source("d.pddl", text)) == (
+        "(define (domain d)\n\n  (:functions (a)    ; first\n    (b) (c)          ; second\n"
+        "                     ; and more\n    (d)) ; last\n  ; of go\n"
+        "  (:action go :parameters ()"
+        " :precondition (and (> (a) 1) (> (b) 2) (or (> (c) 3) (> (d) 4)))\n"
+        "    :effect (and (assign (a) 1))\n  )\n)\n"
+    )
+    assert all(len(line) <= WIDTH for line in formatted(Source("d.pddl", text)).splitlines())
+
+
+def test_what_cannot_be_read_is_not_formatted() -> None:
+    with pytest.raises(DomainError, match="missing"):
+        formatted(Source("d.pddl", "(define (domain d)"))

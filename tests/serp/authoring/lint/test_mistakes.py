@@ -1,0 +1,100 @@
+"""Seventy mistakes are found, in their places, and the suggestions are right."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from serp.authoring.lint.findings import Finding, examine, findings_of
+from serp.authoring.lint.subject import CODES
+from serp.authoring.lint.task_ranges import out_of_range
+from serp.model.domain import Domain
+from serp.pddl.parser import parse_domain, parse_problem
+from serp.pddl.source import DomainWarning, Source, edited
+from serp.tasks.registry import task_of
+
+DOMAINS = Path(__file__).resolve().parents[4] / "domains"
+EDITED = "edited.pddl"
+Mistake = dict[str, str]
+MISTAKES: list[Mistake] = tomllib.loads(
+    Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8")
+)["mistake"]
+
+
+def sources(mistake: Mistake, text: str) -> tuple[Source, Source | None]:
+    """Return the domain and the problem, one of them with another text."""
+    name = mistake["file"].removesuffix("-problem")
+    if name != mistake["file"]:
+        return Source.read(DOMAINS / f"{name}.pddl"), Source(EDITED, text)
+    problem = DOMAINS / f"{name}-problem.pddl"
+    return Source(EDITED, text), Source.read(problem) if problem.is_file() else None
+
+
+def made(mistake: Mistake) -> tuple[str, str, int]:
+    """Return the original, the text with the mistake, and where it is to be found."""
+    original = (DOMAINS / f"{mistake['file']}.pddl").read_text()
+    assert mistake["old"] in original
+    text = original.replace(mistake["old"], mistake["new"], 1)
+    if "«" in text:
+        return original, text.replace("«", "").replace("»", ""), text.index("«")
+    place = mistake["place"].replace("«", "").replace("»", "")
+    return original, text, text.index(place) + max(mistake["place"].find("«"), 0)
+
+
+def of_task(domain: Domain) -> Iterator[DomainWarning]:
+    task = task_of(domain, Path(EDITED))
+    assert task is not None
+    with task.bind() as bound:
+        yield from list(out_of_range(bound))
+
+
+def tree(mistake: Mistake, text: str) -> str:
+    """Return what a file says, without places."""
+    domain, problem = sources(mistake, text)
+    syntax = parse_domain(domain)
+    parsed = syntax if problem is None or problem.name != EDITED else parse_problem(problem, syntax)
+    return without_places(parsed)
+
+
+def without_places(node: object) -> str:
+    if dataclasses.is_dataclass(node):
+        parts = (getattr(node, f.name) for f in dataclasses.fields(node) if f.type != "Place")
+        return f"({type(node).__name__} {' '.join(map(without_places, parts))})"
+    if isinstance(node, dict):
+        return without_places([*node.values()])
+    if isinstance(node, frozenset):
+        return without_places(sorted(node))
+    if isinstance(node, list | tuple):
+        return f"[{' '.join(map(without_places, node))}]"
+    return str(node)
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: f"{m['file']}-{m['code']}")
+def test_a_mistake_is_found_in_its_place_with_the_right_suggestion(mistake: Mistake) -> None:
+    original, text, start = made(mistake)
+    domain, problem = sources(mistake, text)
+    look = of_task if mistake["code"] == "out-of-range" else None
+    findings = examine(domain, problem, look=look).findings
+    usual = {(f.code, f.message) for f in findings_of(*sources(mistake, original))}
+    found = [f for f in findings if (f.code, f.message) not in usual]
+    (here,) = (f for f in found if f.code == mistake["code"] and where(f) == (EDITED, start))
+    assert mistake["code"] in CODES
+    # What follows from the mistake is told at most twice more.
+    assert len({(f.code, f.message) for f in found}) <= 3, [f.rendered for f in found]
+    if CODES[mistake["code"]].error:
+        assert here.severity == "error"
+        assert len({f.message for f in found if f.severity == "error"}) == 1
+    if "fix" in mistake:
+        assert here.fix is not None
+        assert tree(mistake, edited(text, here.fix.edits)) == tree(mistake, original)
+    else:
+        assert mistake.get("suggestion", "") in f"{here.message} {here.advice}"
+
+
+def where(finding: Finding) -> tuple[str, int]:
+    assert finding.place is not None
+    return finding.place.source.name, finding.place.start

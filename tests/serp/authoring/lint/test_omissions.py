@@ -1,0 +1,174 @@
+"""What a right domain may have forgotten."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from serp.authoring.lint.catalogue import warnings_of
+from serp.authoring.lint.findings import findings_of
+from serp.model.domain import load_domain
+from serp.pddl.source import Source
+from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
+
+ROOT = Path(__file__).resolve().parents[4]
+
+
+def warned(folder: Path, domain: str, problem: str | None = WALK_PROBLEM) -> list[str]:
+    file = folder / "walk.pddl"
+    file.write_text(domain)
+    if problem is not None:
+        (folder / "walk-problem.pddl").write_text(problem)
+    return [str(finding).replace(str(folder / "walk"), "walk") for finding in
+            warnings_of(load_domain(file))]  # fmt: skip
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "domains").glob("*.pddl")), ids=lambda p: p.name)
+def test_of_what_is_shipped_nothing_is_left_to_say(file: Path) -> None:
+    if not file.stem.endswith("-problem"):
+        assert [finding.rendered for finding in findings_of(file)] == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "warning"),
+    [
+        ("(and (unsafe))", "(and (decrease (reward) 9))",
+         "walk.pddl:2:1: nothing is ever `(unsafe)`"),
+        ("(increase (reward) 3)", "(and)", None),
+        ("(:action rest", "(:action idle :parameters () :precondition (and) :effect (and))\n"
+         "(:action rest", "walk.pddl:12:3: action `idle` changes nothing"),
+        ("(mined ?p - place)", "(mined ?p - place) (slept)",
+         "predicate `slept` is declared, but nothing changes or reads it"),
+        ("(:action rest", "(:action loop :parameters (?a - place) :precondition (and (road ?a ?a))"
+         ":effect (and (at ?a)))(:action rest",
+         "action `loop` has no instance: its precondition can never hold"),
+        (":typing ", "", "used, but not among the :requirements: :typing"),
+        (":numeric-fluents", ":fluents", None),
+        (":typing ", ":typing :math-functions ", "`:math-functions` is listed and nothing needs"),
+        (":typing :numeric-fluents :negative-preconditions :conditional-effects",
+         ":adl :numeric-fluents", None),
+        ("(at ?a) (road", "(at ?a) (or (mined ?a) (at ?a)) (road", ":disjunctive-preconditions"),
+        ("(at ?a) (road", "(at ?a) (not (mined ?a)) (road", None),
+        ("(at ?a) (road", "(at ?a) (not (= ?a ?b)) (road", ":equality"),
+        ("(at ?a) (road", "(at ?a) (not (unsafe)) (road",
+         "`(unsafe)` starts false in every step, so action `go` always finds it false"),
+        ("(at ?a) (road", "(at ?a) (exists (?c - place) (at ?c)) (road",
+         ":existential-preconditions"),
+        ("(at ?a) (road", "(at ?a) (not (at ?a)) (road",
+         "9:32: action `go` can never be applied: `(at ?a)` and `(not (at ?a))` exclude"),
+        ("(> (walked) 0)", "(> (walked) 10) (< (+ (walked) 1) 6)",
+         "14:40: action `rest` can never be applied: `(> (walked) 10)` and `(< (+ (walked) 1) 6)`"),
+        ("(> (walked) 0)", "(> (walked) (+ (walked) 1))",
+         "`(> (walked) (+ (walked) 1))` never holds"),
+        ("(when (mined ?b)", "(when (and (mined ?b) (not (at ?a)))",
+         "`(unsafe)` in action `go` can never happen: `(at ?a)` and `(not (at ?a))` exclude"),
+        ("(when (mined ?b)", "(when (or (at ?a) (mined ?b))",
+         "action `go` is unsafe wherever it can be applied"),
+        ("(:action rest", "(:event storm :parameters () :precondition (and)"
+         ":effect (and (unsafe)))(:action rest",
+         "event `storm` makes every action unsafe: it always fires"),
+        ("(:action rest\n    :parameters ()", "(:action rest\n    :parameters (?x - place)",
+         "walk.pddl:13:18: parameter `?x` of `(:action rest` is not used"),
+        ("(mined ?b)", "(forall (?c - place) (mined ?b))",
+         "11:33: parameter `?c` of `(forall` is not used"),
+        ("(:action rest", "(:process p :parameters () :precondition (and)"
+         " :effect (and (increase (walked) #t)))(:action rest",
+         ":requirements: :time (processes and events need `:time`)"),
+        ("(:types place)", "(:types place - area tree)",
+         "walk.pddl:4:24: type `tree` is declared, but no object or parameter has it"),
+    ],
+)  # fmt: skip
+def test_each_warning(old: str, new: str, warning: str | None, tmp_path: Path) -> None:
+    assert old in WALK
+    found = warned(tmp_path, WALK.replace(old, new))
+    if warning is None:
+        assert found == []
+    else:
+        assert any(warning in text for text in found), found
+        # What is wrong with a condition may also leave out a requirement.
+        assert len([text for text in found if ":requirements" not in text]) <= 1
+
+
+def test_a_domain_without_reward_is_warned_of(tmp_path: Path) -> None:
+    text = WALK.replace("(decrease (reward) 1)", "").replace("(increase (reward) 3)", "")
+    (found,) = warned(tmp_path, text)
+    assert "nothing changes `(reward)`" in found
+
+
+def test_a_metric_is_a_reward(tmp_path: Path) -> None:
+    text = WALK.replace("(decrease (reward) 1)", "").replace("(increase (reward) 3)", "")
+    text = text.replace("(walked) (reward)", "(walked)")
+    problem = WALK_PROBLEM.replace("(:goal (and))", "(:metric minimize (walked))")
+    assert warned(tmp_path, text, problem) == []
+
+
+def test_what_a_bare_name_reads_is_used(tmp_path: Path) -> None:
+    text = WALK.replace("(> (walked) 0)", "(> slept 0)").replace("(walked) (", "slept (")
+    text = text.replace("(walked)", "slept").replace("(> (walked)", "(> slept")
+    found = warned(tmp_path, text, WALK_PROBLEM.replace("(= (walked) 0)", "(= slept 0)"))
+    assert not [words for words in found if "nothing changes or reads it" in words], found
+
+
+def test_waiting_is_an_action_where_the_world_moves(tmp_path: Path) -> None:
+    idle = "(:action idle :parameters () :precondition (and) :effect (and))"
+    process = "(:process p :parameters () :precondition (and) :effect (and (increase (walked) #t)))"
+    text = WALK.replace("(:action rest", idle + process + "(:action rest")
+    assert warned(tmp_path, text.replace(":typing", ":typing :processes")) == []
+
+
+def test_parameters_without_objects_are_warned_of(tmp_path: Path) -> None:
+    found = warned(tmp_path, WALK, problem=None)
+    (empty,) = (text for text in found if "`go`" in text)
+    assert "there is no object of type `place` (nor a problem file that could name some)" in empty
+
+
+BLOCKS = """
+(define (domain blocks)
+  (:requirements :adl)
+  (:predicates (clear ?x) (on ?x ?y) (done))
+  (:action move
+    :parameters (?what ?from ?to)
+    :precondition (and (clear ?what) (clear ?to) (on ?what ?from)
+                       (or (done) (forall (?b) (clear ?b)) (exists (?b) (not (clear ?b)))))
+    :effect (and (not (clear ?to)) (on ?what ?to) (clear ?from) (done))))
+"""
+BLOCKS_PROBLEM = """
+(define (problem p) (:domain blocks) (:objects {objects})
+  (:init (clear b1) (on b1 b1)) (:goal (and (done))))
+"""
+
+
+@pytest.mark.parametrize("objects", ["b1", "b1 b2"])
+def test_what_comes_of_few_objects_is_no_finding(objects: str) -> None:
+    problem = Source("p.pddl", BLOCKS_PROBLEM.format(objects=objects))
+    found = findings_of(Source("d.pddl", BLOCKS), problem)
+    assert [f.rendered for f in found if f.severity != "note"] == []
+
+
+def test_a_domain_that_waits_for_its_problem_is_told_so_once() -> None:
+    (found,) = (f for f in findings_of(Source("d.pddl", BLOCKS)) if f.severity != "note")
+    assert found.code == "no-action"
+    assert "give the problem file" in found.advice
+
+
+def test_a_goal_that_is_not_known_may_read_anything() -> None:
+    text = """(define (domain car) (:requirements :numeric-fluents) (:functions (way))
+      (:action go :parameters () :precondition (and) :effect (and (increase (way) 1))))"""
+    assert {f.code for f in findings_of(Source("d.pddl", text))} == {"no-reward", "nothing-unsafe"}
+
+
+def test_an_event_that_can_never_fire_is_warned_of(tmp_path: Path) -> None:
+    event = "(:event e :parameters () :precondition {} :effect (and (unsafe)))(:action rest"
+    text = WALK.replace(":typing", ":adl :time").replace("(:action rest", event)
+    for condition, never in (
+        ("(and (< (walked) 3) (> (walked) 3))", "can never fire"),
+        ("(and (> (walked) 3) (or (= (walked) 2) (not (> (walked) 3))))", "can never fire"),
+        ("(and (= (walked) 3) (not (= (walked) 3)))", "can never fire"),
+        ("(and (<= (walked) 3) (>= (walked) 3))", None),
+        ("(and (> (walked) 3) (or (= (walked) 2) (> (walked) 4)))", None),
+        ("(and (> (* (walked) (walked)) 3) (< (walked) -1))", None),
+    ):
+        found = warned(tmp_path, text.replace("{}", condition))
+        assert bool(found) == bool(never), (condition, found)
+        assert all("event `e` can never fire" in text for text in found)

@@ -1,0 +1,110 @@
+"""What scenarios expect, against the model and the planner."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from serp.agent.protocols import StatefulPlanner
+from serp.authoring.scenarios.checking import Result
+from serp.authoring.scenarios.files import ScenarioFile
+from serp.model.domain import load_domain
+from serp.pddl.source import Source
+from serp.settings import Settings
+from serp.tasks.registry import load_task, task_entries
+
+DOMAINS = Path(__file__).resolve().parents[4] / "domains"
+CARTPOLE = load_domain(DOMAINS / "cartpole.pddl", observed=True)
+SETTINGS = Settings().replace({"planner": {"name": "lookahead", "depth": 3}})
+
+
+def run(text: str, **options: Any) -> Result:
+    source = Source("cartpole.scenarios", f"scenario one\n{text}")
+    (result,) = ScenarioFile.open(source, CARTPOLE, SETTINGS, 0.02).run(lambda step: {})
+    return result
+
+
+def found(text: str) -> str:
+    (failure,) = run(text).failures
+    return failure.found
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.sampled_from(["push-left", "push-right"]), min_size=1, max_size=4),
+       st.floats(-0.05, 0.05))  # fmt: skip
+def test_after_is_what_the_model_predicts(actions: list[str], angle: float) -> None:
+    model = CARTPOLE.model.replace(dt=0.02)
+    given_state = {fluent.name: 0.0 for fluent in model.fluents} | {"pole-angle": angle}
+    state, unsafe, total = model.state(given_state), False, 0.0
+    for action in actions:
+        step = model.step(state, action)
+        state, unsafe, total = step.state, unsafe or bool(step.unsafe), total + step.reward
+    values = model.values(state)
+    lines = [f"(pole-angle) = {angle!r}"]
+    lines += [f"after {', '.join(actions)} ({name}) is about {value!r} within 1e-12"
+              for name, value in {**values, "reward": total}.items()]  # fmt: skip
+    lines.append(f"after {', '.join(actions)} {'' if unsafe else 'not '}(unsafe)")
+    assert run("\n".join(lines)).passed
+
+
+def test_a_veto_is_what_the_arbiter_refuses_and_why() -> None:
+    falling = "(pole-angle) = 0.26\n(pole-velocity) = 0.1\n"
+    assert run(falling + "refuses push-left\nrefuses push-left because unsafe").passed
+    assert "(unsafe)" in found(falling + "allows push-left")
+    assert "another reason: proposal predicted unsafe" in found(
+        falling + "refuses push-left because low reward"
+    )
+    assert found("allows push-left\nrefuses push-left").startswith("it is allowed, worth ")
+
+
+def test_a_failure_says_what_holds_instead() -> None:
+    leaning = "(pole-angle) = 0.1\n"
+    told = found(leaning + "chooses push-left")
+    assert (
+        told.startswith("push-right is chosen, worth ")
+        and "; it comes before push-left, whose return" in told
+    )
+    assert found(leaning + "does not choose push-right").startswith("push-right is chosen")
+    assert "push-right is chosen" in found(leaning + "is indifferent")
+    assert found("after push-left (cart-velocity) is about 0.3") == (
+        "(cart-velocity) is −0.195, not about 0.3 (0.25 to 0.35)"
+    )
+    assert found("reward of push-left is at least 2").endswith("not at least 2")
+    assert found("(pole-angle) = 0.3\nafter 3 steps (pole-angle) is about 1") == (
+        "the task ends after 1 step"
+    )
+
+
+@pytest.mark.parametrize("name", sorted(task_entries()))
+def test_the_shipped_domains_do_what_their_scenarios_say(name: str) -> None:
+    from serp.settings import resolve
+
+    task = load_task(name)
+    domain = task.load()
+    source = Source.read(DOMAINS / f"{name}.scenarios")
+    file = ScenarioFile.open(source, domain, resolve("default", task.settings), task.dt, task)
+    results = list(file.run(lambda step: {}))
+    assert len(results) >= 2
+    assert [failure for result in results for failure in result.failures] == []
+
+
+def test_the_planner_keeps_nothing_of_a_scenario_for_the_next_one() -> None:
+    source = Source("cartpole.scenarios", "scenario one\nchooses push-right\nchooses push-left\n")
+    far = Settings().replace({"planner": {"name": "far-sight"}})
+    file = ScenarioFile.open(source, CARTPOLE, far, 0.02)
+    planner = file.decider.arbiter.planner
+    assert isinstance(planner, StatefulPlanner)
+
+    def kept() -> str:
+        return repr(planner.state_dict())
+
+    before = kept()
+    assert not all(result.passed for result in file.run(lambda step: {}))
+    assert kept() == before
+    file.decider.decide(np.zeros(4))
+    assert kept() != before

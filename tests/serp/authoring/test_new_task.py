@@ -1,0 +1,189 @@
+"""The files of `serp new` work at once, whatever the environment calls its things."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+from click.testing import CliRunner
+from gymnasium import spaces
+
+from serp.authoring.play import Game
+from serp.authoring.scaffold import Names, describe, new_task
+from serp.errors import TaskError
+from serp.model.domain import load_domain
+from serp.pddl.reader import Word
+from serp.pddl.scope import is_name
+from serp.pddl.source import Source
+from serp.tasks.registry import custom_task
+from serp.ui.main import serp
+from serp_envs.macro_actions import MacroActions, option
+
+OWN = '''
+import gymnasium
+from gymnasium import spaces
+
+
+class Robot(gymnasium.Env):
+    """A robot.
+
+    ## Action Space
+
+    * 0: go "left"\\"); import os  # evil
+    * 1: object
+
+    ## Observation Space
+    """
+
+    observation_space = spaces.Dict({
+        "arm": spaces.Dict({
+            "pose": spaces.Box(-1, 1, (1, 2)), "g\\"r'i\\np${name}": spaces.Discrete(3),
+        }),
+        "lamps": spaces.MultiBinary(1),
+        "mode": spaces.Tuple([spaces.MultiDiscrete([2]), spaces.Box(0, 9, ())]),
+    })
+    action_space = spaces.Discrete(2, start=-1)
+    steps = 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.steps = 0
+        self.observation_space.seed(seed)
+        return self.observation_space.sample(), {}
+
+    def step(self, action):
+        self.steps += 1
+        return self.observation_space.sample(), float(action), self.steps > 4, False, {}
+'''
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("env", "actions", "numbers"),
+    [
+        ("CartPole-v1", "push-cart-to-the-left", "pole-angular-velocity"),
+        ("Acrobot-v1", "apply-minus-1-torque-to-the-actuated", "cosine-of-theta1"),
+        ("MountainCar-v0", "dont-accelerate", "position-of-the-car-along-the-x-axis"),
+        ("Taxi-v4", "pickup-passenger", "observation"),
+        ("FrozenLake-v1", "move-up", "observation"),
+        ("Blackjack-v1", "hit", "observation-2"),
+    ],
+)
+def test_what_an_environment_documents_names_actions_and_fluents(
+    folder: Path, env: str, actions: str, numbers: str
+) -> None:
+    name = f"new-{env.partition('-')[0].lower()}"
+    new_task(Path(name), env)
+    with custom_task(f"{name}.py").bind() as bound:
+        assert actions in [action.name for action in bound.model.actions]
+        state = bound.ground(bound.reset(seed=0)[0])
+        assert numbers in bound.model.values(state)
+        assert bound.rewarded_by == "environment"
+        bound.step(0)
+    assert load_domain(f"{name}.pddl").model.actions
+
+
+def test_names_are_taken_from_attributes_that_speak_of_actions() -> None:
+    class Actions(IntEnum):
+        TURN_LEFT = 0
+        turn_right = 1
+
+    class Plain(gym.Env[Any, Any]):
+        observation_space = spaces.Box(-1, 1, (2,))
+        action_space = spaces.Discrete(2)
+
+    def named(**attributes: Any) -> list[str]:
+        env = Plain()
+        for name, value in attributes.items():
+            setattr(env, name, value)
+        return [entry.name for entry in describe(env, "env").actions]
+
+    assert named() == ["action-0", "action-1"]
+    assert named(actions=Actions) == ["turn-left", "turn-right"]
+    assert named(action_names=["Halt", "halt!"]) == ["halt", "halt-2"]
+    assert named(get_action_meanings=lambda: ["NOOP", "FIRE"]) == ["noop", "fire"]
+    chooser = type("Chooser", (), {"actions": {0: "LANE_LEFT", 1: "reward"}})()
+    assert named(action_type=chooser) == ["lane-left", "the-reward"]
+    with pytest.raises(TaskError, match=r"Box.*serp_envs\.MacroActions"):
+        env = Plain()
+        env.action_space = spaces.Box(-1, 1)  # type: ignore[assignment]
+        describe(env, "env")
+    with pytest.raises(TaskError, match=r"has 7,500 numbers, too many"):
+        env = Plain()
+        env.observation_space = spaces.Box(0, 1, (50, 50, 3))
+        describe(env, "env")
+    with pytest.raises(
+        TaskError, match=r"`at.seen` \(Sequence\) cannot be .*.*FilterObservation\(env, \['to'"
+    ):
+        env = Plain()
+        said = spaces.Dict({"seen": spaces.Sequence(spaces.Discrete(3))})
+        env.observation_space = spaces.Dict({"at": said, "to": spaces.Box(0, 1)})  # type: ignore[assignment]
+        describe(env, "env")
+    env.observation_space = spaces.Dict({"say": spaces.Text(3), "to": spaces.Box(0, 1)})
+    assert [entry.name for entry in describe(env, "env").numbers] == ["to-0"]
+
+
+def test_the_names_of_options_are_those_of_the_actions() -> None:
+    hold = option(lambda seen: 0, steps=2)
+    env = MacroActions(gym.make("CartPole-v1"), {"hold still": hold, "push": hold})
+    assert [entry.name for entry in describe(env, "env").actions] == ["hold-still", "push"]
+
+
+def test_an_environment_that_fails_in_silence_is_told_by_its_line(folder: Path) -> None:
+    Path("my_silent.py").write_text("def make():\n    assert 1 > 2\n")
+    with pytest.raises(TaskError, match=r"AssertionError in .*my_silent.py:2: assert 1 > 2"):
+        new_task(Path("quiet"), "my_silent.py:make")
+
+
+def test_an_environment_of_ones_own_fits_at_once(folder: Path) -> None:
+    Path("own_robot.py").write_text(OWN)
+    shown = CliRunner().invoke(serp, ["new", "my-own-robot", "--env", "own_robot.py:Robot"])
+    assert shown.exit_code == 0, shown.output
+    assert "serp plan-and-learn --task my-own-robot.py" in shown.output
+    domain, adapter = Path("my-own-robot.pddl").read_text(), Path("my-own-robot.py").read_text()
+    assert "(:action go-left  ; go left ); import os # evil\n" in domain
+    assert "(:action the-object  ; object\n" in domain and "(arm-g-ri-p-name)" in domain
+    assert "import os" not in adapter
+    checked = CliRunner().invoke(serp, ["check", "my-own-robot.pddl", "--task", "my-own-robot.py"])
+    assert "fit together" in checked.output
+    assert "1 passed" in CliRunner().invoke(serp, ["test", "my-own-robot.pddl"]).output
+    with custom_task("my-own-robot.py").bind() as bound:
+        assert len(bound.ground(bound.reset(seed=1)[0])) == 6
+        assert bound.step(0)[1] == -1.0 and bound.step(1)[1] == 0.0
+
+
+@pytest.mark.parametrize("otherwise", ["位置", "7", "a b;(c", ""])
+def test_what_has_no_letters_gets_a_name_of_pddl_all_the_same(otherwise: str) -> None:
+    assert is_name(Word(Names().make("位置", otherwise), Source("f", "").place(0, 0)))
+
+
+def test_nothing_is_overwritten_and_names_do_not_clash(folder: Path) -> None:
+    written = new_task(Path("rail"))
+    assert [file.name for file in written] == ["rail.pddl", "rail-problem.pddl", "rail.scenarios"]
+    assert "5 passed" in CliRunner().invoke(serp, ["test", "rail.pddl"]).output
+    assert not load_domain("rail.pddl").warnings
+    game = Game(load_domain("rail.pddl"))
+    for name in ("charge", *["forward"] * 3, "pick-up", *["back"] * 3):
+        played = game.step(game.model.action_index(name))
+    assert played.over and not played.unsafe and played.total > 10
+    text = written[0].read_text()
+    for name, env, said in (
+        ("rail", None, "rail.scenarios: there is such a file already"),
+        ("Rail", None, "small letters"),
+        ("no/rail", None, "there is no folder no"),
+        ("cartpole-two", None, "`cartpole` is an installed task"),
+        ("json", "CartPole-v1", "a Python module has this name"),
+        ("a", "CartPoole-v1", "FILE.py:CLASS"),
+        ("a", "own_robt.py:Robot", "--env own_robt.py:Robot: there is no such file"),
+    ):
+        with pytest.raises(TaskError, match=said):
+            new_task(Path(name), env)
+    assert written[0].read_text() == text and not Path("a.pddl").exists()

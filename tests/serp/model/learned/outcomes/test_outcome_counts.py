@@ -1,0 +1,352 @@
+"""Counted outcomes: what chance does to predicates and whole numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from serp._util.compilation import cached_njit
+from serp.agent.refusals import why_unsafe
+from serp.errors import RunError
+from serp.model.flags import UNSAFE, risk_of
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.learned.transitions import GOES_ON, OVER
+from serp.model.native import OUTCOMES, STACK, address_of, call_step, pointer_to
+from serp.model.transition_model import TransitionModel, Vector
+from serp.settings import AdaptationSettings
+from tests.serp.model.learned.rolls import from_text
+from tests.serp.model.learned.worlds import GRID, adapted
+
+
+def adaptation_of(model: TransitionModel) -> ModelAdaptation:
+    return ModelAdaptation(model, AdaptationSettings(mode="residual"), np.random.SeedSequence(3))
+
+
+def slip(adaptation: ModelAdaptation, count: int, wet_slips: bool = False) -> None:
+    """Go right: a third of the times, or when it is wet, the robot goes down instead."""
+    random = np.random.default_rng(0)
+    for _ in range(count):
+        wet = float(random.integers(2))
+        state = np.array([wet, float(random.integers(3)), float(random.integers(3))])
+        slips = bool(wet) if wet_slips else random.random() < 1 / 3
+        change = np.array([0.0, 1.0, 0.0]) if slips else np.array([0.0, 0.0, 1.0])
+        adaptation.observe(state, 0, state + change, False)
+
+
+def prediction(
+    adaptation: ModelAdaptation, *state: float, action: int = 0
+) -> tuple[Vector, float, int]:
+    out, flags = adaptation.model.transition(list(state), action)
+    return np.array(out[:-1]), out[-1], flags
+
+
+def shared(adaptation: ModelAdaptation) -> list[Vector]:
+    """The tables that are in use."""
+    groups = adapted(adaptation).buffer.shared.values()
+    return [group.outcomes for group in groups if group.outcomes is not None]
+
+
+def test_a_file_that_is_right_has_nothing_counted() -> None:
+    adaptation = adaptation_of(from_text(GRID).model)
+    random = np.random.default_rng(1)
+    for _ in range(100):
+        state = np.array([float(random.integers(2)), *random.integers(3, size=2).astype(float)])
+        adaptation.observe(state, 0, np.add(state, [0.0, 0.0, 1.0]), False)
+    assert not adapted(adaptation).buffer.active and not shared(adaptation)
+
+
+def test_the_likeliest_outcome_follows_and_the_reward_is_expected() -> None:
+    adaptation = adaptation_of(from_text(GRID).model)
+    slip(adaptation, 600)
+    # Where nobody has ever been: what is known elsewhere holds here.
+    state, reward, _ = prediction(adaptation, 0.0, 0.0, 40.0)
+    assert state.tolist() == [0.0, 0.0, 41.0]
+    assert reward == 5.0
+    _, reward, flags = prediction(adaptation, 0.0, 2.0, 10.0)
+    assert reward == pytest.approx(5.0 - 9.0 / 3, abs=0.6)
+    assert not flags & UNSAFE, "the file as written does not flag it"
+    assert risk_of(flags) == pytest.approx(1 / 3, abs=0.07)
+    sites, flags = adaptation.model.trace(np.array([0.0, 2.0, 10.0]), 0)
+    assert flags & UNSAFE
+    assert sites[-1].schema.name == "hole"
+    assert why_unsafe(adaptation.model, np.array([0.0, 2.0, 10.0]), 0).endswith(
+        " % risk of `(unsafe)` (line 12) through event hole"
+    )
+
+
+def test_it_is_the_same_in_states_too_long_for_the_stack() -> None:
+    lamps = " ".join(f"lamp{k}" for k in range(STACK // 3))
+    text = GRID.replace("(:predicates", f"(:types lamp) (:constants {lamps} - lamp) (:predicates")
+    text = text.replace("(wet)", "(lit ?l - lamp) (wet)").rstrip().removesuffix(")")
+    light = "(:action light :parameters (?l - lamp) :precondition (and) :effect (and (lit ?l))))"
+    short, long = (adaptation_of(from_text(t).model) for t in (GRID, text + light))
+    names = [fluent.name for fluent in long.model.fluents]
+    columns = [names.index(name) for name in ("wet", "row", "column")]
+    right = next(k for k, a in enumerate(long.model.actions) if a.name == "right")
+    slip(short, 200, wet_slips=True)
+    for step in range(200):
+        states = np.zeros((2, len(names)))
+        states[:, columns] = short.experience.states[step], short.experience.next_states[step]
+        long.observe(states[0], right, states[1], False)
+    for wet, row, column in ((0.0, 2.0, 3.0), (1.0, 2.0, 3.0), (1.0, 0.0, 1.0)):
+        state = np.zeros(len(names))
+        state[columns] = wet, row, column
+        expected, reward, flags = prediction(short, wet, row, column)
+        found = prediction(long, *state, action=right)
+        assert found[0][columns].tolist() == expected.tolist()
+        assert found[1:] == (reward, flags)
+
+
+def test_a_context_that_matters_is_told_apart() -> None:
+    adaptation = adaptation_of(from_text(GRID).model)
+    slip(adaptation, 300, wet_slips=True)
+    wet, _, _ = prediction(adaptation, 1.0, 0.0, 1.0)
+    dry, _, flags = prediction(adaptation, 0.0, 2.0, 1.0)
+    assert wet.tolist() == [1.0, 1.0, 1.0]
+    assert dry.tolist() == [0.0, 2.0, 2.0]
+    assert not flags & 2, "who does not slip does not fall"
+
+
+def test_numbers_that_are_not_whole_or_do_too_many_things_are_left_to_the_residual() -> None:
+    fractions, many = (adaptation_of(from_text(GRID).model) for _ in range(2))
+    random = np.random.default_rng(2)
+    for _ in range(400):
+        state = np.array([0.0, *random.normal(size=2)])
+        fractions.observe(state, 0, np.add(state, [0.0, 0.25, 0.0]), False)
+        state = np.array([0.0, *random.integers(-500, 500, size=2).astype(float)])
+        after = np.array([0.0, state[1] + np.round(0.1 * state[2]), state[2]])
+        many.observe(state, 0, after, False)
+    assert not shared(fractions) and not shared(many)
+    state, _, _ = prediction(fractions, 0.0, 0.5, 0.5)
+    assert state == pytest.approx([0.0, 0.75, 0.5], abs=0.01)
+    state, _, _ = prediction(many, 0.0, 0.0, 100.0)
+    assert state == pytest.approx([0.0, 10.0, 100.0], abs=1.0)
+
+
+def test_a_world_that_changes_is_followed() -> None:
+    adaptation = adaptation_of(from_text(GRID).model)
+    slip(adaptation, 400)
+    random = np.random.default_rng(3)
+    for _ in range(3_000):  # the ground has dried
+        state = np.array([0.0, float(random.integers(3)), float(random.integers(3))])
+        adaptation.observe(state, 0, np.add(state, [0.0, 0.0, 1.0]), False)
+    _, _, flags = prediction(adaptation, 0.0, 2.0, 1.0)
+    assert not flags & 2
+
+
+def test_counting_waits_until_it_is_better_than_the_file() -> None:
+    adaptation = adaptation_of(from_text(GRID).model)
+    for k in range(40):
+        change = [0.0, 1.0, 0.0] if k == 20 else [0.0, 0.0, 1.0]
+        adaptation.observe(np.zeros(3), 0, np.array(change), False)
+    assert not shared(adaptation), "one slip in forty is no reason to give up what is right"
+
+
+LAKE = """
+(define (domain lake)
+  (:requirements :conditional-effects :numeric-fluents)
+  (:predicates (frosty) (terminal))
+  (:functions (row) (column) (reward))
+  (:action left :parameters () :precondition (and)
+    :effect (when (> (column) 0) (decrease (column) 1)))
+  (:action right :parameters () :precondition (and)
+    :effect (when (< (column) 4) (increase (column) 1)))
+  (:action up :parameters () :precondition (and) :effect (when (> (row) 0) (decrease (row) 1)))
+  (:action down :parameters () :precondition (and) :effect (when (< (row) 4) (increase (row) 1)))
+  (:event fall :parameters () :precondition (and (= (row) 2) (= (column) 2))
+    :effect (terminal)))
+"""
+"""A lake of five by five cells with a hole; state: frosty, row, column."""
+SIZE, HOLE = 5, [2.0, 2.0]
+LEFT, RIGHT, UP, DOWN = range(4)
+
+
+def moved(state: Vector, direction: int) -> Vector:
+    by = [(0, -1), (0, 1), (-1, 0), (1, 0)][direction]
+    return np.array([state[0], *np.clip(state[1:] + by, 0, SIZE - 1)])
+
+
+def somewhere(random: np.random.Generator) -> Vector:
+    while True:
+        state = random.integers((2, SIZE, SIZE)).astype(float)
+        if state[1:].tolist() != HOLE:
+            return state
+
+
+def chances(
+    adaptation: ModelAdaptation, state: Vector, action: int
+) -> dict[tuple[float, ...], float]:
+    """Return the probability of each next state."""
+    model = adapted(adaptation)
+    width = len(state)
+    rows = np.zeros((OUTCOMES, width + 3))
+    room = rows.reshape(-1)
+    count = all_outcomes(
+        address_of(model.native_outcomes()), state, action, model.data, model.dt, room
+    )
+    found: dict[tuple[float, ...], float] = {}
+    for row in rows[:count]:
+        after = tuple(row[:width].tolist())
+        found[after] = found.get(after, 0.0) + row[-1]
+    assert sum(found.values()) == pytest.approx(1.0)
+    return found
+
+
+@cached_njit(nogil=True)
+def all_outcomes(address, state, action, data, dt, room):  # type: ignore[no-untyped-def]
+    return call_step(
+        address, pointer_to(state, 0), action, pointer_to(data, 0), dt, pointer_to(room, 0)
+    )
+
+
+def test_who_slips_does_what_the_file_says_of_another_action() -> None:
+    """Walls and holes of the file hold for slips, too, also where nobody has ever been."""
+    adaptation = adaptation_of(from_text(LAKE).model)
+    random = np.random.default_rng(5)
+    for _ in range(900):
+        state = somewhere(random)
+        if state[1] > 2:
+            continue
+        after = moved(state, int(random.choice([LEFT, UP, DOWN])))
+        over = after[1:].tolist() == HOLE
+        # What is seen after the end is the next start.
+        seen = np.zeros(3) if over else after
+        adaptation.observe(state, LEFT, seen, OVER if over else GOES_ON)
+    for row, column in ((0, 0), (4, 0), (4, 3), (1, 2), (2, 3), (4, 4), (0, 4)):
+        state = np.array([0.0, row, column])
+        expected: dict[tuple[float, ...], float] = {}
+        for direction in (LEFT, UP, DOWN):
+            there = tuple(moved(state, direction).tolist())
+            expected[there] = expected.get(there, 0.0) + 1 / 3
+        assert chances(adaptation, state, LEFT) == pytest.approx(expected, abs=0.08)
+
+
+def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twice() -> None:
+    adaptation = adaptation_of(from_text(LAKE).model)
+    random = np.random.default_rng(6)
+    wall = [(row, 1.0) for row in (0.0, 1.0, 3.0)]
+    for step in range(300):
+        state = somewhere(random)
+        blocked = (state[1], state[2]) in wall
+        if blocked and step < 200:
+            continue
+        adaptation.observe(state, RIGHT, state if blocked else moved(state, RIGHT), GOES_ON)
+    visits: dict[tuple[float, float], int] = {}
+    states, actions = adaptation.experience.states, adaptation.experience.actions
+    for state in states[actions == RIGHT]:
+        visits[state[1], state[2]] = visits.get((state[1], state[2]), 0) + 1
+    for (row, column), count in visits.items():
+        for frosty in (0.0, 1.0):
+            state = np.array([frosty, row, column])
+            after, _, _ = prediction(adaptation, *state, action=RIGHT)
+            blocked = (row, column) in wall
+            if count > 1:
+                assert after.tolist() == (state if blocked else moved(state, RIGHT)).tolist()
+
+
+def test_what_explains_an_observation_shares_it() -> None:
+    """In a corridor most slips are seen at walls alone, where several outcomes explain them."""
+    adaptation = adaptation_of(from_text(LAKE).model)
+    random = np.random.default_rng(7)
+    for _ in range(4_000):
+        state = np.array([0.0, 0.0, float(random.integers(2))])
+        after = moved(state, int(random.choice([UP, LEFT, RIGHT], p=[0.5, 0.3, 0.2])))
+        adaptation.observe(state, UP, after, GOES_ON)
+    found = chances(adaptation, np.array([0.0, 4.0, 2.0]), UP)
+    expected = {(0.0, 3.0, 2.0): 0.5, (0.0, 4.0, 1.0): 0.3, (0.0, 4.0, 3.0): 0.2}
+    assert found == pytest.approx(expected, abs=0.08)
+
+
+def test_the_order_of_ambiguous_observations_does_not_matter() -> None:
+    """In a corner, a slip may be one of two; what is seen elsewhere later tells which it was."""
+    adaptation = adaptation_of(from_text(LAKE).model)
+    corner, inside = np.zeros(3), np.array([0.0, 3.0, 3.0])
+    for _ in range(20):
+        adaptation.observe(corner, DOWN, corner, GOES_ON)  # left or up
+    for _ in range(20):
+        adaptation.observe(inside, DOWN, moved(inside, LEFT), GOES_ON)
+        adaptation.observe(inside, DOWN, moved(inside, DOWN), GOES_ON)
+    found = chances(adaptation, np.array([0.0, 1.0, 2.0]), DOWN)
+    assert found == pytest.approx({(0.0, 1.0, 1.0): 2 / 3, (0.0, 2.0, 2.0): 1 / 3}, abs=0.05)
+
+
+BALLS = """
+(define (domain balls)
+  (:requirements :strips :typing :numeric-fluents)
+  (:types ball)
+  (:constants a b - ball)
+  (:predicates (lit ?b - ball))
+  (:functions (x ?b - ball) (v ?b - ball))
+  (:action wait :parameters () :precondition (and) :effect (and)))
+"""
+
+
+@pytest.mark.parametrize("resting", ["a", "b", "none"])
+def test_an_object_that_rests_is_no_hindrance_to_others_of_its_type(resting: str) -> None:
+    """Balls roll by a tenth of their speed, and their lamps go on and off; one may stand still."""
+    model = from_text(BALLS).model
+    column = {fluent.name: fluent.index for fluent in model.fluents}
+    adaptation = adaptation_of(model)
+    random = np.random.default_rng(4)
+    for _ in range(300):
+        state = np.zeros(len(column))
+        for ball in "ab":
+            state[column[f"lit {ball}"]] = float(random.integers(2))
+            if ball != resting:
+                state[column[f"x {ball}"]], state[column[f"v {ball}"]] = random.normal(size=2)
+        after = state.copy()
+        for ball in "ab":
+            after[column[f"x {ball}"]] += 0.1 * state[column[f"v {ball}"]]
+            after[column[f"lit {ball}"]] = 1.0 - state[column[f"lit {ball}"]]
+        adaptation.observe(state, 0, after, False)
+    state = np.zeros(len(column))
+    state[[column["v a"], column["v b"]]] = 1.0
+    predicted, _ = adaptation.model.transition(state.tolist(), 0)
+    for ball in "ab":
+        assert predicted[column[f"x {ball}"]] == pytest.approx(0.1, abs=0.02)
+        assert predicted[column[f"lit {ball}"]] == 1.0
+
+
+def test_the_table_is_laid_out_anew_from_what_was_counted() -> None:
+    """What a checkpoint does not hold cannot be forged: offsets, and a hash table without end."""
+    model = from_text(GRID).model
+    whole, resumed = adaptation_of(model), adaptation_of(model)
+    slip(whole, 100)
+    arrays, meta = whole.state_dict()
+    resumed.load_state_dict(arrays, meta)
+    (table,), (again,) = shared(whole), shared(resumed)
+    assert table.tobytes() == again.tobytes()
+    assert sum(array.nbytes for name, array in arrays.items() if "outcome_counts" in name) < 20_000
+
+
+def test_damaged_counts_are_refused() -> None:
+    model = from_text(GRID).model
+    adaptation = adaptation_of(model)
+    slip(adaptation, 100)
+    arrays, meta = adaptation.state_dict()
+    (prefix,) = [name.removesuffix("codes") for name in arrays if name.endswith(".codes")
+                 and "outcome_counts" in name]  # fmt: skip
+    codes, totals = arrays[f"{prefix}codes"], arrays[f"{prefix}totals"]
+    for name, damaged in (
+        ("codes", codes[:-1]),
+        ("codes", np.repeat(codes, 2000)),
+        ("codes", codes + 0.5),
+        ("codes", np.full_like(codes, 2.0**60)),
+        ("codes", np.full_like(codes, codes[0])),
+        ("totals", np.zeros_like(totals)),
+        ("totals", -totals),
+        ("schemas", np.zeros(13)),
+        ("schemas", np.full(2, 2.0)),
+        ("schemas", np.full(2, 0.5)),
+        ("changes", np.zeros((13, 1))),
+        ("sets", np.full((3, 2), 2.0**20)),
+        ("sets", np.ones((65, 2))),
+        ("evidence", np.zeros((len(codes), 4))),
+        ("trust", np.zeros((3, 4))),
+        ("places", np.array([10**9])),
+        ("others", np.array([-1])),
+    ):
+        with pytest.raises(RunError, match="damaged"):
+            adaptation_of(model).load_state_dict({**arrays, f"{prefix}{name}": damaged}, meta)
+    with pytest.raises(RunError):
+        adaptation_of(model).load_state_dict({}, meta)

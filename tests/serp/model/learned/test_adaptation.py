@@ -1,0 +1,227 @@
+"""What each env step teaches, what none does, and that a run continued equals one never stopped."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
+from serp.model.transition_model import TransitionModel
+from serp.runs import checkpoint
+from tests.serp.model.learned.rolls import from_text
+from tests.serp.model.learned.worlds import (
+    FLEET,
+    GRID,
+    ICE,
+    PLANE,
+    adaptation,
+    adapted,
+    any_state,
+)
+
+PAIR = """(define (domain pair)
+  (:functions (x) (v))
+  (:action push :parameters () :precondition (and) :effect (and (increase (x) 0.4)))
+  (:action rest :parameters () :precondition (and) :effect (and (increase (x) 0.1))))
+"""
+
+Saved = tuple[dict[str, Any], dict[str, Any]]
+Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int]
+
+
+def bits(saved: Saved) -> tuple[dict[str, bytes], str]:
+    """What was saved, as it would be on disk."""
+    arrays, meta = saved
+    return (
+        {name: a.tobytes() + str((a.dtype, a.shape)).encode() for name, a in arrays.items()},
+        json.dumps(meta, sort_keys=True),
+    )
+
+
+def steps_of(of: ModelAdaptation, count: int, seed: int) -> list[Step]:
+    """Steps of a nonlinear world: predicates that flip, noise, outliers, unknown actions, ends.
+
+    On `GRID` numbers are whole, so that outcomes are counted. At last the world changes.
+    """
+    whole = any(fluent.name == "row" for fluent in of.model.fluents)
+    rng = np.random.default_rng(seed)
+    numeric = np.array([fluent.numeric for fluent in of.model.fluents])
+    mixing = np.random.default_rng(1).normal(size=(len(numeric), len(numeric)))
+    steps: list[Step] = []
+    for k in range(count):
+        state, action = any_state(of.model, rng), int(rng.integers(-1, len(of.model.actions)))
+        moved = state + 0.1 * np.sin(mixing @ state) + 0.05 * action + 0.5 * (k > 200)
+        after = np.where(numeric, moved + 0.01 * rng.normal(size=len(state)), state)
+        if whole:
+            state, after = np.round(state), np.round(state) + rng.integers(2, size=len(state))
+            after[~numeric] = state[~numeric]
+        flips = ~numeric & (rng.random(len(state)) < 0.2)
+        after[flips] = 1.0 - after[flips]
+        if rng.random() < 0.02:
+            after[rng.integers(len(state))] = rng.choice([1e3, np.nan, np.inf])
+        ending = int(rng.choice([GOES_ON, CUT_OFF, OVER], p=[0.9, 0.05, 0.05]))
+        steps.append((state, action, after, ending))
+    return steps
+
+
+def observe(of: ModelAdaptation, steps: list[Step]) -> None:
+    for step in steps:
+        of.visit(step[1])
+        of.observe(*step)
+
+
+# Resuming --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", [PLANE, ICE, FLEET, GRID], ids=["plane", "ice", "fleet", "grid"])
+@pytest.mark.parametrize("mode", ["off", "parameters", "residual", "full"])
+def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path: Path, text: str, mode: str) -> None:
+    def new() -> ModelAdaptation:
+        return adaptation(text, mode, seed=5)
+
+    whole = new()
+    steps = steps_of(whole, 300, 2)
+    observe(whole, steps)
+    resumed = new()
+    for number, (start, end) in enumerate([(0, 1), (1, 40), (40, 170), (170, 171), (171, 300)]):
+        observe(resumed, steps[start:end])
+        checkpoint.save(tmp_path / str(number), *resumed.state_dict())
+        resumed = new()
+        observe(resumed, steps[200 : 200 + 20 * number])  # is replaced
+        resumed.load_state_dict(*checkpoint.load(tmp_path / str(number)))
+    assert bits(resumed.state_dict()) == bits(whole.state_dict())
+    states = np.array([any_state(whole.model, np.random.default_rng(k)) for k in range(20)])
+    for action in range(len(whole.model.actions)):
+        expected = whole.model.step(states, action)
+        for ours, theirs in zip(resumed.model.step(states, action), expected, strict=True):
+            assert np.asarray(ours).tobytes() == np.asarray(theirs).tobytes()
+    assert resumed.visits.tolist() == whole.visits.tolist()
+
+
+# What teaches ----------------------------------------------------------------------------------
+
+
+def test_steps_that_end_an_episode_teach_no_residual_and_equal_seeds_give_equal_bits() -> None:
+    def learned(seed: int, ending: int) -> ModelAdaptation:
+        of = adaptation(PLANE, seed=seed)
+        rng = np.random.default_rng(0)
+        for _ in range(300):
+            state = rng.normal(size=2)
+            of.observe(state, int(rng.integers(2)), state + np.sin(state), ending)
+        return of
+
+    one = learned(1, GOES_ON)
+    assert adapted(one).buffer.active
+    assert bits(learned(1, GOES_ON).state_dict()) == bits(one.state_dict())
+    state = np.array([0.1, 0.2])
+    expected = one.model.step(state, 0).state
+    assert learned(1, CUT_OFF).model.step(state, 0).state.tobytes() == expected.tobytes()
+    assert not adapted(learned(1, OVER)).buffer.active
+    assert learned(2, GOES_ON).model.step(state, 0).state.tobytes() != expected.tobytes()
+
+
+@pytest.mark.parametrize("mode", ["off", "parameters", "residual", "full"])
+def test_an_action_that_the_model_does_not_know_is_recorded_and_teaches_nothing(mode: str) -> None:
+    of = adaptation(PLANE, mode)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        of.visit(-1)
+        of.observe(rng.normal(size=2), -1, rng.normal(size=2), False)
+    assert len(of.experience) == 100
+    assert of.visits.tolist() == [0, 0]
+    states = rng.normal(size=(20, 2))
+    expected = from_text(PLANE).model.replace(dt=0.1).step(states, 0)
+    assert of.model.step(states, 0).state.tobytes() == expected.state.tobytes()
+
+
+def test_where_an_event_has_the_last_word_nothing_is_learned() -> None:
+    """A clamp hides what effects have done: any error below it says nothing."""
+    text = """(define (domain clamp) (:functions (x))
+      (:action down :parameters () :precondition (and) :effect (and (decrease (x) 0.5)))
+      (:event floor :parameters () :precondition (and (< (x) 0.25))
+        :effect (and (assign (x) 0.25))))"""
+    of = adaptation(text)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        of.observe(rng.uniform(0.26, 0.7, size=1), 0, np.array([0.25]), False)
+    states = rng.uniform(0.26, 3.0, size=(50, 1))
+    expected = adapted(of).written.step(states, 0).state
+    assert of.model.step(states, 0).state.tobytes() == expected.tobytes()
+    for _ in range(100):  # above it, something else is found
+        state = rng.uniform(1.0, 3.0, size=1)
+        of.observe(state, 0, state - 0.125, False)
+    assert of.model.step(np.array([2.0]), 0).state[0] == pytest.approx(1.875, abs=1e-3)
+    assert of.model.step(np.array([0.3]), 0).state[0] == 0.25
+
+
+def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
+    text = """(define (domain gate) (:predicates (open)) (:functions (x))
+      (:action go :parameters () :precondition (and (open)) :effect (and (increase (x) 1)))
+      (:action shut :parameters () :precondition (and) :effect (and (not (open)))))"""
+    of = adaptation(text)
+    rng = np.random.default_rng(0)
+    shut = next(f.index for f in of.model.fluents if f.name == "open")
+    for _ in range(60):
+        state = rng.normal(size=2)
+        state[shut] = 0.0
+        after = rng.normal(size=2)
+        after[shut] = 0.0
+        of.visit(0)
+        of.observe(state, 0, after, False)
+    state[shut] = 1.0
+    expected = adapted(of).written.step(state, 0).state
+    assert of.model.step(state, 0).state.tobytes() == expected.tobytes()
+    assert of.visits.tolist() == [60, 0]
+
+
+# What is not adapted -------------------------------------------------------------------------
+
+
+def test_a_model_too_large_to_compile_is_used_as_written_and_that_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
+    of = adaptation(PLANE, "full")
+    assert type(of.model) is TransitionModel and of.notice is not None
+    observe(of, steps_of(of, 100, 0))
+
+
+def test_a_domain_without_fluents_has_nothing_to_correct() -> None:
+    of, again = (adaptation("(define (domain nothing) (:action wait))", "full") for _ in range(2))
+    for _ in range(40):
+        of.visit(0)
+        of.observe(np.zeros(0), 0, np.zeros(0), False)
+    assert of.visits.tolist() == [40]
+    again.load_state_dict(*of.state_dict())
+    assert bits(again.state_dict()) == bits(of.state_dict())
+
+
+# In a training ---------------------------------------------------------------------------------
+
+
+def test_new_parameters_do_not_take_away_what_is_known_of_actions_not_tried_lately() -> None:
+    of = adaptation(PAIR, "full")
+    rng = np.random.default_rng(0)
+
+    def world(state: np.ndarray[Any, Any], action: int, push: float) -> np.ndarray[Any, Any]:
+        return state + np.array([(push, 0.1)[action] + 0.2 * state[1], -0.2 * state[1]])
+
+    states = rng.normal(size=(50, 2))
+
+    def error(action: int) -> float:
+        off = [np.abs(of.model.step(s, action).state - world(s, action, 0.3)) for s in states]
+        return float(np.mean(off))
+
+    for step in range(1, 2_100):
+        action = int(rng.integers(2)) if step <= 900 else 0
+        state = rng.normal(size=2)
+        of.observe(state, action, world(state, action, 0.3 if step <= 1_100 else 0.2), False)
+        if step == 900:
+            known = error(1)
+    assert known < 0.01
+    assert error(1) < 2.0 * known + 1e-3

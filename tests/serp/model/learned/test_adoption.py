@@ -1,0 +1,84 @@
+"""What a model says of its learned parts is what it predicts with."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.learned.transitions import GOES_ON
+from tests.serp.model.learned.worlds import GRID, PLANE, adaptation
+
+
+def plane(steps: int, push: float, seed: int = 0) -> ModelAdaptation:
+    """A model after steps of a mass that a push accelerates, of which the file knows nothing."""
+    of = adaptation(PLANE)
+    rng, state = np.random.default_rng(seed), np.zeros(2)
+    for _ in range(steps):
+        action = int(rng.integers(2))
+        after = np.array([state[0] + 0.1 * state[1], 0.99 * state[1] + push * (action == 0)])
+        of.observe(state, action, after, GOES_ON)
+        state = after if abs(after[0]) < 3 else rng.normal(size=2)
+    return of
+
+
+def test_each_fluent_says_whether_it_is_adapted_and_why() -> None:
+    of = plane(200, 0.3)
+    adoption = of.adoption
+    position, speed = adoption.fluents
+    assert (position.fluent, speed.fluent) == ("p", "v")
+    assert not position.adapted and "the file was right in 200 steps" in position.why
+    assert set(speed.residual) == {"push", "rest"} and "in use" in speed.why
+    assert adoption.in_use
+    assert str(adoption) == "adapted: residual for `v`; as written: `p`"
+    said = json.dumps(adoption.as_dict(), allow_nan=False)
+    assert json.loads(said)["fluents"][1]["adapted"] is True
+
+
+@pytest.mark.parametrize("steps", [0, 1, 200])
+def test_nothing_is_said_to_be_in_use_where_the_model_is_as_written(steps: int) -> None:
+    of = plane(steps, 0.3)
+    state = np.array([0.5, 0.25])
+    written = of.model.replace().transition(state.tolist(), 0)[0]
+    adapted = of.model.transition(state.tolist(), 0)[0]
+    assert of.adoption.in_use is (adapted != written)
+    if not of.adoption.in_use:
+        assert str(of.adoption).startswith("as written")
+
+
+def test_what_cannot_be_foreseen_is_not_in_use_and_says_how_large_its_error_is() -> None:
+    of = adaptation(PLANE)
+    rng = np.random.default_rng(0)
+    for _ in range(150):
+        state = rng.normal(size=2)
+        change = np.array([0.1 * state[1], rng.normal()])
+        of.observe(state, 0, state + change, GOES_ON)
+    speed = of.adoption.fluents[1]
+    assert not speed.adapted and speed.why.startswith("residual not in use: mean absolute error ")
+    assert speed.why.endswith(
+        " % of that of the file, in 150 steps; it replaces the file below 95 %"
+    )
+
+
+def test_counted_outcomes_and_their_score_are_named() -> None:
+    of = adaptation(GRID)
+    names = [fluent.name for fluent in of.model.fluents]
+    rng, right = np.random.default_rng(0), 0
+    state = np.zeros(len(names))
+    for _ in range(80):
+        expected = np.array(of.model.replace().transition(state.tolist(), right)[0][:-1])
+        after = expected if rng.random() < 0.5 else state
+        of.observe(state, right, after, GOES_ON)
+        state = np.clip(after, -3, 3)
+    counted = [fluent for fluent in of.adoption.fluents if fluent.outcomes]
+    assert counted and all(
+        "counted outcomes in use: Brier score " in fluent.why for fluent in counted
+    )
+
+
+def test_a_model_that_does_not_adapt_says_so() -> None:
+    of = adaptation(PLANE, mode="off")
+    assert not of.adoption.adapts and not of.adoption.in_use and not of.adoption.fluents
+    assert str(of.adoption) == "as written; nothing is learned beside the file"

@@ -1,0 +1,109 @@
+"""The parameters of a file, estimated anew while a run goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from serp.model.learned.online_parameters import ParameterEstimation
+from serp.model.learned.transitions import TransitionMemory
+from serp.model.transition_model import Vector
+from tests.serp.model.learned.rolls import from_text
+
+WALK = """(define (domain walk)
+  (:functions (near) (far))
+  (:action step :parameters () :precondition (and)
+    :effect (and (decrease (near) 0.4) (increase (far) 0.2))))
+"""
+
+SPLIT = """(define (domain split)
+  (:functions (x) (y))
+  (:action cut :parameters () :precondition (and)
+    :effect (and (increase (x) (/ 1.0 (- (y) 2.0))))))
+"""
+
+
+def observed(steps: int, change: Callable[[int], tuple[float, float]]) -> TransitionMemory:
+    """Steps from random states that change the fluents of `WALK` so."""
+    rng = np.random.default_rng(5)
+    experience = TransitionMemory(steps, 2, 9)
+    for k in range(steps):
+        state = rng.normal(size=2)
+        experience.add(state, 0, state + change(k), False)
+    return experience
+
+
+def adopted(experience: TransitionMemory, text: str = WALK) -> Vector:
+    """The parameters after these steps."""
+    model = from_text(text).model
+    return ParameterEstimation(model).reconsider(experience, model.theta.copy())
+
+
+@pytest.mark.parametrize("truth", [-0.01, -0.2, -1.0, 0.3])
+def test_what_always_happens_is_believed_however_little_or_contrary(truth: float) -> None:
+    near, far = adopted(observed(64, lambda _: (truth, 0.2)))
+    assert near == pytest.approx(-truth, abs=1e-3)
+    assert far == pytest.approx(0.2)
+
+
+def test_an_effect_that_seldom_comes_about_is_not_averaged_away() -> None:
+    rng = np.random.default_rng(3)
+    near, _ = adopted(observed(256, lambda _: (-0.4 * (rng.random() < 0.1), 0.2)))
+    assert near == pytest.approx(0.1)  # a quarter of what is written; the mean is 0.04
+
+
+def test_parameters_are_no_better_for_saying_less() -> None:
+    model = from_text(SPLIT).model
+    states = np.array([[0.0, 1.0], [0.0, 4.0]])
+    after = np.array([[0.0, 1.0], [0.5, 4.0]])
+    both = np.array([[1.0, 2.0], [1.0, 1.0]])  # the latter divides by zero where y is 1
+    actions = np.zeros(2, dtype=np.int64)
+    first, second, _ = ParameterEstimation(model)._errors(both, states, actions, after)
+    assert np.isfinite(first).all()
+    assert second[0] == np.inf
+    first, second, _ = ParameterEstimation(model)._errors(both[::-1], states, actions, after)
+    assert np.isfinite(first).all() and np.isfinite(second).all()
+
+
+@pytest.mark.parametrize("reading", [10.0, 1e3, 1e160, np.inf, np.nan])
+@pytest.mark.parametrize("at", [20, 100, 200, 255])
+def test_a_outlier_neither_blocks_an_estimate_nor_lets_one_pass(reading: float, at: int) -> None:
+    """Of its own step it says nothing true, and of the one that begins with it neither."""
+    for truth, expected in ((1.0, 0.2), (0.1, 0.1)):
+        rng = np.random.default_rng(3)
+
+        def change(
+            k: int, truth: float = truth, rng: np.random.Generator = rng
+        ) -> tuple[float, float]:
+            much = 0.2 if truth == 1.0 else 0.4 * (rng.random() < truth)
+            return reading if k == at else -much + 0.02 * rng.standard_normal(), 0.2
+
+        near, _ = adopted(observed(256, change))
+        assert near == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize("truth", [0.2, -0.2])
+def test_what_is_written_as_nothing_may_be_estimated_either_way(truth: float) -> None:
+    rng = np.random.default_rng(0)
+    experience = observed(256, lambda _: (truth + 0.3 * rng.standard_normal(), 0.2))
+    near, _ = adopted(experience, WALK.replace("(near) 0.4", "(near) 0.0"))
+    assert near == pytest.approx(-truth, abs=0.1)
+
+
+def test_an_estimate_that_is_no_news_changes_nothing() -> None:
+    model = from_text(WALK).model
+    rng = np.random.default_rng(5)
+    experience, reestimation = TransitionMemory(4096, 2, 9), ParameterEstimation(model)
+    theta = model.theta.copy()
+    changes = []
+    for k in range(1, 4097):
+        state = rng.normal(size=2)
+        after = state + np.array([-0.2 + 0.01 * rng.standard_normal(), 0.2])
+        experience.add(state, 0, after, False)
+        if reestimation.due(k):
+            before, theta = theta, reestimation.reconsider(experience, theta)
+            changes.append(bool((before != theta).any()))
+    assert changes[0] and sum(changes) <= 2
+    assert theta[0] == pytest.approx(0.2, abs=0.005)

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.errors import RunError
+from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER, TransitionMemory
+
+Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int, float]
+
+
+def steps_of(count: int, seed: int = 0) -> list[Step]:
+    rng = np.random.default_rng(seed)
+    steps: list[Step] = []
+    for _ in range(count):
+        state, after = rng.normal(size=(2, 3))
+        after[rng.random(3) < 0.1] = rng.choice([np.nan, np.inf, -0.0])
+        ending = int(rng.choice([GOES_ON, CUT_OFF, OVER]))
+        steps.append((state, int(rng.integers(-1, 4)), after, ending, float(rng.normal())))
+    return steps
+
+
+def filled(steps: list[Step], capacity: int) -> TransitionMemory:
+    experience = TransitionMemory(capacity, 3, 4)
+    for step in steps:
+        experience.add(*step)
+    return experience
+
+
+def bits(experience: TransitionMemory) -> tuple[bytes, ...]:
+    parts = experience.states, experience.actions, experience.next_states
+    ends = experience.ended, experience.over, experience.rewards
+    return tuple(part.tobytes() for part in (*parts, *ends))
+
+
+@given(count=st.integers(0, 60), capacity=st.integers(1, 25))
+def test_the_newest_transitions_are_kept_in_order_of_time(count: int, capacity: int) -> None:
+    steps = steps_of(count)
+    experience = filled(steps, capacity)
+    kept = steps[-capacity:] if count else []
+    assert len(experience) == len(kept)
+    assert experience.seen == count
+    states, actions, after, endings, rewards = zip(*kept, strict=True) if kept else [[]] * 5
+    np.testing.assert_array_equal(experience.states, np.reshape(states, (-1, 3)))
+    np.testing.assert_array_equal(experience.actions, actions)
+    np.testing.assert_array_equal(experience.next_states, np.reshape(after, (-1, 3)))
+    np.testing.assert_array_equal(experience.ended, [ending != GOES_ON for ending in endings])
+    np.testing.assert_array_equal(experience.over, [ending == OVER for ending in endings])
+    np.testing.assert_array_equal(experience.rewards, rewards)
+
+
+@given(before=st.integers(0, 60), after=st.integers(0, 40), capacity=st.integers(1, 25))
+def test_resumed_equals_uninterrupted_bit_for_bit(before: int, after: int, capacity: int) -> None:
+    steps = steps_of(before + after)
+    whole, resumed = filled(steps, capacity), filled([], capacity)
+    resumed.load_state_dict(*filled(steps[:before], capacity).state_dict())
+    for step in steps[before:]:
+        resumed.add(*step)
+    assert bits(resumed) == bits(whole)
+    assert resumed.seen == whole.seen
+
+
+def test_a_saved_experience_that_does_not_fit_is_refused_and_changes_nothing() -> None:
+    experience = filled(steps_of(30), 20)
+    before = bits(experience)
+    arrays, meta = filled(steps_of(25, seed=1), 20).state_dict()
+    wrong: list[tuple[dict[str, Any], dict[str, Any]]] = [
+        (arrays, {**meta, "capacity": 21}),
+        (arrays, {**meta, "seen": 12}),
+        (arrays, {}),
+        ({k: a for k, a in arrays.items() if k != "actions"}, meta),
+        ({**arrays, "states": arrays["states"][:, :-1]}, meta),
+        ({**arrays, "next_states": arrays["next_states"][:-1]}, meta),
+        ({**arrays, "actions": arrays["actions"] + 1}, meta),
+        ({**arrays, "endings": arrays["endings"] + np.int8(1)}, meta),
+    ]
+    for saved in wrong:
+        with pytest.raises(RunError):
+            experience.load_state_dict(*saved)
+        assert bits(experience) == before

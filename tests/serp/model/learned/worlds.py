@@ -1,0 +1,239 @@
+"""Small worlds whose domain files leave something out, and arbitrary adaptations of any model."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from serp.model.domain import load_domain
+from serp.model.learned import outcome_table as c
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.learned.adapted_model import AdaptedModel
+from serp.model.learned.outcome_counts import new_table
+from serp.model.learned.outcome_table import CHANGE
+from serp.model.learned.residual_features import (
+    CURVED,
+    FEATURES,
+    FILE,
+    FULL,
+    LINEAR,
+    RegressionParameters,
+)
+from serp.model.transition_model import TransitionModel, Vector
+from serp.settings import AdaptationSettings
+from tests.generated import PLANNABLE, generate
+from tests.serp.model.learned.rolls import DOMAINS, from_text
+
+PLANE = """(define (domain plane)
+  (:functions (p) (v))
+  (:action push :parameters () :precondition (and) :effect (and))
+  (:action rest :parameters () :precondition (and) :effect (and))
+  (:process move :parameters () :precondition (and)
+    :effect (and (increase (p) (* #t (v))))))
+"""
+"""A mass that is pushed or not; the file knows that it moves as fast as it is."""
+
+ICE = """(define (domain ice)
+  (:predicates (icy))
+  (:functions (p) (v))
+  (:action push :parameters () :precondition (and) :effect (and))
+  (:action rest :parameters () :precondition (and) :effect (and)))
+"""
+"""The same mass on ground that is icy at times; the file knows nothing of motion."""
+
+FLEET = """(define (domain fleet)
+  (:types robot)
+  (:constants ada bob cid - robot)
+  (:predicates (lit ?r - robot))
+  (:functions (place ?r - robot) (battery ?r - robot) (warmth))
+  (:action drive :parameters (?r - robot) :precondition (and) :effect (and))
+  (:action light :parameters (?r - robot) :precondition (and) :effect (and (lit ?r)))
+  (:action wait :parameters () :precondition (and) :effect (and)))
+"""
+"""Three robots that drive, in a room; the file knows their lamps alone."""
+
+EDGE = """(define (domain edge)
+  (:predicates (unsafe) (terminal) (wet))
+  (:functions (x) (y) (reward))
+  (:action left :parameters () :precondition (and (> (x) -4))
+    :effect (and (decrease (x) 1) (decrease (reward) 0.1)))
+  (:action right :parameters () :precondition (and)
+    :effect (and (increase (x) 1) (increase (y) (/ 1 (x))) (decrease (reward) 0.1)))
+  (:action jump :parameters () :precondition (and)
+    :effect (and (assign (y) 0) (when (and (wet)) (unsafe)) (not (wet))))
+  (:process drift :parameters () :precondition (and (> (y) 1))
+    :effect (and (decrease (x) (* #t 0.5))))
+  (:event pit :parameters () :precondition (and (<= (x) -3))
+    :effect (and (unsafe) (terminal) (decrease (reward) 5)))
+  (:event wall :parameters () :precondition (and (> (x) 4)) :effect (and (assign (x) 4))))
+"""
+"""Everything that can flag a step: an effect, a condition, an event; and what divides by zero."""
+
+GRID = """
+(define (domain grid)
+  (:requirements :strips :typing :negative-preconditions :conditional-effects :numeric-fluents)
+  (:predicates (wet) (unsafe) (terminal))
+  (:functions (row) (column) (reward))
+  (:action right :parameters () :precondition (and)
+    :effect (and (increase (column) 1)))
+  (:action stay :parameters () :precondition (and) :effect (and))
+  (:event prize :parameters () :precondition (and (> (column) 3))
+    :effect (and (increase (reward) 5)))
+  (:event hole :parameters () :precondition (and (> (row) 2))
+    :effect (and (decrease (reward) 9) (unsafe) (terminal))))
+"""
+"""State: wet, row, column."""
+
+SHIPPED = sorted(path.stem for path in DOMAINS.glob("*.pddl") if not path.stem.endswith("-problem"))
+
+
+@functools.cache
+def shipped(name: str) -> TransitionModel:
+    """The model of a shipped file."""
+    return load_domain(DOMAINS / f"{name}.pddl").model
+
+
+@functools.cache
+def generated(seed: int) -> TransitionModel:
+    """A random domain that has flags and is quickly compiled."""
+    random = Random(seed)
+    while True:
+        model = generate(random, PLANNABLE).model
+        ground = model.ground
+        schemas = (*ground.actions, *ground.processes, *ground.events)
+        effects = sum(len(schema.effects) for schema in schemas)
+        flagged = any(e.target < 0 for schema in schemas for e in schema.effects)
+        if ground.actions and ground.fluents and flagged and effects < 40 and model.has_own_code:
+            return model.replace(dt=random.choice((1.0, 0.25)))
+
+
+@functools.cache
+def edge() -> TransitionModel:
+    """The model of `EDGE`."""
+    return from_text(EDGE).model.replace(dt=0.5)
+
+
+def adaptation(
+    text: str, mode: str = "residual", *, dt: float = 0.1, seed: int = 0, **settings: Any
+) -> ModelAdaptation:
+    """An adaptation of a domain given as text."""
+    chosen: Any = {"mode": mode, **settings}
+    model = from_text(text).model.replace(dt=dt)
+    return ModelAdaptation(model, AdaptationSettings(**chosen), np.random.SeedSequence(seed))
+
+
+def adapted(of: ModelAdaptation) -> AdaptedModel:
+    """The model of an adaptation that is switched on."""
+    assert isinstance(of.model, AdaptedModel)
+    return of.model
+
+
+def plus(state: Vector, *change: float) -> Vector:
+    """A state changed by so much."""
+    return state + np.array(change)
+
+
+def error(of: ModelAdaptation, state: Vector, action: int, after: Vector) -> Vector:
+    """`[F]` how far the model in use is off."""
+    return np.abs(of.model.step(state, action).state - after)
+
+
+def teach(
+    of: ModelAdaptation,
+    world: Callable[[Vector, int], Vector],
+    rng: np.random.Generator,
+    steps: int,
+    *,
+    draw: Callable[[np.random.Generator], Vector] | None = None,
+    actions: tuple[int, ...] | None = None,
+) -> Vector:
+    """Show steps of a world from random states; return how far the model was off, `[steps, F]`.
+
+    Without `draw`, fluents are normal and predicates true or false; without `actions`, all come.
+    """
+    model = of.model
+    errors = np.empty((steps, len(model.fluents)))
+    chosen = actions or tuple(range(len(model.actions)))
+    for k in range(steps):
+        state = any_state(model, rng) if draw is None else draw(rng)
+        action = int(rng.choice(chosen))
+        after = world(state, action)
+        errors[k] = error(of, state, action, after)
+        of.observe(state, action, after, False)
+    return errors
+
+
+def any_state(model: TransitionModel, rng: np.random.Generator) -> Vector:
+    """A state of normal numbers, and predicates that are true or false."""
+    state = rng.normal(size=len(model.fluents))
+    for fluent in model.fluents:
+        if not fluent.numeric:
+            state[fluent.index] = float(rng.integers(2))
+    return state
+
+
+# Arbitrary adaptations -------------------------------------------------------------------------
+
+MILD = (1.0, -1.0, 0.3, -0.01, 2.0, 0.0)
+WILD = (*MILD, 1e6, -1e30, 1e200, -1e308, np.inf, -np.inf, np.nan, 5e-324)
+
+
+def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
+    """Put arbitrary weights wherever an adaptation could put some: normal, or of these numbers."""
+    buffer = model.buffer
+    buffer.active = True
+    if rng.random() < 0.5:
+        buffer.adopt(_weights(buffer.parameters.shape, rng, numbers))
+    for regression in buffer.regressions.values():
+        _publish(regression, rng, numbers)
+
+
+def count(model: AdaptedModel, rng: np.random.Generator) -> None:
+    """Put arbitrary counts of outcomes wherever some could be: of one in all, or by context."""
+    model.buffer.active = model.buffer.stochastic = True
+    groups = {group.key: group for groups in model.feature_groups for group in groups}
+    for key, group in groups.items():
+        where = {column: place for place, column in enumerate(group.inputs)}
+        places = np.array(sorted(where[c] for c in {*group.predicates, *group.targets}), np.int64)
+        if not len(places) or rng.random() < 0.3:
+            continue
+        table = new_table(places, np.zeros(0, np.int64), np.zeros(0, np.int64))
+        kinds = int(rng.integers(2, 5))
+        table[c.T_KINDS] = kinds
+        changes = table[int(table[c.T_CHANGES]) :][: c.KINDS * len(places)].reshape(c.KINDS, -1)
+        numeric = [model.fluents[group.inputs[place]].numeric for place in places]
+        schemas = len({action.schema for action in model.actions})
+        table[int(table[c.T_SCHEMAS]) :][1:kinds] = rng.integers(CHANGE, schemas, kinds - 1)
+        ranges = table[int(table[c.T_RANGES]) :][: 2 * len(places)].reshape(-1, 2)
+        ranges[:] = -5.0, 5.0
+        changes[1:kinds] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
+        counts = rng.choice((1.0, 3.0, 50.0), kinds)
+        start = int(table[c.T_COUNTS])
+        table[start : start + kinds] = counts
+        table[int(table[c.T_TOTALS])] = counts.sum()
+        model.buffer.shared[key].outcomes = table
+
+
+def _publish(
+    part: RegressionParameters, rng: np.random.Generator, numbers: tuple[float, ...]
+) -> None:
+    part.modes = int(rng.integers(part.rows - part.heads + 1))
+    part.codes[part.heads :] = rng.permutation(part.rows - part.heads)
+    part.features = FEATURES if rng.random() < 0.5 else 0
+    kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
+    part.kinds[:] = rng.choice(kinds, size=part.kinds.shape)
+    for weights in (
+        part.linear, part.amplitude, part.centre, part.shrink, part.frequency, part.phase
+    ):  # fmt: skip
+        weights[:] = _weights(weights.shape, rng, numbers)
+
+
+def _weights(
+    shape: tuple[int, ...], rng: np.random.Generator, numbers: tuple[float, ...]
+) -> Vector:
+    drawn = rng.choice(np.array(numbers), size=shape)
+    return np.where(rng.random(shape) < 0.5, rng.normal(size=shape), drawn)

@@ -1,0 +1,72 @@
+"""Algorithms by name: those of serp, those with other settings, and external ones."""
+
+from __future__ import annotations
+
+import pickle
+from importlib.metadata import EntryPoint
+from typing import Any
+
+import pytest
+
+from serp.errors import MissingExtra, SerpError, SettingsError
+from serp.runs.comparison import algorithms
+from serp.runs.comparison.algorithms import GROUP, OWN, find_algorithm, merged
+from serp.settings import resolve
+from tests.serp.runs.comparison import contest
+
+
+def test_the_algorithms_of_serp_have_settings_that_exist() -> None:
+    assert set(OWN) == set(contest.OWN)
+    for name, algorithm in OWN.items():
+        assert find_algorithm(name) is algorithm
+        assert (algorithm.name, bool(algorithm.description)) == (name, True)
+        resolve(algorithm.preset, None, algorithm.changes)
+        assert algorithm.uses_model == (name not in ("dqn", "dqn-paper"))
+
+
+@pytest.mark.parametrize(("name", "near"), [("srep", "serp"), ("drawin", "drawing")])
+def test_a_name_that_does_not_exist_is_refused_with_a_near_one(
+    name: str, near: str, external: None
+) -> None:
+    with pytest.raises(SettingsError, match=f"no algorithm `{name}`; did you mean `{near}`"):
+        find_algorithm(name)
+
+
+def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
+    external: None,
+) -> None:
+    algorithm = find_algorithm("drawing")
+    assert (algorithm.kind, algorithm.description) == ("external", "Draws its actions")
+    assert algorithm.make_external is contest.Drawing
+    assert not algorithm.uses_model
+    assert pickle.loads(pickle.dumps(algorithm)) == algorithm  # other processes need it
+    with pytest.raises(SettingsError, match="`drawing` has no settings that serp could change"):
+        algorithm.changed("drawing:x", {"learner": {"members": 1}})
+
+
+def test_an_external_algorithm_that_cannot_be_loaded_is_named(
+    external: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(SettingsError, match=r"`broken` \(tests.serp.runs.comparison.nosuch:make\)"):
+        find_algorithm("broken")
+
+    class Needy(EntryPoint):
+        def load(self) -> Any:
+            raise MissingExtra("a comparison with something", "something")
+
+    monkeypatch.setattr(
+        algorithms, "algorithm_entries", lambda: {"needy": Needy("needy", "x:y", GROUP)}
+    )
+    with pytest.raises(SerpError, match=r"pip install 'serp\[something\]'"):
+        find_algorithm("needy")
+
+
+def test_entries_are_listed_without_being_imported() -> None:
+    found = algorithms.algorithm_entries()
+    assert {"ppo", "sb3-dqn"} <= set(found)
+    assert not set(found) & set(OWN)
+
+
+def test_the_second_of_two_changes_applies() -> None:
+    first, second = {"a": {"x": 1, "y": 2}, "b": {"z": 3}}, {"a": {"y": 4}, "c": {"w": 5}}
+    assert merged(first, second) == {"a": {"x": 1, "y": 4}, "b": {"z": 3}, "c": {"w": 5}}

@@ -1,0 +1,203 @@
+"""What transitions say about a domain file."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from serp.model.learned.transitions import TransitionMemory
+from serp.runs.diagnosis.analysis import findings
+from serp.runs.diagnosis.findings import Findings, MissingEffect
+from tests.serp.model.learned.rolls import (
+    DOMAINS,
+    DT,
+    balance,
+    cartpole,
+    from_text,
+    imagined,
+    on_ice,
+)
+from tests.serp.runs.diagnosis.made_up import predictions_with
+
+FLEET = """
+(define (domain fleet)
+  (:requirements :typing :numeric-fluents :time)
+  (:types robot)
+  (:constants dock - robot)
+  (:predicates (unsafe))
+  (:functions (battery ?r - robot) (load ?r - robot) (way ?r - robot) (wind) (reward))
+  (:action drive
+    :parameters (?r - robot)
+    :precondition (and)
+    :effect (and (increase (way ?r) 0.5)))
+  (:action rest
+    :parameters (?r - robot)
+    :precondition (and)
+    :effect (and)))
+"""
+TRUE_FLEET = FLEET.replace(
+    "(increase (way ?r) 0.5)",
+    "(increase (way ?r) 0.5) (decrease (battery ?r) (+ 0.2 (* 0.3 (load ?r))))",
+).replace(
+    "    :effect (and)))",
+    """    :effect (and))
+  (:process blow
+    :parameters (?r - robot)
+    :precondition (and)
+    :effect (and (increase (way ?r) (* #t (* 0.7 (wind)))))))""",
+)
+ROBOTS = """
+(define (problem three) (:domain fleet) (:objects r1 r2 r3 - robot)
+  (:init) (:goal (and)))
+"""
+
+
+def terms(found: Findings, schema: str, fluent: str) -> dict[tuple[str, ...], float]:
+    return {
+        t.fluents: t.coefficient
+        for m in found.missing
+        if (m.schema, m.fluent) == (schema, fluent)
+        for t in m.terms
+    }
+
+
+@functools.cache
+def of_cartpole(name: str, noise: float) -> Findings:
+    """What 500 steps on the real cart-pole say of a file; a share of the actions is random."""
+    seen, _ = balance(cartpole().source.text, 0, 500, noise)
+    return findings(cartpole(name).model.replace(dt=DT), seen)
+
+
+def test_costs_are_what_forgetting_costs() -> None:
+    seen, _ = balance(cartpole().source.text, 0, 500, 0.0)
+    model = cartpole("cartpole-empty").model.replace(dt=DT)
+    found = of_cartpole("cartpole-empty", 0.0)
+
+    def error(missing: tuple[MissingEffect, ...], name: str) -> float:
+        told = Findings(found.parameters, missing)
+        predicted = predictions_with(model, told, seen.states, seen.actions)
+        off, moved = seen.next_states - predicted, seen.next_states - seen.states
+        column = next(f.index for f in model.fluents if f.name == name)
+        return float((off[:, column] ** 2).sum() / (moved[:, column] ** 2).sum())
+
+    for missing in found.missing:
+        without = tuple(m for m in found.missing if m != missing)
+        more = error(without, missing.fluent) - error(found.missing, missing.fluent)
+        assert missing.cost == pytest.approx(max(0.0, more), rel=1e-6, abs=1e-12)
+
+
+def test_objects_of_one_type_share_one_model() -> None:
+    model = from_text(FLEET, ROBOTS).model.replace(dt=0.5)
+    truth = from_text(TRUE_FLEET, ROBOTS).model.replace(dt=0.5)
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-1.0, 1.0, size=(600, len(model.fluents)))
+    seen = imagined(truth, states, rng, noise=0.001)
+    found = findings(model, seen)
+    assert found == findings(model, seen)
+    assert terms(found, "drive", "battery ?r") == pytest.approx(
+        {(): -0.2, ("load ?r",): -0.3}, abs=0.005
+    )
+    assert terms(found, "", "way ?r") == pytest.approx({("wind",): 0.7}, abs=0.01)
+    assert len(found.missing) == 2
+
+
+def test_noise_alone_is_no_finding() -> None:
+    model = from_text(TRUE_FLEET, ROBOTS).model.replace(dt=0.5)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        states = rng.uniform(-1.0, 1.0, size=(400, len(model.fluents)))
+        found = findings(model, imagined(model, states, rng, noise=0.05))
+        assert not found.missing and not found.stochastic
+        for literal in found.parameters:
+            assert abs(literal.estimate - literal.written) < 4.5 * literal.error
+    domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
+    cells = np.stack([rng.integers(0, 4, 500), rng.integers(0, 12, 500)], axis=1).astype(float)
+    assert not findings(domain.model, imagined(domain.model, cells, rng)).stochastic
+
+
+WALK = """(define (domain walk)
+  (:requirements :numeric-fluents :conditional-effects)
+  (:functions (gap) (room))
+  (:action walk :parameters () :precondition (and) :effect (and {})))"""
+NEARER = "(decrease (gap) 0.2)"
+
+
+def walked(said: str, done: str, least: float = 0.0) -> Findings:
+    """Findings of a file that says what a walk does, where it does something else."""
+    rng = np.random.default_rng(0)
+    states = rng.uniform(least, least + 1.0, size=(600, 2))
+    seen = imagined(from_text(WALK.format(done)).model, states, rng, noise=0.003)
+    return findings(from_text(WALK.format(said)).model, seen)
+
+
+def test_an_effect_that_is_there_is_not_explained_away() -> None:
+    # A line through both cases would make the walk lead away, and the room do the walking.
+    found = walked(NEARER, "(when (and (> (room) 0.5)) (decrease (gap) 0.1))")
+    (literal,) = found.parameters
+    assert literal.estimate == pytest.approx(0.05, abs=0.01)
+    assert not found.missing
+
+
+def test_a_line_through_a_few_large_changes_is_no_effect() -> None:
+    assert not walked("", "(when (and (> (room) 0.8)) (decrease (gap) (room)))").missing
+    found = walked("", "(decrease (gap) (room))")
+    assert terms(found, "", "gap") == pytest.approx({("room",): -1.0}, abs=0.01)
+
+
+def test_a_line_is_found_where_neither_constant_nor_slope_explains_anything_alone() -> None:
+    found = walked("", "(increase (gap) (- (* 3 (room)) 16.5))", least=5.0)
+    assert terms(found, "walk", "gap") == pytest.approx({(): -16.5, ("room",): 3.0}, rel=0.01)
+
+
+def test_values_that_only_a_fault_can_be_move_nothing() -> None:
+    seen, _ = balance(cartpole().source.text, 0, 500, 0.2)
+    model = cartpole("cartpole-empty").model.replace(dt=DT)
+    faulty = TransitionMemory(700, 4, 9)
+    for k, row in enumerate(zip(seen.states, seen.actions, seen.next_states, strict=True)):
+        state, action, after = row
+        faulty.add(state, int(action), after, False)
+        if k in (200, 400):
+            faulty.add(
+                state, int(action), after + np.array([0.0, 0.0, 10.0 ** (k / 2), 0.0]), False
+            )
+    found, expected = findings(model, faulty), of_cartpole("cartpole-empty", 0.2)
+    assert found.samples == 500
+    for missing in expected.missing:
+        told = terms(expected, missing.schema, missing.fluent)
+        assert terms(found, missing.schema, missing.fluent) == pytest.approx(told, rel=0.01)
+
+
+# Chance ----------------------------------------------------------------------------------------
+
+
+def slips(seed: int, *, teleports: bool) -> Findings:
+    """Findings of 2,000 random steps on the icy cliff."""
+    domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
+    return findings(domain.model, on_ice(domain, seed, teleports=teleports))
+
+
+def test_how_often_the_ice_slips_is_told() -> None:
+    found = slips(0, teleports=False)
+    assert not found.parameters and not found.missing
+    assert {o.schema for o in found.stochastic} == {"up", "right", "down", "left"}
+    aside = {"up": "column", "down": "column", "left": "row", "right": "row"}
+    for finding in found.stochastic:
+        assert len(finding.outcomes) == 3
+        for outcome in finding.outcomes:
+            # 2,000 steps, 500 an action: a standard error is 0.02.
+            assert outcome.probability == pytest.approx(1 / 3, abs=max(0.05, 3.0 * outcome.error))
+            assert 0.01 < outcome.error < 0.04
+            (change,) = outcome.changes
+            assert outcome.written == (change[0] != aside[finding.schema])
+    pooled = np.mean([o.probability for f in found.stochastic for o in f.outcomes if not o.written])
+    assert pooled == pytest.approx(1 / 3, abs=0.02)
+
+
+def test_falls_that_show_the_start_mislead_nobody() -> None:
+    found = slips(1, teleports=True)
+    for finding in found.stochastic:
+        for outcome in finding.outcomes:
+            if len(outcome.changes) == 1:
+                assert outcome.probability == pytest.approx(1 / 3, abs=0.09)

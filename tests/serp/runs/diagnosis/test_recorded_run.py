@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import serp
+from serp.errors import RunError
+from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
+from serp.runs.diagnosis.diagnosis import read_recorded
+from serp.runs.run import load_run
+from tests.serp.runs.runs import without_pictures
+
+QUICK = {
+    "planner": {"depth": 1, "repeat": 1},
+    "learner": {"members": 1},
+    "training": {"checkpoint_seconds": 0},
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "made"
+    with without_pictures():
+        serp.plan_and_learn("cartpole", settings=QUICK, env_steps=120, out=out, quiet=True)
+    return out
+
+
+@pytest.fixture
+def copy(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "copy"))
+
+
+def test_what_a_run_saw_is_read_from_its_folder_alone(made: Path) -> None:
+    recorded = read_recorded(made)
+    run = load_run(made)
+    steps = int(run.metrics["env_steps"][-1])
+    assert recorded.env_steps == len(recorded.experience) == steps
+    assert recorded.experience.ended.sum() == len(run.metrics["episode"])
+    states, after = recorded.experience.states, recorded.experience.next_states
+    goes_on = ~recorded.experience.ended[:-1]
+    np.testing.assert_array_equal(states[1:][goes_on], after[:-1][goes_on])
+    assert recorded.model.dt == run.config["control_period"]
+    assert list(recorded.files) == ["domain.pddl"]
+    assert recorded.learned_from == "domain"  # so what is compared is what the file says
+    assert recorded.experience.over.sum() == run.metrics["terminated"].sum()
+    assert recorded.experience.rewards.sum() == pytest.approx(run.metrics["domain_return"].sum())
+
+
+def test_a_run_of_a_task_that_is_not_installed_can_be_read(copy: Path) -> None:
+    config = copy / "config.json"
+    config.write_text(config.read_text().replace('"task": "cartpole"', '"task": "juggling"'))
+    assert len(read_recorded(copy).experience)
+
+
+def test_a_damaged_checkpoint_is_told(copy: Path) -> None:
+    (copy / NEWEST).write_bytes((copy / NEWEST).read_bytes()[:-9])
+    assert (copy / PREVIOUS).exists()
+    notice = read_recorded(copy).notice
+    assert notice is not None
+    assert "damaged" in notice
+
+
+def test_a_run_without_a_step_is_refused(copy: Path) -> None:
+    arrays, meta = load(copy / NEWEST)
+    saved = meta["agent"]["adaptation"]["experience"]
+    for name in list(arrays):
+        if name.startswith("adaptation.experience."):
+            arrays[name] = arrays[name][:0]
+    saved["seen"] = 0
+    save(copy / NEWEST, arrays, meta)
+    with pytest.raises(RunError, match="no env step"):
+        read_recorded(copy)

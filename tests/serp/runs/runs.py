@@ -1,0 +1,73 @@
+"""Runs of the corridor on the disk, and what they leave behind."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from serp.runs.checkpoint import NEWEST, load
+from serp.runs.recording_format import RECORDING
+from serp.runs.run import Run
+from serp.runs.train import plan_and_learn
+from serp.tasks.task import Task
+
+EPISODES = 12
+CHANGES: dict[str, dict[str, dict[str, Any]]] = {
+    "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
+    "default": {
+        "arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0},
+        "learner": {"updates_per_step": 0.7},
+    },
+}
+
+
+@contextlib.contextmanager
+def without_pictures() -> Iterator[None]:
+    """Drawing takes longer than all the training here; one test does draw."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
+        yield
+
+
+@without_pictures()
+def train(task: Task, out: Path, preset: str = "default", **options: Any) -> Run:
+    return plan_and_learn(
+        task, preset=preset, settings=CHANGES[preset], seed=3, out=out, quiet=True, **options
+    )
+
+
+@without_pictures()
+def resume(task: Task, out: Path, **options: Any) -> Run:
+    """Continue with nothing but the folder: settings, seed and domain are the run's own."""
+    return plan_and_learn(task, out=out, resume=True, quiet=True, **options)
+
+
+def rows(folder: str | Path, table: str) -> list[dict[str, str]]:
+    """A table of a run, but for the time it took."""
+    with open(Path(folder) / f"{table}.csv", newline="") as file:
+        return [{**row, "wall_time": ""} for row in csv.DictReader(file)]
+
+
+def everything(folder: Path) -> tuple[Any, ...]:
+    """Whatever a run has left behind, but for the time it took."""
+    arrays, meta = load(folder / NEWEST)
+    del meta["wall_time"], meta["tables"]  # the times are in the table, so its length differs
+    return (
+        rows(folder, "metrics"),
+        (folder / "decisions.csv").read_bytes(),
+        {file.name: file.read_bytes() for file in sorted((folder / RECORDING).iterdir())},
+        {name: (a.dtype, a.shape, a.tobytes()) for name, a in sorted(arrays.items())},
+        json.dumps(meta, sort_keys=True),
+    )
+
+
+def half(file: Path) -> None:
+    """Cut a file in the middle."""
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])

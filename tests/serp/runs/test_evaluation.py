@@ -1,0 +1,209 @@
+"""Evaluating is only looking: nothing of the agent changes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from serp.agent.agent import Agent
+from serp.agent.decision import Actor
+from serp.agent.registry import strategy_names
+from serp.errors import EnvironmentFailure, SettingsError, TaskError
+from serp.runs.evaluation import (
+    EPISODES,
+    EvaluationResult,
+    Policy,
+    evaluate,
+    meaning_of,
+    other_in_training,
+    play,
+)
+from serp.runs.trainer import Trainer
+from serp.settings import resolve
+from serp.tasks.observation import Grounding
+from tests.serp.sample_tasks import CableCut, Corridor, corridor
+
+POLICIES = get_args(Policy)
+
+
+def trained(folder: Path, episodes: int = 6) -> Trainer:
+    task = corridor(folder)
+    trainer = Trainer(task.bind(), resolve("default", task.settings), 4)
+    for _ in range(episodes):
+        trainer.run_episode()
+    return trainer
+
+
+def state(trainer: Trainer) -> tuple[dict[str, bytes], str]:
+    arrays, meta = trainer.agent.state_dict()
+    return {k: a.tobytes() for k, a in arrays.items()}, json.dumps(meta, sort_keys=True)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_evaluating_depends_on_its_seed_and_leaves_the_agent_as_it_was(
+    tmp_path: Path, policy: Any
+) -> None:
+    trainer = trained(tmp_path)
+    before = state(trainer)
+    one, same, other = (
+        evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=6, seed=seed)
+        for seed in (1, 1, 2)
+    )
+    assert one == same
+    assert one.returns != other.returns
+    assert state(trainer) == before
+
+
+def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path: Path) -> None:
+    seeds: list[Any] = []
+
+    class Noting(Corridor):
+        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+            seeds.append(seed)
+            return super().reset(seed=seed, options=options)
+
+    task = corridor(tmp_path, Noting)
+    trainer = Trainer(task.bind(), resolve("default", task.settings), 0)
+    for _ in range(5):
+        trainer.run_episode()
+    evaluate(trainer.agent, task.bind(), episodes=5, seed=0)  # the seed of the training
+    assert len(set(seeds)) == 10
+    assert None not in seeds
+
+
+def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None:
+    agent = with_rho(tmp_path, 1.0)
+    learner = agent.learner
+    parameters = learner.state_dict()[0]["parameters"]
+    arrays, meta = learner.state_dict()
+    arrays["parameters"] = np.zeros_like(parameters)  # all Q equal: always `left`, into the pit
+    learner.load_state_dict(arrays, meta)
+    alone = evaluate(agent, corridor(tmp_path).bind(), "learner", episodes=5)
+    mixed = evaluate(agent, corridor(tmp_path).bind(), "serp", episodes=5)
+    assert alone.unsafe_executed == alone.avoidable_unsafe >= 5
+    assert alone.unsafe_observed == 5  # one an episode: the last step into the pit may slip
+    assert alone.vetoes == 0
+    assert all(value < -4 for value in alone.returns)
+    assert mixed.unsafe_executed == mixed.avoidable_unsafe == mixed.unsafe_observed == 0
+    assert mixed.vetoes > 0
+
+
+def result_of(*returns: float) -> EvaluationResult:
+    return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0, 0, 0, {})
+
+
+@pytest.mark.parametrize(
+    ("returns", "numbers"),
+    [((3.0,), (3.0, 0.0, 3.0, 3.0, 3.0)), ((1.0, 2.0, 6.0), (3.0, 7.0**0.5, 2.0, 1.0, 6.0))],
+)
+def test_statistics_are_those_of_the_returns(
+    returns: tuple[float, ...], numbers: tuple[float, ...]
+) -> None:
+    shown = json.loads(json.dumps(result_of(*returns).as_dict()))
+    found = [shown[name] for name in ("mean", "std", "median", "min", "max")]
+    assert found == pytest.approx(numbers)
+    assert (shown["confidence_interval"] is None) == (len(returns) == 1)
+
+
+@pytest.mark.parametrize("episodes", [3, 30])
+def test_the_interval_holds_the_true_mean_in_95_of_100_evaluations(episodes: int) -> None:
+    rng = np.random.default_rng(0)
+    results = [result_of(*rng.normal(7.0, 3.0, episodes)) for _ in range(1000)]
+    intervals = [result.interval for result in results if result.interval is not None]
+    inside = sum(low <= 7.0 <= high for low, high in intervals)
+    assert len(intervals) == 1000
+    assert 930 <= inside <= 970
+
+
+def test_few_episodes_are_said_to_be_few() -> None:
+    assert "few episodes (19)" in str(result_of(*range(19)).warning)
+    assert result_of(*range(20)).warning is None
+    assert EPISODES == 100
+
+
+def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
+    task = corridor(folder)
+    settings = resolve(preset, task.settings).replace(
+        {
+            "arbiter": {"rho": rho, "rho_increment": 0.0},
+            "guide": {"strategy": "mixture"},
+        }
+    )
+    return Trainer(task.bind(), settings, 4).agent
+
+
+@pytest.mark.parametrize(("rho", "same"), [(0.0, "planner"), (1.0, "serp"), (0.5, None)])
+def test_as_in_training_acts_whoever_rho_says(tmp_path: Path, rho: float, same: Any) -> None:
+    agent = with_rho(tmp_path, rho)
+
+    def acted(policy: Any) -> list[tuple[int, str]]:
+        played = play(agent, corridor(tmp_path).bind(), policy, episodes=5)
+        decisions = (step.decision for episode in played for step in episode.steps)
+        return [(decision.action, decision.proposed_by) for decision in decisions]
+
+    found = acted("training")
+    assert found == acted("training")
+    if same is None:
+        assert {actor for _, actor in found} == {Actor.PLANNER, Actor.LEARNER}
+    else:
+        assert found == acted(same)
+
+
+def test_what_is_evaluated_is_named_in_words(tmp_path: Path) -> None:
+    half, whole = with_rho(tmp_path, 0.5, "paper"), with_rho(tmp_path, 1.0)
+    assert meaning_of(half, "planner") == "the planner alone"
+    assert meaning_of(half, "learner") == "the learner's choice alone, no veto"
+    assert meaning_of(half, "serp") == (
+        "the learner's choice, within the vetoes: a vetoed choice is replaced by the planner's"
+    )
+    assert "with probability 0.50 the planner's" in meaning_of(half, "training")
+    assert other_in_training(whole) is None
+    assert evaluate(half, half.task, episodes=1).as_dict()["meaning"] == meaning_of(half, "serp")
+
+
+@pytest.mark.parametrize("strategy", sorted({*strategy_names()} - {"mixture"}))
+def test_every_strategy_is_evaluated_as_it_trains(tmp_path: Path, strategy: str) -> None:
+    """At the beginning of a training, where planner and learner have their shares."""
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings).replace({"guide": {"strategy": strategy}})
+    trainer = Trainer(task.bind(), settings, 4)
+    before = state(trainer)
+    words, other = meaning_of(trainer.agent, "training"), other_in_training(trainer.agent)
+    acting, choosing = (
+        evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=4).returns
+        for policy in ("training", "serp")
+    )
+    assert state(trainer) == before
+    assert (other or meaning_of(trainer.agent, "serp").split(",")[0]) in words
+    if other is None:
+        assert acting == choosing
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "said"),
+    [
+        ("plan", {}, "no policy `plan`; did you mean `planner`"),
+        (["serp"], {}, "no policy"),
+        ("serp", {"episodes": 0}, "at least one for an evaluation, not 0"),
+        ("serp", {"episodes": 1.5}, "whole number"),
+        ("serp", {"seed": -1}, "seed"),
+    ],
+)
+def test_what_cannot_be_evaluated_is_refused(
+    tmp_path: Path, policy: Any, options: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(SettingsError, match=said):
+        evaluate(trained(tmp_path, 1).agent, corridor(tmp_path).bind(), policy, **options)
+
+
+def test_what_goes_wrong_in_the_environment_is_named(tmp_path: Path) -> None:
+    agent = trained(tmp_path, 1).agent
+    with pytest.raises(EnvironmentFailure, match="cable cut"):
+        evaluate(agent, corridor(tmp_path, lambda: CableCut(Corridor(), 3)).bind(), episodes=2)
+    agent.task.grounding = Grounding(lambda seen: {})
+    with pytest.raises(TaskError, match="no value for fluent"):
+        evaluate(agent, corridor(tmp_path).bind(), episodes=2)

@@ -1,0 +1,226 @@
+"""The display of a training."""
+
+from __future__ import annotations
+
+import io
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from serp.agent.strategy import LeadEvidence, Worth
+from serp.runs.progress import Progress
+from serp.runs.trainer import Budget
+
+EVIDENCE = LeadEvidence(Worth(21.0, 1.5, 40), None, 0.12)
+
+
+class Terminal(io.StringIO):
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+class Training(SimpleNamespace):
+    """What a display reads of a trainer; it is also the clock."""
+
+    now = 100.0
+
+    def to(self, episode: int, env_steps: int, wall_time: float = 0.0, units: int = 0) -> None:
+        self.episode, self.env_steps, self.units = episode, env_steps, units
+        self.wall_time = wall_time
+        self.recent = [19.8, 23.0] if episode else []
+
+
+@pytest.fixture
+def training() -> Training:
+    training = Training(
+        agent=SimpleNamespace(
+            strategy=SimpleNamespace(rho=0.12, evidence=EVIDENCE),
+            adaptation=SimpleNamespace(model=SimpleNamespace(revision=3)),
+        ),
+        tally=SimpleNamespace(
+            vetoes=3,
+            unsafe_executed=0,
+            steps=200,
+            saw_all=150,
+            by_cells=0,
+            cut_short=2,
+            indifferent=10,
+        ),
+        settings=SimpleNamespace(arbiter=SimpleNamespace(rho_unit="game")),
+    )
+    training.to(0, 0)
+    return training
+
+
+@pytest.fixture(autouse=True)
+def plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def display(training: Training, stream: Any, *, quiet: bool = False, **limits: int) -> Progress:
+    return Progress(
+        training,  # type: ignore[arg-type]
+        Budget(**limits),
+        "[cart] → runs/x",
+        quiet=quiet,
+        stream=stream,
+        clock=lambda: training.now,
+    )
+
+
+def shown(stream: io.StringIO) -> str:
+    return re.sub(r"\x1b\[[\d;?]*\w", "", stream.getvalue())
+
+
+@pytest.mark.parametrize(("kind", "refreshes"), [(io.StringIO, 6), (Terminal, 101)])
+def test_a_refresh_comes_every_five_seconds_on_a_pipe_and_five_times_a_second_on_a_terminal(
+    training: Training, kind: type[io.StringIO], refreshes: int
+) -> None:
+    """At once, regularly, and at the end."""
+    stream = kind()
+    with display(training, stream) as progress:
+        for step in range(1, 2101):
+            training.now += 0.01
+            training.to(step // 50, step, step * 0.01)
+            progress.refresh()
+    assert shown(stream).count("unsafe executed 0") == pytest.approx(refreshes, abs=refreshes // 10)
+    if kind is io.StringIO:
+        assert stream.getvalue() == shown(stream) and "\r" not in stream.getvalue()
+        assert stream.getvalue().splitlines()[-1] == (
+            "episode 42, step 2,100, return 23, mean of last 2 21.4, planner 21.0 ± 1.5, "
+            "rho 0.12, model adapted, saw all 75 %, by cells 0 %, cut short 1 %, indifferent 5 %, "
+            "vetoes 3, unsafe executed 0, steps/s 100"
+        )
+
+
+def test_nothing_is_told_of_a_run_that_did_nothing(training: Training) -> None:
+    stream = io.StringIO()
+    with pytest.raises(ZeroDivisionError), display(training, stream):
+        raise ZeroDivisionError
+    assert stream.getvalue() == ""
+
+
+@pytest.mark.parametrize(
+    ("limits", "left"),
+    [
+        ({"env_steps": 10_000}, "1 min 20 s"),
+        ({"episodes": 100}, "30.0 s"),
+        ({"units": 60}, "20.0 s"),
+        ({"episodes": 100, "env_steps": 10_000}, "30.0 s"),  # whichever is spent first
+        ({"env_steps": 10}, "0.0 s"),
+    ],
+)
+def test_time_left_counts_down_to_the_first_limit(
+    training: Training, limits: dict[str, int], left: str
+) -> None:
+    stream = io.StringIO()
+    with display(training, stream, **limits):
+        training.to(40, 2000, 20.0, units=30)
+    assert stream.getvalue().endswith(f"time left {left}\n")
+
+
+def test_time_left_goes_by_the_last_half_minute_and_speed_by_the_whole_training(
+    training: Training,
+) -> None:
+    stream = io.StringIO()
+    training.to(500, 1000, 1.0)  # a resumed run
+    with display(training, stream, env_steps=102_000) as progress:
+        for second in range(2, 201):
+            training.now += 1
+            steps = 1000 * min(second, 100) + 10 * max(second - 100, 0)
+            training.to(500, steps, float(second))
+            progress.refresh()
+    assert stream.getvalue().splitlines()[-1].endswith("steps/s 505, time left 1 min 40 s")
+
+
+@pytest.mark.parametrize("width", [80, 40])
+def test_a_terminal_gets_a_panel_with_every_number(
+    training: Training, monkeypatch: pytest.MonkeyPatch, width: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    stream = Terminal()
+    with display(training, stream, units=28) as progress:
+        progress.refresh()
+        training.to(10, 1000, 10.0, units=7)
+    last = shown(stream).split("╭")[-1]
+    assert "[cart] → runs/x" in last
+    numbers = ("game 7/28", "episode 10", "step 1,000", "return 23", "mean of last 2 21.4")
+    for text in (*numbers, "rho 0.12", "vetoes 3", "unsafe executed 0", "steps/s 100", "30.0 s"):
+        assert text in last
+    assert stream.getvalue().count("\x1b[?25l") == stream.getvalue().count("\x1b[?25h") == 1
+
+
+def test_the_cursor_comes_back_after_an_error(training: Training) -> None:
+    stream = Terminal()
+    with pytest.raises(KeyboardInterrupt), display(training, stream) as progress:
+        training.to(1, 10)
+        progress.refresh()
+        raise KeyboardInterrupt
+    assert stream.getvalue().rstrip().endswith("\x1b[?25h")
+
+
+def test_a_dumb_terminal_gets_plain_lines(
+    training: Training, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    stream = Terminal()
+    with display(training, stream):
+        training.to(1, 10)
+    assert "\x1b" not in stream.getvalue() and stream.getvalue().startswith("episode 1, step 10")
+
+
+@pytest.mark.parametrize("kind", [Terminal, io.StringIO])
+@pytest.mark.parametrize("quiet", [True, False])
+def test_quiet_shows_nothing_but_answers_on_a_terminal(
+    training: Training, kind: type[io.StringIO], quiet: bool
+) -> None:
+    stream = kind()
+    with display(training, stream, quiet=quiet) as progress:
+        training.to(1, 10)
+        progress.refresh()
+        progress.note("went back to [the] previous checkpoint")
+        progress.answer("Ctrl-C: finishing the episode")
+    text = shown(stream)
+    assert ("went back to [the] previous checkpoint\n" in text) is not quiet
+    assert ("Ctrl-C: finishing the episode\n" in text) is (kind is Terminal or not quiet)
+    assert ("episode 1" in text) is not quiet
+
+
+def test_prints_meant_for_a_file_reach_it(
+    training: Training, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stream = Terminal()
+    with display(training, stream) as progress:
+        progress.refresh()
+        print("a result")
+    assert capsys.readouterr().out == "a result\n" and "a result" not in stream.getvalue()
+
+
+@pytest.mark.parametrize("base", [Terminal, io.StringIO])
+def test_a_reader_that_goes_away_does_not_end_the_run(
+    training: Training, base: type[io.StringIO]
+) -> None:
+    class Broken(base):  # type: ignore[misc, valid-type]
+        broken = False
+
+        def write(self, text: str) -> int:
+            if self.broken:
+                raise BrokenPipeError
+            return int(super().write(text))
+
+    stream = Broken()
+    with display(training, stream) as progress:
+        stream.broken = True
+        training.to(1, 10)
+        progress.refresh()
+        progress.note("warning")
+    stream.broken = False
+    closed = io.StringIO()
+    closed.close()
+    with display(training, closed) as progress:
+        progress.note("warning")

@@ -1,0 +1,264 @@
+"""Whatever stops a run, continuing it gives what an undisturbed one gives."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.errors import EnvironmentFailure, Notice, RunError, SerpError, SettingsError, TaskError
+from serp.model.transition_model import StateError
+from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS
+from serp.runs.run import load_run
+from serp.runs.tensorboard import EventWriter
+from serp.runs.train import plan_and_learn
+from serp.tasks.task import Task
+from tests.serp.runs.runs import EPISODES, everything, half, resume, train
+from tests.serp.sample_tasks import CableCut, Corridor, corridor
+
+Whole = Callable[[str], tuple[Any, ...]]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    """What an undisturbed run of a preset leaves behind."""
+    made: dict[str, tuple[Any, ...]] = {}
+
+    def get(preset: str) -> tuple[Any, ...]:
+        if preset not in made:
+            folder = tmp_path_factory.mktemp("whole")
+            train(corridor(folder), folder / "run", preset, episodes=EPISODES)
+            made[preset] = everything(folder / "run")
+        return made[preset]
+
+    return get
+
+
+def cut(at: int, preset: str = "default") -> Callable[[Path, Path], None]:
+    def stop(folder: Path, out: Path) -> None:
+        """The environment raises; what was written after the last checkpoint is taken back."""
+        with pytest.raises(EnvironmentFailure, match="cable cut") as failure:
+            task = corridor(folder, lambda: CableCut(Corridor(), at))
+            train(task, out, preset, episodes=EPISODES)
+        assert len((out / "decisions.csv").read_text().splitlines()) == at + 1
+        where, note = failure.value.__notes__
+        assert re.search(rf"in env step {at} of the training, episode \d", where)
+        assert f"kept in {out}" in note
+        assert f"serp plan-and-learn --resume '{out}'" in note
+        assert f"plan_and_learn(task, out={str(out)!r}, resume=True)" in note
+
+    return stop
+
+
+def failing_grounding(folder: Path, out: Path) -> None:
+    left = iter(range(30))
+
+    def ground(seen: Any) -> dict[str, float]:
+        return {"x": seen[0] if next(left, None) is not None else float("nan")}
+
+    with pytest.raises(TaskError) as failure:
+        train(corridor(folder, ground=ground), out, episodes=EPISODES)
+    assert "--resume" in failure.value.__notes__[1]
+
+
+KILLED = """
+import os, signal
+from pathlib import Path
+from tests.serp.sample_tasks import Corridor, corridor
+from tests.serp.runs.runs import EPISODES, train
+
+class Killed(Corridor):
+    def step(self, action):
+        if self.made == 40:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().step(action)
+
+train(corridor(Path({folder!r}), Killed), Path({out!r}), episodes=EPISODES)
+"""
+
+
+def kill(folder: Path, out: Path) -> None:
+    path = os.pathsep.join(["."] + [p for p in sys.path if p])
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED.format(folder=str(folder), out=str(out))],
+        env={**os.environ, "PYTHONPATH": path},
+        cwd=Path(__file__).parents[3],
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
+
+
+def damaged_checkpoint(folder: Path, out: Path) -> None:
+    assert train(corridor(folder), out, episodes=7).notice is None
+    half(out / NEWEST)
+    notice = load_run(out, corridor(folder)).notice
+    assert notice is not None and notice.endswith("The agent is from the previous checkpoint.")
+
+
+def twice(preset: str) -> Callable[[Path, Path], None]:
+    def stop(folder: Path, out: Path) -> None:
+        first, second = sorted(Random(preset).sample(range(1, EPISODES), 2))
+        train(corridor(folder), out, preset, episodes=first)
+        resume(corridor(folder), out, episodes=second)
+
+    return stop
+
+
+def another_task(folder: Path, out: Path) -> None:
+    """The domain, the control period and the reward of a run are its own."""
+    train(corridor(folder), out, episodes=5)
+    resume(corridor(folder, dt=0.5, reward="environment"), out, episodes=6)
+
+
+@pytest.mark.parametrize(
+    ("stop", "preset"),
+    [
+        (cut(1), "default"),
+        (cut(51), "default"),
+        (cut(60, "paper"), "paper"),
+        (twice("default"), "default"),
+        (twice("paper"), "paper"),
+        (failing_grounding, "default"),
+        (kill, "default"),
+        (damaged_checkpoint, "default"),
+        (another_task, "default"),
+    ],
+)
+def test_a_run_that_was_stopped_continues_as_if_it_had_not(
+    tmp_path: Path,
+    stop: Callable[[Path, Path], None],
+    preset: str,
+    whole: Whole,
+) -> None:
+    out = tmp_path / "my run"
+    stop(tmp_path, out)
+    (tmp_path / "corridor.pddl").write_text("(define (domain corridor) (oops")
+    damaged = stop is damaged_checkpoint
+    said = pytest.warns(Notice, match="is damaged: .* goes on from the previous checkpoint, after ")
+    with said if damaged else contextlib.nullcontext():
+        resume(corridor(tmp_path), out, episodes=EPISODES)
+    assert everything(out) == whole(preset)
+    assert (out / DAMAGED).exists() == damaged
+
+
+class Huge(Corridor):
+    """Answers with another observation or another reward at one step, counted over all episodes."""
+
+    def __init__(self, seen: Any = None, reward: Any = None) -> None:
+        super().__init__()
+        self.other = seen, reward
+
+    def step(self, action: int) -> Any:
+        seen, reward, *rest = super().step(action)
+        if self.made == 30:
+            seen = seen if self.other[0] is None else np.array(self.other[0])
+            reward = reward if self.other[1] is None else self.other[1]
+        return seen, reward, *rest
+
+
+@pytest.mark.parametrize(
+    ("seen", "reward", "said"),
+    [
+        ([0.0, 1e39], None, "the observation: entry 1 is 1e.39, too large for the learner"),
+        (None, -1e39, "rewards such as -1e.39"),
+    ],
+)
+def test_a_number_that_is_not_finite_stops_a_run_that_can_go_on(
+    tmp_path: Path, seen: Any, reward: Any, said: str
+) -> None:
+    changes = {"reward": "environment"}
+    with pytest.raises(SerpError, match=f"{said}.*") as failure:
+        train(corridor(tmp_path, lambda: Huge(seen, reward), **changes), tmp_path / "run",
+              episodes=EPISODES)  # fmt: skip
+    where, advice = failure.value.__notes__
+    assert "in env step 30 of" in where and "--resume" in advice
+    resume(corridor(tmp_path, **changes), tmp_path / "run")
+    train(corridor(tmp_path, **changes), tmp_path / "whole", episodes=EPISODES)
+    assert everything(tmp_path / "run")[:3] == everything(tmp_path / "whole")[:3]
+
+
+def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoints(tmp_path: Path) -> None:
+    """The budget in env steps ends with the episode that reaches it."""
+    out = tmp_path / "run"
+    steps = train(corridor(tmp_path), out, env_steps=np.int64(30)).metrics["env_steps"]
+    assert steps[-1] >= 30 > steps[-2]
+    kept = [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)]
+    assert (resume(corridor(tmp_path), out).metrics["env_steps"] == steps).all()
+    assert [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)] == kept
+
+
+class Opaque(Corridor):
+    def state_dict(self) -> dict[str, Any]:
+        raise RuntimeError("no state")
+
+
+def undefined(folder: Path) -> Task:
+    """The reward of the domain has no value."""
+    task = corridor(folder)
+    file = Path(str(task.domain))
+    event = (
+        "(:event odd :parameters () :precondition (and (> (/ 1 (- (x) (x))) 2))"
+        " :effect (and (increase (reward) 1)))"
+    )
+    text = file.read_text(encoding="utf-8").rstrip().removesuffix(")")
+    file.write_text(text + event + ")", encoding="utf-8")
+    return task
+
+
+@pytest.mark.parametrize(
+    ("make", "settings", "kind", "said"),
+    [
+        (lambda f: corridor(f, Opaque), {}, EnvironmentFailure, "no state"),
+        (corridor, {"arbiter": {"rho_unit": "match"}}, SettingsError, "`match`"),
+        (undefined, {}, StateError, r"pddl:\d+:\d+: `\(> .* is neither true nor"),
+    ],
+    ids=["no checkpoint", "a wrong setting", "a wrong domain"],
+)
+def test_no_advice_to_resume_where_that_would_not_help(
+    tmp_path: Path, make: Any, settings: Any, kind: type[Exception], said: str
+) -> None:
+    with pytest.raises(kind, match=said) as failure:
+        plan_and_learn(make(tmp_path), settings=settings, out=tmp_path / "run", quiet=True)
+    assert "--resume" not in "".join(getattr(failure.value, "__notes__", []))
+
+
+def test_environment_and_events_are_closed_however_a_training_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Closing(CableCut):
+        def close(self) -> None:
+            closed.append("environment")
+            super().close()
+
+    def task(at: int) -> Task:
+        return corridor(tmp_path, lambda: Closing(Corridor(), at))
+
+    def close(self: EventWriter) -> None:
+        closed.append("events")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    closed: list[str] = []
+    monkeypatch.setattr(EventWriter, "close", close)
+    settings = {"training": {"tensorboard": True}}
+    for at, kind in ((3, EnvironmentFailure), (10**6, OSError)):  # no error hides another
+        with pytest.raises(kind):
+            plan_and_learn(
+                task(at), settings=settings, episodes=2, out=tmp_path / str(at), quiet=True
+            )
+    assert closed == ["events", "environment"] * 2
+    with pytest.raises(RunError):
+        train(task(10**6), tmp_path / "3", episodes=2)  # there is a run already
+    assert len(closed) == 4  # no environment is made for a run that cannot begin

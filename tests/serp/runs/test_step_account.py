@@ -1,0 +1,149 @@
+"""The account of a recorded step is that of the decision that was made."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from serp.agent.decision import Actor, Reason
+from serp.errors import RunError
+from serp.planning.edges import Bound
+from serp.runs.agreeing import RunModel
+from serp.runs.recording import Recording
+from serp.runs.recording_format import ACTORS, REASONS
+from serp.runs.step_account import (
+    FoundStep,
+    account_of_step,
+    clock,
+    most_telling,
+    seconds_of,
+    step_at,
+)
+from serp.runs.step_sentences import what_came, what_would_differ, who_acted, who_decided
+from tests.serp.runs.runs import train
+from tests.serp.sample_tasks import corridor
+
+MOVES = {"left": -1.0, "right": 1.0, "wait": 0.0}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunModel:
+    folder = tmp_path_factory.mktemp("review")
+    train(corridor(folder), folder / "run", "paper", episodes=12)
+    return RunModel(folder / "run")
+
+
+def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
+    recording = run.recording()
+    with open(run.path / "decisions.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(recording)
+    reasons = set()
+    for number, row in enumerate(rows):
+        made = account_of_step(run, recording, FoundStep(number), search=False)
+        for name in ("proposed_by", "proposed", "executed", "executed_by", "reason"):
+            assert row[name] == str(getattr(made, name))
+        assert (int(row["episode"]), float(row["rho"])) == (made.episode, made.rho)
+        taken, forecast = made.account.taken, recording.step(number).decision.forecast
+        assert taken is not None and taken.name == made.executed
+        assert [each.best_return for each in made.account.alternatives] == forecast.value.tolist()
+        amounts = [cause.amount or 0.0 for cause in taken.causes if cause.what == "reward"]
+        assert sum(amounts) == pytest.approx(taken.reward or 0.0)
+        assert taken.reward is None or taken.reward == float(row["predicted_reward"])
+        recorded = recording.step(number)
+        if made.domain_reward is not None:
+            assert (made.domain_reward, made.unsafe) == (recorded.domain_reward, recorded.unsafe)
+            parts = [cause.amount or 0.0 for cause in made.observed if cause.what == "reward"]
+            assert sum(parts) == pytest.approx(made.domain_reward)
+            assert ("unsafe" in {cause.what for cause in made.observed}) == made.unsafe
+        if made.predictions:
+            (x,) = made.predictions
+            moved = MOVES.get(made.executed) if taken.applicable else None
+            assert x.predicted == (None if moved is None else x.before + moved)
+            assert made.domain_reward is not None
+            assert x.predicted is None or (x.error == 0.0) == (x.predicted == x.observed)
+        lines = " ".join([*who_acted(made), *what_came(made)])
+        if made.predictions and made.domain_reward is not None:
+            assert ("than the file says" in lines) == (
+                made.reward != pytest.approx(made.domain_reward, rel=0.01)
+            )
+        assert made.executed in lines
+        if made.reason is Reason.UNSAFE:
+            assert f"proposed {made.proposed}" in lines and "event pit" in lines
+            assert f"(line {row['explanation'].rpartition('(line ')[2].partition(')')[0]})"
+        reasons.add(made.reason)
+    assert {Reason.PLANNER_TURN, Reason.ACCEPTED, Reason.UNSAFE} <= reasons
+
+
+def test_a_proposal_that_was_not_applicable_tells_less_than_an_unsafe_one() -> None:
+    reasons = [Reason.UNSAFE, Reason.ACCEPTED, Reason.NOT_APPLICABLE]
+
+    class Made:
+        def columns(self, *_: str) -> dict[str, Any]:
+            return {
+                "proposed_by": np.full(3, ACTORS.index(Actor.LEARNER)),
+                "reason": np.array([REASONS.index(reason) for reason in reasons]),
+                "unsafe": np.zeros(3, bool),
+            }
+
+    found = most_telling(cast("Recording", Made()))
+    assert found == (0, "the last refused proposal that was applicable")
+    reasons[0] = Reason.ACCEPTED
+    assert most_telling(cast("Recording", Made())) == (2, "the last refused proposal")
+
+
+def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
+    recording = run.recording()
+    found = most_telling(recording)
+    assert found.because == "the last refused proposal that was applicable"
+    made = account_of_step(run, recording, found)
+    assert made.vetoed and made.veto_flips is not None and made.choice_flips is not None
+    (flip,) = made.veto_flips.found
+    state = recording.step(found.step).state
+    ground = run.model.action_index(made.proposed)
+    nearer = flip.becomes + float(np.sign(state[0] - flip.becomes))  # x is a whole number
+    for value, refused in ((flip.becomes, False), (nearer, True)):
+        outcome = run.model.step(np.array([value]), ground)
+        assert (outcome.unsafe or not outcome.applicable) == refused
+    assert abs(flip.becomes - state[0]) <= np.ptp(recording.ranges)
+    assert f"{made.proposed} would not have been refused" in what_would_differ(made)[0]
+    assert "Planned again with the file as written" in what_would_differ(made)[-1]
+
+
+def test_times_are_those_of_the_steps_of_an_episode(run: RunModel) -> None:
+    recording = run.recording()
+    for number in range(1, len(recording.episodes[1]) + 1):
+        period = recording.layout.control_period
+        found = step_at(recording, 1, seconds_of(clock((number - 1) * period)))
+        assert recording.step(found.step).number == number
+    assert [seconds_of(text) for text in ("12.5", "3:12", "1:03:12")] == [12.5, 192.0, 3792.0]
+    assert [clock(t) for t in (0.0, 12.46, 192.5, 3792.0)] == [
+        "0:00", "0:12.46", "3:12.5", "1:03:12"
+    ]  # fmt: skip
+    with pytest.raises(RunError, match="episode 1 ends after"):
+        step_at(recording, 1, 1e9)
+    with pytest.raises(RunError, match="is no time"):
+        seconds_of("noon")
+
+
+def test_a_recording_of_another_domain_is_refused(run: RunModel, tmp_path: Path) -> None:
+    header = run.path / "recording" / "recording.json"
+    text = header.read_text()
+    try:
+        header.write_text(text.replace('"x"', '"y"'))
+        with pytest.raises(RunError, match="does not fit the domain"):
+            run.recording()
+    finally:
+        header.write_text(text)
+
+
+def test_a_sentence_about_all_actions_gives_the_figure_of_one_as_its_own() -> None:
+    lines = who_decided(
+        Reason.LEAST_RISK, ("left", Actor.LEARNER), ("wait", Actor.FALLBACK),
+        rho=0.5, indifferent=False, bound=Bound.DEPTH, why=": a risk of 5 %",
+    )  # fmt: skip
+    assert lines[1] == "Every action was predicted too risky; left: a risk of 5 %."

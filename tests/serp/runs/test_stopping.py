@@ -1,0 +1,107 @@
+"""Ctrl-C, SIGTERM and SIGHUP during a training."""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from serp.runs.train import SIGNALS, StoppedAtOnce, Stopping, stop_between_episodes
+from serp.ui.main import stopped_by
+
+
+@pytest.fixture(autouse=True)
+def as_before() -> Iterator[None]:
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def answer(stopping: Stopping) -> str | None:
+    return stopping.answer("the episode", "nothing is lost")
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        (signal.SIGINT, "Ctrl-C: finishing the episode, .* Press it again to stop at once; noth"),
+        (signal.SIGTERM, "SIGTERM: finishing the episode, .* Send another signal to stop at once"),
+        (signal.SIGHUP, "SIGHUP: finishing the episode"),
+    ],
+)
+def test_the_first_signal_is_a_request_and_is_answered_once(
+    number: signal.Signals, said: str
+) -> None:
+    before = signal.getsignal(number)
+    with stop_between_episodes() as stopping:
+        assert not stopping.requested and answer(stopping) is None
+        signal.raise_signal(number)
+        assert stopping.signal == number and stopping.requested
+        first, *later = (answer(stopping) for _ in range(3))
+        assert first is not None and re.match(said, first) and later == [None, None]
+    assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (signal.SIGINT, signal.SIGINT),
+        (signal.SIGHUP, signal.SIGTERM),
+        (signal.SIGTERM, signal.SIGINT),
+        (signal.SIGINT, signal.SIGHUP),
+    ],
+)
+def test_the_second_signal_stops_at_once_and_handlers_are_put_back(
+    first: signal.Signals, second: signal.Signals
+) -> None:
+    before = [signal.getsignal(number) for number in SIGNALS]
+    with pytest.raises(KeyboardInterrupt) as stopped, stop_between_episodes():
+        signal.raise_signal(first)
+        signal.raise_signal(second)
+    assert stopped_by(stopped.value) == 128 + second
+    assert [signal.getsignal(number) for number in SIGNALS] == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_sent_to_process_and_group_is_one_request(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [10.0]
+    monkeypatch.setattr("serp.runs.train.time.monotonic", lambda: now[0])
+    with pytest.raises(StoppedAtOnce), stop_between_episodes() as stopping:
+        for now[0] in (10.0, 10.01, 10.9):
+            signal.raise_signal(number)
+        assert stopping.signal == number
+        now[0] = 12.0
+        signal.raise_signal(number)
+        pytest.fail("the second request was not heard")
+
+
+@pytest.mark.parametrize(
+    ("number", "handler"),
+    [*((number, signal.SIG_IGN) for number in SIGNALS), (signal.SIGTERM, lambda *_: None)],
+)
+def test_a_signal_that_is_ignored_or_handled_stays_so(number: signal.Signals, handler: Any) -> None:
+    signal.signal(number, handler)
+    with stop_between_episodes() as stopping:
+        signal.raise_signal(number)
+        assert not stopping.requested
+    assert signal.getsignal(number) is handler
+
+
+def test_other_threads_leave_signals_alone() -> None:
+    before, seen = signal.getsignal(signal.SIGINT), []
+
+    def enter() -> None:
+        with stop_between_episodes() as stopping:
+            seen.append((stopping.requested, signal.getsignal(signal.SIGINT)))
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert seen == [(False, before)]

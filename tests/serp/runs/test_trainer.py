@@ -1,0 +1,259 @@
+"""Algorithm 1: what a step does, and what the learner is given."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.agent.agent import Agent
+from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
+from serp.runs.evaluation import evaluate
+from serp.runs.tables import DECISIONS_COLUMNS, MetricsRow, Table
+from serp.runs.trainer import Trainer
+from serp.settings import Settings, resolve
+from serp.tasks.task import Task
+from tests.serp.runs.runs import CHANGES
+from tests.serp.sample_tasks import Corridor, corridor
+
+
+def settings_of(task: Task, preset: str) -> Settings:
+    return resolve(preset, task.settings, CHANGES[preset])
+
+
+def logged(task: Task, folder: Path, episodes: int) -> tuple[Trainer, list[MetricsRow], Any]:
+    """Train with the paper's preset; return its metrics and its decisions by column."""
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 3)
+    recorder = Recorder(trainer)
+    with Table(folder / "decisions.csv", DECISIONS_COLUMNS) as table:
+        trainer.decisions = table
+        rows = [trainer.run_episode() for _ in range(episodes)]
+    with open(folder / "decisions.csv", newline="") as file:
+        lines = list(csv.DictReader(file))
+    return trainer, rows, (recorder.seen, lines)
+
+
+# What a step does ---------------------------------------------------------------------------------
+
+
+class Recorder:
+    """Listens to what the learner is given to remember."""
+
+    def __init__(self, trainer: Trainer) -> None:
+        self.seen: list[tuple[Any, ...]] = []
+        learner = trainer.agent.learner
+        remember = learner.remember
+
+        def record(*transition: Any) -> None:
+            self.seen.append(transition)
+            remember(*transition)
+
+        learner.remember = record  # type: ignore[assignment]
+
+
+def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(40)]
+    ends = [seen for seen in recorder.seen if seen[4] or seen[5]]
+    assert len(ends) == len(rows)
+    for row, seen in zip(rows, ends, strict=True):
+        terminated, truncated, allowed = seen[4:7]
+        assert (row.terminated, row.truncated) == (terminated, truncated)
+        # A task that ended has no next action; one that was cut short has, and bootstraps on it.
+        assert (allowed is None) == terminated
+    assert any(row.terminated for row in rows)
+    assert any(row.truncated for row in rows)
+
+
+def test_every_step_is_remembered_as_executed_logged_once_and_every_refusal_explained(
+    tmp_path: Path,
+) -> None:
+    trainer, rows, (remembered, lines) = logged(corridor(tmp_path), tmp_path, 30)
+    assert len(lines) == trainer.env_steps == sum(row.length for row in rows)
+    assert [line["step"] for line in lines] == [str(k) for k in range(len(lines))]
+    assert list(dict.fromkeys(int(line["episode"]) for line in lines)) == [r.episode for r in rows]
+    names = ["left", "right", "wait", "action 3"]
+    assert [names[seen[1]] for seen in remembered] == [line["executed"] for line in lines]
+    for before, after in itertools.pairwise(remembered):
+        if not (before[4] or before[5]):
+            assert (before[3] == after[0]).all()
+    explained = [line for line in lines if line["explanation"] and line["proposed_by"] != "planner"]
+    assert len(explained) == trainer.tally.vetoes > 0
+    assert any(line["proposed"] not in ("", line["executed"]) for line in lines)
+
+
+def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -> None:
+    """The robot slips: a model that predicts the goal must not pay for it unless it is reached."""
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(15)]
+    for _, action, reward, following, *_ in recorder.seen:
+        x = following[0]
+        step = -0.1 if action < 3 else 0.0  # the domain does not mention the fourth action
+        assert reward == pytest.approx(step + (5 if x >= 4 else -5 if x <= -3 else 0))
+    assert sum(seen[2] for seen in recorder.seen) == pytest.approx(
+        sum(row.domain_return for row in rows if row.domain_return is not None)
+    )
+
+
+@pytest.mark.parametrize(("inputs", "size"), [("observation", 2), ("state", 1), ("both", 3)])
+def test_the_learner_sees_what_it_is_set_to_see_and_only_that_has_to_fit_into_float32(
+    tmp_path: Path, inputs: str, size: int
+) -> None:
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings, {"training": {"inputs": inputs}})
+    trainer = Trainer(task.bind(), settings, 0)
+    recorder = Recorder(trainer)
+    trainer.run_episode()
+    assert {seen[0].shape for seen in recorder.seen} == {(size,)}
+    far = Agent(dataclasses.replace(task, ground=lambda seen: {"x": 1e39}).bind(), settings, 0)
+    seen = np.array([0.0, 0.3])
+    if inputs == "observation":
+        assert far.perceive(seen)[0] == [1e39]
+        return
+    with pytest.raises(TaskError, match="fluent `x` is 1e.39, too large for the learner"):
+        far.perceive(seen)
+
+
+class Gusty(Corridor):
+    """A gust blows into the pit in the fourth step; the second one did harm that nobody sees."""
+
+    def step(self, action: int) -> Any:
+        self.x -= 8 * (self.steps == 3)
+        return super().step(action)
+
+    def info(self) -> dict[str, Any]:
+        return {**super().info(), "unsafe": np.bool_(self.steps == 2)}
+
+
+def test_steps_are_unsafe_by_what_was_observed_and_by_what_the_environment_says(
+    tmp_path: Path,
+) -> None:
+    task = corridor(tmp_path, Gusty)
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    rows = [trainer.run_episode() for _ in range(10)]
+    assert {(row.length, row.unsafe_observed) for row in rows} >= {(4, 2)}
+    assert all(row.unsafe_observed == (row.length > 1) + (row.length == 4) for row in rows)
+    assert sum(row.unsafe_executed for row in rows) == 0  # no prediction says so
+    found = evaluate(trainer.agent, task.bind(), episodes=5)
+    assert found.unsafe_observed == sum((n > 1) + (n == 4) for n in found.lengths)
+
+
+def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    learner, arbiter = trainer.agent.learner, trainer.agent.arbiter
+    while trainer.env_steps < 25:
+        assert learner.updates == 0
+        row = trainer.run_episode()
+        assert row.learner_steps == 0
+        assert row.planner_steps == row.vetoes == row.length - row.exploration_steps
+        assert row.unsafe_executed == 0
+        assert arbiter.rho == 0.0
+    assert learner.updates == 3  # pretrain_updates
+    row = trainer.run_episode()
+    assert row.planner_steps == row.length  # rho is 0
+    assert arbiter.rho == 0.05
+    assert learner.updates == 3 + row.length
+
+
+class Endless(Corridor):
+    """Neither ends nor cuts an episode."""
+
+    def step(self, action: int) -> Any:
+        seen, reward, _, _, info = super().step(action)
+        self.x = max(-1, min(1, self.x))
+        return seen, reward, False, False, info
+
+
+def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -> None:
+    task = corridor(tmp_path, Endless)
+    settings = resolve("default", task.settings, {"training": {"episode_steps": 17}})
+    trainer = Trainer(task.bind(), settings, 0)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(2)]
+    assert [(row.length, row.terminated, row.truncated) for row in rows] == [(17, False, True)] * 2
+    assert [seen[5] for seen in recorder.seen] == ([False] * 16 + [True]) * 2
+    assert not any(seen[4] for seen in recorder.seen)
+
+
+# The unit of rho ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unit", ["step", "episode", "game"])
+def test_rho_grows_with_every_unit(tmp_path: Path, unit: str) -> None:
+    task = corridor(tmp_path)
+    changes = {
+        "arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001},
+        "guide": {"strategy": "mixture"},
+    }
+    trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
+    for _ in range(25):
+        row = trainer.run_episode()
+        games = trainer.task.env.unwrapped.clock // 30  # type: ignore[attr-defined]
+        done = {"step": trainer.env_steps, "episode": trainer.episode, "game": games}
+        assert row.rho == pytest.approx(0.001 * done[unit])
+        assert trainer.units == done[unit]
+
+
+class Odd(Corridor):
+    def info(self) -> dict[str, Any]:
+        return {"game": [self.clock // 30]}
+
+
+@pytest.mark.parametrize(
+    ("env", "unit", "said"),
+    [(Corridor, "match", r"`match`.*step, episode, game"), (Odd, "game", r"\[0\] under `game`")],
+)
+def test_a_unit_that_the_environment_does_not_count_is_refused(
+    tmp_path: Path, env: Any, unit: str, said: str
+) -> None:
+    task = corridor(tmp_path, env)
+    settings = resolve("default", task.settings, {"arbiter": {"rho_unit": unit}})
+    with pytest.raises(SettingsError, match=said):
+        Trainer(task.bind(), settings, 1).run_episode()
+
+
+# State --------------------------------------------------------------------------------------------
+
+
+class Forgetful(Corridor):
+    state_dict = property()
+    load_state_dict = property()
+
+
+@pytest.mark.parametrize(
+    ("env", "changes", "said"),
+    [
+        (Corridor, {"learner": {"hidden": [9]}}, "parameters has shape"),
+        (Forgetful, {}, "cannot restore"),
+    ],
+)
+def test_a_state_of_another_learner_or_environment_is_refused(
+    tmp_path: Path, env: Any, changes: dict[str, dict[str, Any]], said: str
+) -> None:
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default")
+    trainer = Trainer(task.bind(), settings, 3)
+    trainer.run_episode()
+    other = Trainer(corridor(tmp_path, env).bind(), settings.replace(changes), 3)
+    with pytest.raises(RunError, match=said):
+        other.load_state_dict(*trainer.state_dict())
+
+
+def test_an_environment_whose_state_is_no_json_is_named(tmp_path: Path) -> None:
+    class Opaque(Corridor):
+        def state_dict(self) -> dict[str, Any]:
+            return {"weather": self.weather}
+
+    task = corridor(tmp_path, Opaque)
+    with pytest.raises(EnvironmentFailure, match=r"state_dict\(\).*JSON"):
+        Trainer(task.bind(), settings_of(task, "default"), 0).state_dict()

@@ -1,0 +1,158 @@
+"""Tuning: what is asked for is searched, and a study that goes on is the one that began."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from serp.errors import Interrupted, RunError, SerpError, SettingsError
+from serp.runs.train import StoppedAtOnce
+from serp.runs.tuning import Tuned, tune
+from serp.runs.tuning_space import Dimension, dimensions
+from serp.tasks.task import Task
+from tests.serp.runs.comparison.contest import Pothole, Walk, walk
+
+optuna = pytest.importorskip("optuna")
+VARY = {"learner.learning_rate": "log:1e-4..1e-1", "learner.hidden": [[8], [16, 16]]}
+
+
+def tuned(folder: Path, name: str, **options: Any) -> Tuned:
+    given: dict[str, Any] = {"vary": VARY, "env_steps": 40, "seeds": 2, "jobs": 1, "quiet": True}
+    task = options.pop("task", None) or walk(folder)
+    return tune(task, **{**given, "storage": folder / f"{name}.db", **options})
+
+
+class Interrupting(Walk):
+    """Sends its process signals, one at each reset."""
+
+    def __init__(self, signals: list[int]) -> None:
+        super().__init__()
+        self.signals = signals
+
+    def reset(self, **options: Any) -> Any:
+        if self.signals:
+            os.kill(os.getpid(), self.signals.pop())
+        return super().reset(**options)
+
+
+def interrupted(folder: Path, name: str, **options: Any) -> None:
+    """Tune until Ctrl-C, until Ctrl-C twice, and in a process that is killed; all in a trial."""
+
+    def on(*signals: int) -> Task:
+        left = list(signals)
+        return walk(folder, lambda: Interrupting(left))
+
+    with pytest.raises(Interrupted):
+        tuned(folder, name, task=on(signal.SIGINT), **options)
+    with pytest.raises(StoppedAtOnce):
+        tuned(folder, name, task=on(signal.SIGINT, signal.SIGINT), **options)
+    child = os.fork()
+    if child == 0:
+        tuned(folder, name, task=on(signal.SIGKILL), **options)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+
+
+def test_a_study_finds_the_best_and_one_that_goes_on_equals_an_uninterrupted_one(
+    tmp_path: Path,
+) -> None:
+    whole = tuned(tmp_path, "whole", trials=3)
+    if hasattr(os, "fork"):
+        interrupted(tmp_path, "parts", trials=3)
+    tuned(tmp_path, "parts", trials=1)
+    parts = tuned(tmp_path, "parts", trials=3)
+    assert len(whole.study.trials) == 3
+    complete = [t for t in parts.study.trials if t.value is not None]
+    assert [t.params for t in whole.study.trials] == [t.params for t in complete]
+    values = [t.value for t in whole.study.trials]
+    assert values == [t.value for t in complete]
+    assert whole.before == parts.before is not None
+    assert whole.value == max(values)
+    assert whole.before == values[0]
+    assert whole.settings["learner"]["hidden"] in ((8,), (16, 16))
+    assert (tmp_path / "whole.db").is_file()
+    with pytest.raises(RunError, match="holds a study `walk` of another task, or with other"):
+        tuned(tmp_path, "whole", trials=5, seeds=[1000, 1002])
+
+
+def test_trials_that_fail_are_told_and_others_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(RunError, match="none of 1 trials succeeded; .* cable cut"):
+        tuned(tmp_path, "a", task=walk(tmp_path, Pothole), seeds=[1], trials=1)
+    vary = {"learner.target_period": [200, 150], "learner.target_polyak": [None, 0.01]}
+    found = tuned(tmp_path, "b", vary=vary, trials=4, seeds=1, quiet=False)
+    states = {t.state.name for t in found.study.trials}
+    shown = capsys.readouterr().err
+    assert states == {"COMPLETE", "FAIL"}, shown
+    assert "failed. learner.target_polyak is 0.01, but must be none while" in shown
+    assert found.trials == 4
+
+
+def test_a_trial_below_the_median_is_not_continued(tmp_path: Path) -> None:
+    found = tuned(tmp_path, "a", vary={"learner.epsilon_start": "0..1"}, prune=True, trials=8,
+                  seeds=2, algorithm="dqn")  # fmt: skip
+    pruned = [t for t in found.study.trials if t.state.name == "PRUNED"]
+    assert pruned and all(len(t.intermediate_values) < 2 for t in pruned)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "expected"),
+    [
+        ("planner.depth", "2..7", {"low": 2, "high": 7}),
+        ("planner.discount", "0.5..1", {"low": 0.5, "high": 1.0}),
+        ("learner.learning_rate", " log:1e-4 .. 1e-2", {"low": 1e-4, "high": 1e-2, "log": True}),
+        ("learner.target_period", "100..200", {"low": 100, "high": 200}),
+        ("learner.target_period", "none,100", {"choices": (None, 100)}),
+        ("learner.hidden", "[64,64],[8]", {"choices": ((64, 64), (8,))}),
+        ("learner.loss", None, {"choices": ("mse", "huber")}),
+        ("learner.double", "", {"choices": (False, True)}),
+        ("training.tensorboard", "", {"choices": (False, True, "steps")}),
+    ],
+)
+def test_types_and_values_follow_from_the_settings(name: str, given: Any, expected: Any) -> None:
+    section, _, setting = name.partition(".")
+    (found,) = dimensions({name: given})
+    assert found == Dimension(section, setting, **expected)
+    assert isinstance(found.low, type(expected.get("low")))
+
+
+@pytest.mark.parametrize(
+    ("vary", "message"),
+    [
+        ({}, "say what to tune"),
+        ({"learner.los": ""}, "there is no setting `learner.los`; did you mean `loss`"),
+        ({"lerner.loss": ""}, "there is no section `lerner`; did you mean `learner`"),
+        ({"planner.depth": None}, "planner.depth: say which values: A..B"),
+        ({"planner.depth": "0..3"}, "planner.depth must be greater than or equal to 1, not 0"),
+        ({"planner.depth": "1.5..3"}, "planner.depth=1.5..3: a range is of whole numbers"),
+        ({"planner.depth": "3..3"}, "its first end is smaller than its second"),
+        ({"learner.learning_rate": "log:0..1"}, "on a logarithmic scale above 0"),
+        ({"learner.double": "0..1"}, "a range is for numbers"),
+        ({"learner.loss": "mse,l1"}, "learner.loss must be 'mse' or 'huber', not 'l1'"),
+        ({"planner.depth": 3}, "planner.depth: expected a list of values or a text"),
+        (3, "tune.vary must be a mapping"),
+    ],
+)
+def test_what_cannot_be_tuned_is_refused_before_anything_runs(
+    tmp_path: Path, vary: Any, message: str
+) -> None:
+    with pytest.raises(SettingsError, match=message):
+        tuned(tmp_path, "a", vary=vary)
+    assert not (tmp_path / "a.db").exists()
+
+
+def test_other_options_are_checked(tmp_path: Path) -> None:
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"algorithm": "ppo"}, "`ppo`"),
+        ({"seeds": []}, "tune.seeds"),
+        ({"objective": "fun"}, "tune.objective must be 'training' or 'evaluation'"),
+        ({"storage": "nosuch://x"}, "the storage nosuch://x cannot be used"),
+        ({"env_steps": 1, "trials": 1}, "no episode ended within 1 env steps"),
+    ]
+    for options, message in wrong:
+        with pytest.raises(SerpError, match=message):
+            tuned(tmp_path, "a", **options)

@@ -1,0 +1,200 @@
+"""`serp check`."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM, Run
+
+DOMAINS = Path(__file__).resolve().parents[4] / "domains"
+MISSPELT = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
+
+
+def test_a_right_file_is_summed_up(run: Run, walk: Path) -> None:
+    shown = run("check", "walk.pddl").stdout
+    assert "walk.pddl: right" in shown
+    assert "domain walk (walk.pddl, walk-problem.pddl)" in shown
+    assert "4 fluents, 4 ground actions, 0 processes, 0 events, 5 parameters, 3 objects" in shown
+    assert "unsafe: action go" in shown
+    assert "reward: action go, action rest" in shown
+    assert "terminal: nothing" in shown
+    assert "unified-planning" not in shown
+    assert "warning" not in shown
+    assert "unified-planning reads it: yes" in run("check", "walk.pddl", "--portable").stdout
+
+
+def test_a_path_is_a_file_whatever_its_name(run: Run, walk: Path) -> None:
+    Path("walk.scenarios").write_text("scenario one\n", encoding="utf-8")
+    assert "a PDDL file begins with `(define`" in run("check", "walk.scenarios", expect=1).output
+    assert "there is no such file" in run("check", "--fix", "nothing.pddl", expect=1).output
+
+
+def test_numbers_that_a_task_never_observes_are_warned_of(run: Run, folder: Path) -> None:
+    text = (DOMAINS / "cartpole.pddl").read_text()
+    in_degrees = text.replace("(> (pole-angle) 0.2618)", "(> (pole-angle) 12)")
+    assert in_degrees != text
+    Path("cartpole.pddl").write_text(in_degrees)
+    shown = run("check", "cartpole.pddl").stdout
+    assert "task cartpole: environment, grounding and actions fit together" in shown
+    (line,) = (line for line in shown.splitlines() if "warning" in line)
+    assert "`(> (pole-angle) 12)`: the observations of the task give `pole-angle` values" in line
+    assert "from −0.52" in line and "is 12 in the same unit?" in line
+
+
+def test_a_fluent_that_the_task_does_not_ground_is_named(run: Run, folder: Path) -> None:
+    text = (DOMAINS / "cartpole.pddl").read_text()
+    Path("cartpole.pddl").write_text(text.replace("(pole-angle)      ;", "(wind) (pole-angle) ;"))
+    shown = run("check", "cartpole.pddl").stdout
+    assert "cartpole.pddl: right" in shown  # by itself
+    assert "warning: task cartpole: the grounding does not fit cartpole.pddl: " in shown
+    assert "found 4: none for `pole-velocity`" in shown
+    told = run("plan-and-learn", "--domain=cartpole", "--out=runs/new", expect=1).stderr
+    assert "found 4: none for `pole-velocity`" in told
+    assert not Path("runs").exists()
+
+
+def test_what_the_learner_of_the_task_learns_from_is_told(run: Run) -> None:
+    shown = run("check", "soccer").stdout
+    assert "soccer: right" in shown
+    assert "task soccer: the learner learns from the environment's reward" in shown
+    assert "the planner plans with those of the domain file" in " ".join(shown.split())
+    planned = run("plan", "--domain=soccer", "--observe", "--depth=1").stdout
+    assert "the planner plans with those of the domain file" in " ".join(planned.split())
+
+
+def test_every_file_is_checked_even_where_the_first_is_wrong(run: Run, walk: Path) -> None:
+    Path("bad.pddl").write_text(MISSPELT)
+    Path("self.pddl").symlink_to("self.pddl")
+    os.mkfifo("pipe.pddl")
+    wrong = ("bad.pddl", "nosuch.pddl", "self.pddl", "pipe.pddl", "nosuch", ".")
+    result = run("check", *wrong, "walk.pddl", expect=1)
+    assert "walk.pddl: right" in result.stdout
+    for said in (
+        "bad.pddl:10:51: unknown function `walkd`",
+        "did you mean `walked`?",
+        "nosuch.pddl: there is no such file",
+        "self.pddl: cannot be read (Too many levels of symbolic links)",
+        "pipe.pddl: cannot be read (it is not a regular file)",
+        "there is no task `nosuch`",
+        ". is a folder",
+    ):
+        assert said in result.stderr
+    assert "7 domains: 1 right, 6 wrong, 0 warnings" in result.stdout
+
+
+def test_a_problem_is_checked_with_its_domain(run: Run, walk: Path) -> None:
+    shown = run("check", "walk-problem.pddl").stdout
+    assert "domain walk (walk.pddl, walk-problem.pddl)" in shown
+    Path("walk-problem.pddl").write_text(WALK_PROBLEM.replace("(at home)", "(at hom)"))
+    message = run("check", "walk-problem.pddl", expect=1).stderr
+    assert "walk-problem.pddl:4:14: unknown object `hom`" in message
+
+
+def test_a_domain_and_a_problem_of_any_name_are_one_check(run: Run, walk: Path) -> None:
+    Path("p01.pddl").write_text(WALK_PROBLEM.replace("field", "meadow"))
+    Path("p02-problem.pddl").write_text("; a comment\n(DEFINE (PROBLEM p2) (:domain walk))")
+    Path("other.pddl").write_text(WALK.replace("domain walk", "domain stroll"))
+    shown = run("check", "other.pddl", "p01.pddl", "walk.pddl", "p02-problem.pddl").stdout
+    assert [line for line in shown.splitlines() if "domain " in line] == [
+        "  domain stroll (other.pddl, no problem file)",
+        "  domain walk (walk.pddl, p01.pddl)",
+        "  domain walk (walk.pddl, p02-problem.pddl)",
+    ]
+    Path("domain.pddl").write_text(WALK)
+    Path("walk.pddl").unlink()
+    assert "domain walk (domain.pddl, p01.pddl)" in run("check", "p01.pddl").stdout
+
+
+def test_checking_a_large_file_compiles_nothing_and_names_a_few(tmp_path: Path) -> None:
+    events = "".join(
+        f"(:event e{k} :parameters () :precondition (and (p) (> (x) {k}))"
+        " :effect (and (unsafe) (increase (reward) 1)))\n"
+        for k in range(1_000)
+    )
+    file = tmp_path / "big.pddl"
+    file.write_text(
+        "(define (domain big) (:predicates (p) (unsafe)) (:functions (x) (reward))"
+        f"(:action go :effect (and (p) (increase (x) 1))) {events})"
+    )
+    code = (
+        "import sys, serp.cli\n"
+        "try: serp.cli.main(['check', sys.argv[1]])\n"
+        "finally: print([m for m in ('numba', 'torch', 'unified_planning') if m in sys.modules])"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code, file], capture_output=True, text=True, timeout=60, check=True
+    ).stdout
+    assert "1,000 events" in shown
+    assert "event e11 and 988 more" in shown
+    assert shown.endswith("[]\n")
+
+
+def test_what_is_missing_says_how_to_give_it(run: Run, folder: Path) -> None:
+    assert "give files, names of installed tasks, or --task" in run("check", expect=2).stderr
+    Path("p01.pddl").write_text(WALK_PROBLEM)
+    assert "serp check domain.pddl p01.pddl" in run("check", "p01.pddl", expect=1).stderr
+    (found,) = json.loads(run("check", "p01.pddl", "--json", expect=1).stdout)
+    assert (found["code"], found["place"]["line"]) == ("missing-domain", 2)
+
+
+def test_what_other_tools_refuse_is_a_note(run: Run, walk: Path) -> None:
+    walk.write_text(WALK.replace("(assign (walked) 0)", "(scale-down (walked) 2.0)"))
+    shown = run("check", "walk.pddl", "--portable").stdout
+    assert "unified-planning reads it: no" in shown
+    assert "note: walk.pddl:15:18: unified-planning cannot read this" in shown
+
+
+def test_the_option_that_the_message_names_raises_the_limit(run: Run, walk: Path) -> None:
+    refused = run("check", "walk.pddl", "--max-ground-schemas", "2", expect=1)
+    assert "more than 2 ground actions" in refused.stderr
+    assert "`--max-ground-schemas N`" in refused.stderr
+    assert "walk.pddl: right" in run("check", "walk.pddl", "--max-ground-schemas", "9").stdout
+    asked = ("--domain", "cartpole")
+    for command in (["check", "cartpole"], ["plan", *asked], ["plan-and-learn", *asked]):
+        refused = run(*command, "--max-ground-schemas", "2", expect=1)
+        assert "more than 2 ground actions" in refused.stderr
+
+
+def test_findings_are_printed_for_programs_and_mended(run: Run, walk: Path) -> None:
+    wrong = WALK.replace("(assign (walked) 0)", "(walked = 0)").replace(":typing ", "")
+    walk.write_text(wrong)
+    found = json.loads(run("check", "walk.pddl", "--json", expect=1).stdout)
+    assert [(f["code"], f["place"]["line"], f["fix"]["sure"]) for f in found] == [
+        ("foreign-syntax", 15, True)
+    ]
+    mended = run("check", "walk.pddl", "--fix")
+    assert "-    :effect (and (walked = 0) (increase (reward) 3))))" in mended.stderr
+    assert walk.read_text() == WALK.replace(":typing :numeric-fluents", ":numeric-fluents").replace(
+        ":conditional-effects)", ":conditional-effects :typing)"
+    )
+    assert run("check", "walk.pddl", "--format=github").stdout == "\n"
+
+
+def test_the_pattern_for_editors_matches_errors_and_warnings(run: Run, walk: Path) -> None:
+    page = DOMAINS.parent / "docs" / "how-to" / "editors.md"
+    blocks = re.findall(r"```json\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (block,) = [block for block in blocks if '"tasks"' in block]
+    pattern = re.compile(json.loads(block)["tasks"][0]["problemMatcher"]["pattern"]["regexp"])
+    text = WALK.replace("(> (walked) 0)", "(> (walked) 0) (> (walked) 1)")
+    walk.write_text(text.replace("(assign (walked) 0)", "(assign (walkd) 0)"))
+    Path("other.pddl").write_text(text)
+    result = run("check", "walk.pddl", "other.pddl", "walk-problem.pddl", expect=1)
+    lines = [*result.stderr.splitlines(), *result.stdout.splitlines()]
+    found = [match.groups() for match in map(pattern.match, lines) if match]
+    assert (None, "walk.pddl", "15", "27", "unknown function `walkd`", "unknown-name") in found
+    assert any(f[:2] == ("warning", "other.pddl") and f[5] == "redundant-condition" for f in found)
+
+
+def test_formatting_says_what_would_change_and_changes_blanks_only(run: Run, walk: Path) -> None:
+    walk.write_text(WALK.replace("    :param", " :param"))
+    assert "walk.pddl: would change" in run("format", "walk.pddl", "--check", expect=1).stdout
+    assert "+    :param" in run("format", "walk.pddl", "--diff").stdout
+    assert run("format", "walk.pddl", "walk-problem.pddl").stdout.count("formatted") == 2
+    assert walk.read_text() == WALK.lstrip("\n")
+    Path("bad.pddl").write_text(")")
+    assert "before it" in run("format", "bad.pddl", expect=1).stderr

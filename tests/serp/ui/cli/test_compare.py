@@ -1,0 +1,167 @@
+"""`serp compare`."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from serp.runs.comparison import workers
+from serp.runs.comparison.algorithms import OWN
+from serp.ui.main import serp
+from tests.serp.ui.cli.conftest import Run
+
+SETTINGS = [
+    "--set=planner.depth=2",
+    # Falls soon: a full episode would be longer than the budget.
+    "--set=arbiter.rho=1",
+    "--set=arbiter.veto_horizon=step",
+]
+TINY = [
+    "--env-steps=60",
+    "--evaluation-episodes=1",
+    "--final-episodes=1",
+    "--seeds=1",
+    "--jobs=1",
+    *SETTINGS,
+]
+COMPARE = ["compare", "--domain=cartpole", *TINY]
+
+
+@pytest.fixture(autouse=True)
+def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("serp.runs.comparison.report.render", lambda figure, kind: b"<svg/>")
+
+
+def plan(folder: str | Path) -> Any:
+    return json.loads((Path(folder) / "plan.json").read_text())
+
+
+def trials(folder: str | Path) -> list[tuple[str, str, int]]:
+    return [tuple(trial) for trial in plan(folder)["trials"]]
+
+
+def test_the_algorithms_are_listed_external_ones_too(run: Run) -> None:
+    lines = run("compare", "--list").stdout.splitlines()
+    names = [line.split()[0] for line in lines if line.strip()]
+    assert {*OWN, "ppo", "sb3-dqn"} <= set(names)
+    assert any(line.startswith("ppo") and "external" in line for line in lines)
+
+
+def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
+    result = run(*COMPARE, "--algorithms=serp,dqn", "--out=my comparison")
+    assert "algorithm" in result.stdout
+    for name in ("serp", "dqn"):
+        assert any(line.split()[:1] == [name] for line in result.stdout.splitlines())
+        assert f"{name} on cartpole, seed 0" in result.stderr
+    assert "my comparison/report.html" in result.stdout
+    assert "Few seeds (1): intervals are rough." in result.stdout
+    assert "serp compare --out 'my comparison' --seeds 10" in result.stdout
+    for name in ("report.html", "report.md", "measures.csv", "comparison.json"):
+        assert (Path("my comparison") / name).stat().st_size > 0
+    assert plan("my comparison")["protocol"]["env_steps"] == 60
+    assert "serp compare" in Path("my comparison/report.md").read_text()
+
+
+def test_the_next_command_names_a_task_that_is_not_installed(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = "serp_adapters.cartpole:task"
+    result = run("compare", f"--task={task}", *TINY, "--algorithms=mrp", "--out=c")
+    assert f"serp compare --task {task} --out c --seeds 10" in result.stdout
+
+
+def test_a_comparison_without_a_name_gets_one(run: Run) -> None:
+    out = run(*COMPARE, "--algorithms=mrp", "--quiet").stdout.strip()
+    assert Path(out).parent == Path("runs")
+    assert Path(out).name.startswith("compare-cartpole-")
+    assert trials(out) == [("mrp", "cartpole", 0)]
+
+
+def asked(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str, Any]:
+    """Return the options that a command line gives to `compare`."""
+    found: dict[str, Any] = {}
+
+    def compare(task: Any, **options: Any) -> Any:
+        found.update(options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("serp.runs.comparison.compare.compare", compare)
+    result = CliRunner().invoke(serp, ["compare", "--domain=cartpole", *arguments])
+    assert result.exit_code == (130 if found else 2)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"),
+    [("2", 2), ("3-5", [3, 4, 5]), ("1,7", [1, 7]), ("0-1,9", [0, 1, 9]), ("4-4", [4]),
+     (" 1 , 2 ", [1, 2])],
+)  # fmt: skip
+def test_seeds_are_a_number_of_them_or_the_seeds_themselves(
+    text: str, seeds: int | list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert asked(monkeypatch, f"--seeds={text}")["seeds"] == seeds
+
+
+def test_names_may_be_apart_by_commas_or_given_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = "serp,dqn:learner.hidden=[8,8];learner.members=1, serp:arbiter.r_min=none"
+    found = asked(
+        monkeypatch, f"--algorithms={names}", "--algorithms=mrp",
+        "--model-variants=x,y-[ab,c].pddl", "--model-variants=z",
+    )  # fmt: skip
+    assert found["algorithms"] == [
+        "serp", "dqn:learner.hidden=[8,8];learner.members=1", "serp:arbiter.r_min=none", "mrp",
+    ]  # fmt: skip
+    assert list(found["changed"].values()) == [
+        {"learner": {"hidden": (8, 8), "members": 1}}, {"arbiter": {"r_min": None}},
+    ]  # fmt: skip
+    assert found["model_variants"] == ["x", "y-[ab,c].pddl", "z"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give --domain"),
+        (["--domain=cartpole", "--seeds=many"], "expected a number, or seeds such as 0-9"),
+        (["--domain=cartpole", "--seeds=5-2"], "expected a number, or seeds such as 0-9"),
+        (["--domain=cartpole", "--seeds=4,"], "expected a number, or seeds such as 0-9"),
+        (["--out=c", "--max-ground-schemas=9"], "--max-ground-schemas cannot change"),
+        (["--domain=cartpole", "--env-steps=0"], "is not in the range"),
+        (["--domain=cartpole", "--set=depth=3"], "expected section.name=value"),
+        (["--domain=cartpole", "--algorithms=serp:members=1"], "expected section.name=value"),
+        (["--domain=cartpole", "--algorithms=serp:"], "expected section.name=value"),
+        (["--domain=cartpole", "--algorithms=,"], "nothing is named"),
+        (["--domain=cartpole", "--model-variants= ,"], "nothing is named"),
+    ],
+)
+def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
+    assert message in run("compare", *arguments, expect=2).stderr
+    assert list(Path().iterdir()) == []
+
+
+def test_ctrl_c_keeps_what_is_complete_and_says_how_to_go_on(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def pressing(jobs: Any, on_progress: Any, stopped: Any) -> Any:
+        def pressed(trial: Any, steps: int) -> None:
+            if not stopped():
+                os.kill(os.getpid(), signal.SIGINT)
+            on_progress(trial, steps)
+
+        return here(jobs, pressed, stopped)
+
+    here = workers.run_here
+    monkeypatch.setattr("serp.runs.comparison.compare.run_here", pressing)
+    arguments = [*COMPARE, "--algorithms=mrp,dqn"]
+    stopped = run(*arguments, "--out=c", expect=130)
+    assert "stopped with 1 of 2 trials complete in c" in stopped.stderr
+    assert "Go on with the same command" in stopped.stderr
+    assert Path("c/report.html").exists()
+    monkeypatch.setattr("serp.runs.comparison.compare.run_here", here)
+    run(*arguments, "--out=c", "--quiet")
+    assert len(list(Path("c").rglob("trial.json"))) == 2

@@ -1,0 +1,61 @@
+"""`serp evaluate`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp._util.text import percent
+from serp.agent.agent import account_of
+from serp.errors import Notice
+from serp.runs.recording import open_recording
+from serp.runs.recording_format import EVALUATIONS
+from serp.runs.run import load_run
+from tests.serp.ui.cli.conftest import Run
+
+
+def measured(run: Run, *arguments: str) -> Any:
+    return json.loads(run("evaluate", *arguments, "--json").stdout)
+
+
+@pytest.mark.parametrize("policy", ["serp", "planner", "learner", "training"])
+def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path) -> None:
+    shown = measured(run, str(trained), f"--policy={policy}", "--episodes=2", "--seed=9")
+    result = load_run(trained).evaluate(policy, episodes=2, seed=9)
+    said = account_of(load_run(trained).agent)
+    assert said == {name: load_run(trained).summary[name] for name in said}
+    assert shown == {"run": str(trained), "seed": 9, **result.as_dict(), **said}
+    assert shown["mean"] == np.mean(shown["returns"])
+    recorded = open_recording(trained, f"{policy}-seed9")
+    assert [len(steps) for steps in recorded.episodes.values()] == shown["lengths"]
+    assert recorded.columns("env_reward")["env_reward"].sum() == sum(shown["returns"])
+
+
+def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:
+    shown = measured(run, str(trained), "--episodes=3")
+    text = run("evaluate", str(trained), "--episodes=3").stdout
+    low, high = shown["confidence_interval"]
+    assert f"Measured: {shown['meaning']}." in text
+    assert f"{shown['mean']:.4g}, 95 % interval {low:.4g} to {high:.4g}" in text
+    assert f"trained policy  {shown['trained_policy']}" in text
+    assert f"everything in {percent(shown['sight']['saw_all'])} of the steps" in text
+    assert shown["model"]["sentence"] in text
+    assert f"deviation {shown['std']:.4g}, {shown['min']:.4g} to {shown['max']:.4g}" in text
+    assert f"{shown['terminated']} of 3 episodes" in text
+    assert shown["warning"] in text
+    assert "--policy training" not in text  # this run's ρ is 1
+
+
+def test_where_nothing_can_be_recorded_it_is_measured_all_the_same(
+    run: Run, trained: Path, tmp_path: Path
+) -> None:
+    kept = tmp_path / "kept"
+    shutil.copytree(trained, kept, ignore=shutil.ignore_patterns(EVALUATIONS))
+    (kept / EVALUATIONS).write_text("a file")
+    with pytest.warns(Notice, match="the episodes are not recorded"):
+        assert measured(run, str(kept), "--episodes=1")["episodes"] == 1

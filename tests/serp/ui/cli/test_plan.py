@@ -1,0 +1,241 @@
+"""`serp plan`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import serp
+from tests.serp.ui.cli.conftest import WALK, Run
+
+EDGE = """
+(define (domain edge)
+  (:predicates (unsafe))
+  (:functions (x) (reward))
+  (:action step :parameters () :precondition (< (x) 9) :effect (and (increase (x) 1)))
+  (:action leap :parameters () :precondition (< (x) 9) :effect (and (increase (x) 2)))
+  (:event fall :parameters () :precondition (and (> (x) 3)) :effect (and (unsafe))))
+"""
+
+
+def planned(run: Run, *arguments: str) -> Any:
+    return json.loads(run("plan", *arguments, "--json").stdout)
+
+
+def test_of_a_run_its_own_planner_and_model_are_shown(run: Run, trained: Path) -> None:
+    agent = serp.load_run(trained).agent
+    state = [0.0, 0.1, 0.02, -0.1]
+    given = ",".join(
+        f"{fluent.name}={value}"
+        for fluent, value in zip(agent.arbiter.model.fluents, state, strict=True)
+    )
+    shown = planned(run, str(trained), "--state", given)
+    found = agent.arbiter.planner.forecast(np.array(state))
+    assert [action["best_return"] for action in shown["actions"]] == found.value.tolist()
+    assert shown["flips"]["found"] == sorted(shown["flips"]["found"], key=lambda f: f["share"])
+    for flip in shown["flips"]["found"]:
+        changed = [flip["becomes"] if fluent.name == flip["fluent"] else value for fluent, value in
+                   zip(agent.arbiter.model.fluents, state, strict=True)]  # fmt: skip
+        other = agent.arbiter.planner.forecast(np.array(changed)).choice
+        assert agent.arbiter.model.actions[other].name == flip["outcome"] != shown["action"]
+    drawn = run("plan", str(trained), "--state", given, "--svg=seen.svg")
+    assert "Each fluent was changed alone" in drawn.stdout
+    assert f"The model of {trained} is {agent.adaptation.adoption}." in drawn.stdout
+    assert "The planning graph is drawn in seen.svg" in drawn.stderr
+    for wrong in ("--depth=3", "--domain=cartpole"):
+        run("plan", str(trained), wrong, expect=2)
+    assert "--domain cartpole" in run("plan", "cartpole", expect=2).stderr
+
+
+def test_a_planner_is_chosen_by_its_name(run: Run, folder: Path) -> None:
+    hall = EDGE.replace("(> (x) 3)", "(> (x) 99)").replace(" (reward)", "")
+    (folder / "hall.pddl").write_text(hall)  # without a reward the goal is one
+    (folder / "hall-problem.pddl").write_text(
+        "(define (problem p) (:domain edge) (:init (= (x) 0)) (:goal (and (>= (x) 8))))"
+    )
+    near, far, same = (
+        planned(run, "--domain", "hall.pddl", "--depth", "2", "--repeat", "2", *planner)
+        for planner in (("--planner", "lookahead"), ("--planner", "far-sight"), ())
+    )
+    assert same == far and [action["beyond"] for action in near["actions"]] == [0.0, 0.0]
+    for action in far["actions"]:  # the goal lies beyond the steps that are shown
+        assert action["beyond"] == pytest.approx(action["best_return"])
+    assert (near["bound"], far["bound"]) == ("depth", "exhausted")
+    assert near["path"][0]["action"] == "leap" and far["action"] == "leap"
+    drawn = run("plan", "--domain", "hall.pddl", "--svg=hall.svg").stderr
+    assert "What the lookahead alone would choose is drawn in hall.svg" in drawn
+    mistyped = run("plan", "--domain", "hall.pddl", "--planner", "far-sigt", expect=1)
+    assert "did you mean `far-sight`" in mistyped.stderr
+
+
+def test_a_given_state_adds_to_the_initial_one(run: Run, tmp_path: Path) -> None:
+    Path("tank.pddl").write_text(
+        "(define (domain tank) (:predicates (open) (on)) (:functions (level) (size))"
+        " (:action fill :precondition (and (on) (< (level) (size)))"
+        "  :effect (increase (level) 1))"
+        " (:action start :precondition (open) :effect (on)))"
+    )
+    Path("tank-problem.pddl").write_text(
+        "(define (problem p) (:domain tank) (:init (= (size) 4)) (:goal (>= (level) 2)))"
+    )
+    shown = planned(run, "--domain", "tank.pddl")
+    assert (shown["state"], shown["actions"]) == ({"level": 0.0}, [])  # nothing can be reached
+    shown = planned(run, "--domain", "tank.pddl", "--state", "open=1,level=1,size=2")
+    assert shown["state"] == {"on": False, "level": 1.0}
+    assert [step["action"] for step in shown["path"]] == ["start", "fill"]
+    with pytest.raises(AssertionError, match="unknown fluent `opn`"):
+        planned(run, "--domain", "tank.pddl", "--state", "opn=1")
+
+
+def test_the_state_of_the_problem_is_shown_and_why_each_action_is_not_taken(
+    run: Run, walk: Path
+) -> None:
+    shown = run("plan", "--domain", "walk.pddl", "--depth", "2").stdout
+    for said in (
+        "walk, in the initial state of its problem",
+        "walked = 0",
+        "true: at home\n",  # `mined` is fixed by the problem
+        "unsafe: `(unsafe)` (line 11)",
+        "not applicable: `(> (walked) 0)` (line 14) does not hold (walked = 0)",
+        "\n→   go home shop",
+        "Chosen: go home shop",
+    ):
+        assert said in shown
+
+
+def test_json_is_what_the_planner_says(run: Run, walk: Path) -> None:
+    model = serp.load_domain(walk).model
+    state = model.initial_state
+    assert state is not None
+    planner = serp.MonitorReplanner(model, depth=4, discount=0.8)
+    plan = planner.plan(state)
+    shown = planned(run, "--domain=walk.pddl", "--depth=4", "--discount=0.8", "--planner=lookahead")
+    assert shown["state"] == model.values(state)
+    assert shown["action"] == plan.name
+    assert shown["best_return"] == plan.reward
+    assert shown["bound"] == "depth"
+    assert shown["nodes"] == plan.graph.number_of_nodes()
+    assert [step["action"] for step in shown["path"]] == [step.action for step in plan.path]
+    assert [step["state"] for step in shown["path"]] == [model.values(s.state) for s in plan.path]
+    for action, value in zip(shown["actions"], plan.forecast.value.tolist(), strict=True):
+        assert action["best_return"] == (value if action["applicable"] else None)
+
+
+def test_another_problem_can_be_given_and_its_state_changed(run: Run, walk: Path) -> None:
+    text = Path("walk-problem.pddl").read_text().replace("(at home)", "(at shop)")
+    Path("other.pddl").write_text(text)
+    shown = planned(run, "--domain=walk.pddl", "--problem=other.pddl", "--state=walked=2")
+    assert shown["state"]["at shop"] is True and shown["state"]["walked"] == 2
+    assert shown["action"] == "rest"
+    assert shown["state_from"].endswith("changed by --state")
+
+
+def test_a_state_in_parts_names_what_is_missing(run: Run) -> None:
+    message = run("plan", "--domain=cartpole", "--state=pole-angle=0.1", expect=1).stderr
+    assert "`cart-position`, `cart-velocity`, `pole-velocity`" in message
+    assert "--observe" in message
+
+
+def test_what_is_missing_can_be_observed(run: Run) -> None:
+    shown = planned(run, "--domain=cartpole", "--observe", "--seed=4", "--state=pole-angle=0.1")
+    seen = planned(run, "--domain=cartpole", "--seed=4")
+    assert shown["state"] == {**seen["state"], "pole-angle": 0.1}
+    assert planned(run, "--domain=cartpole", "--seed=5")["state"] != seen["state"]
+
+
+def test_the_task_gives_control_period_and_settings(run: Run) -> None:
+    shown = planned(run, "--domain=cartpole")
+    assert shown["control_period"] == 0.02
+    assert (shown["depth"], shown["repeat"]) == (5, 2)
+    shown = planned(run, "--domain=cartpole", "--dt=0.5", "--repeat=1", "--depth=3",
+                    "--planner=lookahead")  # fmt: skip
+    assert (shown["control_period"], shown["repeat"], shown["depth"]) == (0.5, 1, 3)
+
+
+def test_settings_of_the_planner_can_be_set_and_no_others(run: Run) -> None:
+    settings = ["--set=planner.depth=2", "--set=planner.repeat=3", "--set=planner.name=lookahead"]
+    shown = planned(run, "--domain=cartpole", *settings)
+    assert (shown["depth"], shown["repeat"]) == (2, 3)
+    refused = run("plan", "--domain=cartpole", "--set=arbiter.rho=1", expect=1).stderr
+    assert "one decision uses only planner.name, planner.depth" in refused
+
+
+def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
+    Path("edge.pddl").write_text(EDGE)
+    assert "which state?" in run("plan", "--domain=edge.pddl", expect=1).stderr
+    assert "no task is installed for domain `edge`" in (
+        run("plan", "--domain=edge.pddl", "--observe", expect=1).stderr
+    )
+    assert planned(run, "--domain=edge.pddl", "--state=x=0", "--depth=1")["state"] == {"x": 0}
+
+
+@pytest.mark.parametrize(
+    ("x", "depth", "sentence"),
+    [
+        (0, 1, "(the planner is indifferent)"),
+        (4, 3, "Every action is predicted unsafe."),
+        (2, 5, "The one that stays safe the longest, for 1 control period, is taken."),
+        (0, 3, "The planner lookahead looked ahead 3 actions: "),
+        (9, 1, "No action is applicable here."),
+    ],
+)
+def test_the_verdict_says_what_is_special(
+    x: int, depth: int, sentence: str, run: Run, folder: Path
+) -> None:
+    Path("edge.pddl").write_text(EDGE)
+    arguments = ["--domain=edge.pddl", f"--state=x={x}", f"--depth={depth}", "--planner=lookahead"]
+    assert sentence in run("plan", *arguments).stdout
+
+
+def test_a_deadline_is_said(run: Run, folder: Path) -> None:
+    Path("edge.pddl").write_text(EDGE.replace("(> (x) 3)", "(> (x) 1000)"))
+    arguments = ["--domain=edge.pddl", "--state=x=0", "--depth=400", "--time-budget=0.000001"]
+    arguments.append("--planner=lookahead")
+    assert "The time budget ended the lookahead there." in run("plan", *arguments).stdout
+
+
+def test_many_actions_are_shown_best_first_and_cut(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
+    objects = " ".join(f"p{k}" for k in range(40))
+    Path("walk.pddl").write_text(WALK)
+    Path("walk-problem.pddl").write_text(
+        f"(define (problem big) (:domain walk) (:objects {objects} - place)"
+        " (:init (at p0) (= (walked) 0) "
+        + " ".join(f"(road p0 p{k})" for k in range(1, 40))
+        + "(mined p1)))"
+    )
+    shown = run("plan", "--domain=walk.pddl", "--depth=2").stdout
+    assert "… and 10 more actions, no better than these" in shown
+    assert "go p0 p1 " not in shown
+    assert len(planned(run, "--domain=walk.pddl", "--depth=2")["actions"]) == 40
+
+
+def test_the_picture_is_the_same_for_the_same_decision(run: Run, walk: Path) -> None:
+    for name in ("a.svg", "b.svg"):
+        result = run("plan", "--domain", "walk.pddl", "--svg", name)
+        assert f"drawn in {name}" in result.stderr
+    assert Path("a.svg").read_bytes() == Path("b.svg").read_bytes()
+    assert b"go home shop" in Path("a.svg").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("option", "status", "said"),
+    [
+        ("--depth=0", 2, "is not in the range"),
+        ("--discount=1.5", 2, "is not in the range"),
+        ("--svg=walk.pddl", 2, "ends in .svg"),
+        ("--svg=no/such/a.svg", 1, "cannot write no/such/a.svg"),
+    ],
+)
+def test_wrong_options_are_refused(
+    option: str, status: int, said: str, run: Run, walk: Path
+) -> None:
+    before = walk.read_bytes()
+    assert said in run("plan", "--domain=walk.pddl", option, expect=status).stderr
+    assert walk.read_bytes() == before

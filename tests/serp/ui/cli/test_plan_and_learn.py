@@ -1,0 +1,135 @@
+"""`serp plan-and-learn`."""
+
+from __future__ import annotations
+
+import json
+import signal
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from serp.tasks.task import BoundTask
+from tests.serp.runs.runs import rows
+from tests.serp.ui.cli.conftest import QUICK, Run
+
+TRAIN = ["plan-and-learn", "--domain=cartpole", *QUICK]
+
+
+def config(folder: str | Path) -> Any:
+    return json.loads((Path(folder) / "config.json").read_text())["config"]
+
+
+def test_the_end_says_what_came_out_and_what_to_do_next(run: Run) -> None:
+    result = run(*TRAIN, "--episodes=3", "--out=first run")
+    assert "3 episodes" in result.stdout
+    for word in ("return", "terminated", "vetoes", "unsafe"):
+        assert f"\n{word} " in result.stdout
+    summary = json.loads(Path("first run", "summary.json").read_text())
+    assert f"trained policy  {summary['trained_policy']}" in result.stdout
+    assert (summary["evidence"] is None) == ("\nevidence " not in result.stdout)
+    assert summary["model"]["sentence"] in result.stdout
+    assert "serp evaluate 'first run'" in result.stdout
+    assert "serp plan 'first run'" in result.stdout
+    assert "episode 3/3" in result.stderr
+
+
+def test_options_reach_the_run(run: Run) -> None:
+    options = ["--preset=paper", "--seed=7", "--set=learner.hidden=[8,8]"]
+    out = run(*TRAIN, *options, "--env-steps=20", "--out=r", "--quiet").stdout
+    assert out == "r\n"
+    made = config("r")
+    assert (made["preset"], made["seed"]) == ("paper", 7)
+    assert made["settings"]["learner"]["hidden"] == [8, 8]
+    assert made["settings"]["learner"]["discount"] == 0.9
+    assert made["budget"] == {"episodes": None, "env_steps": 20, "units": None}
+
+
+def test_a_run_without_a_name_gets_one(run: Run) -> None:
+    out = run(*TRAIN, "--episodes=1", "--quiet").stdout.strip()
+    assert Path(out).parent == Path("runs")
+    begun = datetime.fromisoformat(json.loads((Path(out) / "config.json").read_text())["created"])
+    assert Path(out).name == f"cartpole-{begun:%Y%m%d-%H%M%S}"
+    assert config(out)["task"] == "cartpole"
+
+
+@pytest.mark.parametrize("how", ["--resume {}", "--out {} --resume", "--resume --out {}"])
+def test_resuming_a_finished_run_does_nothing_and_says_so(
+    how: str, run: Run, trained: Path
+) -> None:
+    before = rows(trained, "metrics")
+    result = run("plan-and-learn", *how.format(trained).split())
+    assert "Nothing is left to do" in result.stderr
+    assert rows(trained, "metrics") == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give --domain"),
+        (["--resume"], "give the run to continue"),
+        (["--resume=a", "--out=b"], "which run: --resume a or --out b?"),
+        (["--resume=a", "--seed=1"], "--seed cannot change"),
+        (["--resume=a", "--preset=paper"], "--preset cannot change"),
+        (["--resume=a", "--set=planner.depth=3"], "--set cannot change"),
+        (["--domain=cartpole", "--correct=off"], "--correct is now called --adapt"),
+        (["--resume=a", "--num-envs=2"], "--num-envs cannot change"),
+        (
+            ["--domain=cartpole", "--num-envs=2", "--set=training.num_envs=3"],
+            "give --num-envs or --set training.num_envs, not both",
+        ),
+        (["--domain=cartpole", "--episodes=0"], "is not in the range"),
+        (["--domain=cartpole", "--set=depth=3"], "expected section.name=value"),
+    ],
+)
+def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
+    assert message in run("plan-and-learn", *arguments, expect=2).stderr
+
+
+def signals_in(monkeypatch: pytest.MonkeyPatch, number: int, *steps: int) -> None:
+    """Send a signal to this process in these steps of the environment, counted over all runs."""
+    made, whole = iter(range(1, 1_000)), BoundTask.step
+
+    def step(self: BoundTask, action: int) -> Any:
+        if next(made) in steps:
+            signal.raise_signal(number)
+        return whole(self, action)
+
+    monkeypatch.setattr(BoundTask, "step", step)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_run_with_the_episode(
+    number: signal.Signals, run: Run, trained: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C, and what a scheduler sends; `test_first_use` closes the terminal."""
+    signals_in(monkeypatch, number, 20)
+    shown = run(*TRAIN, "--episodes=4", "--out=r", expect=128 + number).stderr
+    assert "everything is saved in r" in shown
+    assert "serp plan-and-learn --resume r\n" in shown
+    done = rows("r", "metrics")
+    assert 1 <= len(done) < 4
+    assert done == rows(trained, "metrics")[: len(done)]
+    assert Path("r/report.md").exists()
+
+
+def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    signals_in(monkeypatch, signal.SIGINT, 40, 41)
+    shown = run(*TRAIN, "--episodes=6", "--out=r", expect=130).stderr
+    assert "Stopped at once." in shown
+    assert shown.count("serp plan-and-learn --resume r\n") == 1
+    assert shown.count("finishing the episode") == 1
+    run("plan-and-learn", "--resume=r", "--quiet")
+    assert len(rows("r", "metrics")) == 6
+
+
+def test_ctrl_c_before_the_run_leaves_nothing(run: Run) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "serp.tasks.registry.find_task", lambda *_, **__: signal.raise_signal(signal.SIGINT)
+        )
+        assert run(*TRAIN, "--out=r", expect=130).stderr.strip() == "Stopped."
+    assert not Path("r").exists()

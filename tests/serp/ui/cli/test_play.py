@@ -1,0 +1,156 @@
+"""`serp play`."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from serp.ui.main import serp
+from tests.serp.ui.cli.conftest import QUICK, Run
+
+ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
+
+
+def typed(lines: str, *arguments: str, expect: int = 0) -> str:
+    result = CliRunner().invoke(serp, ["play", *arguments], input=lines)
+    assert result.exit_code == expect, result.output
+    return result.output
+
+
+def test_a_script_of_commands_plays_and_says_what_of_the_file_did_what(walk: Path) -> None:
+    shown = typed(
+        "; to the shop and back\n1\ngo shop home\n rest\nu 2\nwalked = 5\ns\nr\np 2\nq\nnever read",
+        "walk.pddl", "--set=planner.name=lookahead",
+    )  # fmt: skip
+    for said in (
+        "the world of walk.pddl, control period 1\nafter 0 steps, total 0\n",
+        "\n1  go home shop\n2  go home field\n",
+        "step 1: go home shop; reward −1, total −1\n",
+        "    at home  true → false  by action go home shop (line 10)\n",
+        "    walked   0 → 1         by action go home shop (line 10)\n",
+        "   −1 by action go home shop. [walk.pddl:10 `(decrease (reward) 1)`]\n",
+        "step 3: rest; reward 3, total 1\n",
+        "2 taken back\nafter 1 step, total −1\n",
+        "  walked    5\n",
+        "go home shop   `(at ?a)` (line 9) does not hold (at home = false)\n",
+        "step 2: rest; reward 3, total 2\n",
+    ):
+        assert said in shown
+    assert "never" not in shown
+
+
+def test_the_planner_is_asked_and_slips_and_ends_are_told(walk: Path) -> None:
+    shown = typed("?\n1\n", "walk.pddl", "--slip=0.99", "--set=planner.name=lookahead")
+    assert "walk, after 0 steps" in shown and "Chosen: go home shop" in shown
+    assert "step 1: go home shop slips: go home field happens instead" in shown
+    assert "   unsafe by action go home field. [walk.pddl:11 `(unsafe)`]" in shown
+    shown = typed("field = 3", "walk.pddl", expect=1)
+    assert "line 1: change: unknown fluent `field`" in shown
+    assert "line 2: there is no action or command `gp`" in typed("s\ngp", "walk.pddl", expect=1)
+    assert "may be go home shop or go home field" in typed("go ho", "walk.pddl", expect=1)
+
+
+def test_a_situation_is_saved_as_a_scenario_that_holds(run: Run, walk: Path) -> None:
+    lines = "1\nmined shop = true\nsave mines wherever one looks\nundo\nsave at the shop\n"
+    shown = typed(lines, "walk.pddl")
+    assert "walk.scenarios: the scenario `at the shop` is written\n" in shown
+    written = Path("walk.scenarios").read_text()
+    assert "  (mined shop)\n" in written.split("scenario")[1]
+    assert "scenario at the shop\n  ; played by hand, after 1 step\n  not (at home)\n" in written
+    assert "2 passed" in run("test", "walk.pddl").stdout
+    told = typed("save a", "cartpole", expect=1)
+    assert "line 1: cartpole.pddl is the file of an installed task; play a copy" in told
+
+
+def test_keys_and_options_that_do_not_fit_are_refused(walk: Path) -> None:
+    shown = typed("x\n", "walk.pddl", "--keys=x=go home shop,left=rest")
+    assert "x     go home shop" in shown and "step 1: go home shop" in shown
+    for wrong, said in (
+        ("--keys=p=rest", "expected key=action"),
+        ("--keys=x=reset", "expected key=action"),
+        ("--noise=-1", "--noise must be greater than or equal to 0, not -1"),
+        ("--env-steps=5", "--env-steps is for a training: add --train"),
+        ("--failure=.7 --slip=.6", "--failure and --slip are 0.7 and 0.6; an action fails, slips"),
+    ):
+        assert said in typed("", "walk.pddl", *wrong.split(), expect=2)
+
+
+def test_without_a_problem_all_begins_at_nothing(folder: Path) -> None:
+    shown = typed("push-left\n", "cartpole", "--state=pole-angle=0.1")
+    assert "control period 0.02" in shown and "  pole-angle     0.1\n" in shown
+    assert "has no problem" not in shown
+    assert "has no problem with an :init: numbers begin at 0" in typed("", "cartpole")
+
+
+def test_a_training_in_the_world_of_a_file_is_a_run_like_any_other(run: Run, walk: Path) -> None:
+    arguments = (
+        "--train",
+        "--slip=0.1",
+        "--max-steps=5",
+        "--env-steps=9",
+        "--planner=lookahead",
+        "--quiet",
+        *QUICK,
+    )
+    run("play", "walk.pddl", *arguments, "--out=run", "--state=walked=3")
+    walk.unlink()
+    assert "mean return" in run("evaluate", "run", "--episodes=2").stdout
+    assert "(= (walked) 3.0)" in Path("run/problem.pddl").read_text()
+    Path("dull.pddl").write_text("(define (domain dull) (:action a))")
+    assert "nothing about reward" in run("play", "dull.pddl", "--train", expect=1).stderr
+
+
+def test_a_file_that_belongs_to_no_task_is_a_world_to_compare_in(run: Run, walk: Path) -> None:
+    quick = ("--env-steps=9", "--evaluate-every=9", "--evaluation-episodes=1", "--final-episodes=1")
+    asked = ("compare", "--algorithms=mrp", "--jobs=1", "--set=planner.name=lookahead", *quick)
+    told = run(*asked, "--domain=walk.pddl", "--seeds=1", "--out=compared").stdout
+    assert "serp compare --domain walk.pddl --out compared --seeds 10" in told
+    told = run("compare", "--out=compared", "--seeds=2", expect=1).stderr
+    assert "is not installed: name it again, as a serp.Task (--task), or by the domain file" in told
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no pseudo-terminals")
+def test_on_a_terminal_a_key_is_an_action(walk: Path) -> None:
+    import pty
+
+    here, there = pty.openpty()
+    command = [sys.executable, "-m", "serp", "play", "walk.pddl"]
+    process = subprocess.Popen(command, stdin=there, stdout=there, stderr=there)
+    try:
+        os.close(there)
+        shown = ""
+        for prompt, keys in (
+            (" > ", "1"),
+            (" > ", "\r"),
+            (" > ", ":"),
+            (":", "walked = 7\r"),
+            (" > ", "z"),
+            (" > ", "q"),
+        ):
+            shown += until(here, prompt)
+            os.write(here, keys.encode())
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        os.close(here)
+    assert "1 go home shop  2 go home field > 1" in shown
+    assert "step 2: go home shop is not applicable, and nothing is done" in shown  # return: again
+    assert "walked    7" in shown and "there is no action or command `z`" in shown
+
+
+def until(terminal: int, end: str) -> str:
+    """What a terminal shows until it waits with a prompt."""
+    sent, shown = b"", ""
+    while not shown.endswith(end):
+        ready, _, _ = select.select([terminal], [], [], 20)
+        assert ready, shown
+        sent += os.read(terminal, 4096)
+        shown = ESCAPES.sub("", sent.decode(errors="replace"))
+    return shown

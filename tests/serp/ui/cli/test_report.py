@@ -1,0 +1,331 @@
+"""`serp report`: the page of a run, as its data and in a browser."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import gzip
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.typing import NDArray
+
+from serp.errors import Notice, RunError
+from serp.runs.agreeing import RunModel
+from serp.runs.recording_format import Layout, blocks_in, decode, encode
+from serp.runs.rollout import training_seed
+from serp.runs.run import load_run
+from serp.runs.tables import read_metrics
+from serp.ui.main import serp
+from serp.ui.report.recorded_steps import chosen_steps, recorded_episodes
+from serp.ui.report.scene import drawn_scenes
+from serp.ui.report.tables import CauseTable
+from serp.ui.studio.opening import open_session
+from tests.serp.ui.cli.conftest import QUICK, Run, train
+from tests.serp.ui.studio.browser import CHROMIUM, chromium
+
+HOSTILE = "</script><script>document.title = 'taken'</script><img src=x onerror=alert(1)>"
+CARTPOLE = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run of cart-pole, of a file with a comment that is HTML."""
+    folder = tmp_path_factory.mktemp("report")
+    text = CARTPOLE.read_text(encoding="utf-8")
+    assert "(unsafe)" in text
+    file = folder / "cartpole.pddl"
+    file.write_text(text.replace("(:predicates", f"; {HOSTILE}\n  (:predicates", 1))
+    return train(folder / "run", f"--domain={file}", "--episodes=4", *QUICK)
+
+
+@pytest.fixture(scope="module")
+def page(trained: Path) -> Path:
+    """Its report."""
+    done = CliRunner().invoke(serp, ["report", str(trained), "--pictures=60", "--baseline=2"])
+    assert done.exit_code == 0, done.output
+    return trained / "report.html"
+
+
+def data_of(page: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """The JSON values and the arrays of a page."""
+    parts = dict(re.findall(r'<script type="[^"]*" id="(\w+)">(.*?)</script>', page.read_text()))
+    meta = json.loads(parts["meta"])
+    packed = gzip.decompress(base64.b64decode(parts["arrays"]))
+    arrays, at = {}, 0
+    for name, kind, count in meta["layout"]:
+        size = np.dtype(kind).itemsize
+        planes = np.frombuffer(packed, np.uint8, count * size, at).reshape(size, count)
+        arrays[name] = planes.T.copy().view(np.dtype(kind).newbyteorder("<")).reshape(-1)
+        at += count * size
+    assert at == len(packed)
+    return meta, arrays
+
+
+def test_the_page_has_what_was_recorded(trained: Path, page: Path) -> None:
+    meta, arrays = data_of(page)
+    recording = RunModel(trained).recording()
+    columns = recording.columns("state", "action", "value", "flags", "reward")
+    count, fluents = columns["state"].shape
+    assert meta["steps"] == count
+    assert (arrays["executed"] == columns["action"]).all()
+    for name, column in (("state", "state"), ("value", "value"), ("reward", "reward")):
+        shown = arrays[name].reshape(-1, count).T
+        np.testing.assert_allclose(shown, columns[column], rtol=2e-5, atol=1e-30)
+    metrics = read_metrics(trained / "metrics.csv")
+    assert [each["return"] for each in meta["episodes"]] == pytest.approx(metrics["return"])
+    assert (arrays["bits"] & 1).sum() == metrics["vetoes"].sum() > 0
+    assert [each["steps"] for each in meta["episodes"]] == metrics["length"].tolist()
+    # Of each alternative the causes of its reward add up to it, as it was predicted.
+    gained = np.zeros((count, len(meta["actions"])))
+    of_step = np.repeat(np.arange(count), np.diff(arrays["causeAt"]))
+    rewards = np.array([cause["kind"] == "reward" for cause in meta["causes"]])[arrays["cause"]]
+    np.add.at(gained, (of_step, arrays["causeAction"]), arrays["amount"] * rewards)
+    applicable = columns["flags"] & 1 == 1
+    np.testing.assert_allclose(gained[applicable], columns["reward"][applicable], atol=1e-4)
+    # Every veto is counted for one thing that it prevented.
+    cards = re.findall(r"<li><strong>([\d,]+) ×", page.read_text())
+    assert sum(int(count.replace(",", "")) for count in cards) == metrics["vetoes"].sum()
+    assert ((arrays["card"] > 0) == (arrays["bits"] & 1 > 0)).all()
+    # What the last step of an episode led to is that of no other step.
+    last = arrays["last"].reshape(fluents, -1).T
+    np.testing.assert_allclose(last, recording.columns("final_state")["final_state"], rtol=2e-5)
+
+
+def test_pictures_end_where_the_environment_does_otherwise(trained: Path) -> None:
+    recording = RunModel(trained).recording()
+    steps = chosen_steps(recording, recorded_episodes(recording)[-1:], 1000)
+    seed = load_run(trained).config["seed"]
+
+    def frames(most: int) -> tuple[int, str]:
+        scenes = drawn_scenes(
+            load_run(trained), steps, lambda k: training_seed(seed, k), most=most, most_bytes=10**7
+        )
+        (episode,) = steps.episodes
+        return scenes.frames[episode.number][1], scenes.notes.get(episode.number, "")
+
+    assert frames(1000) == (len(steps) + 1, "")
+    assert frames(5)[0] == 5
+    steps["state"][7, 0] = np.nextafter(steps["state"][7, 0], 9.0)
+    count, note = frames(1000)
+    assert count == 7
+    assert "another state" in note
+
+
+def test_episodes_are_chosen_by_interest_and_cut_only_alone(trained: Path) -> None:
+    recording = RunModel(trained).recording()
+    episodes = recorded_episodes(recording)
+    best = max(episodes, key=lambda each: each.return_)
+    steps = chosen_steps(recording, episodes, len(episodes[-1]) + len(best))
+    assert {episodes[-1].number, best.number} <= {each.number for each in steps.episodes}
+    assert [each.number for each in steps.episodes] == sorted(e.number for e in steps.episodes)
+    (one,) = chosen_steps(recording, episodes, 3).episodes
+    assert (one.number, len(one), one.cut) == (episodes[-1].number, 3, len(episodes[-1]) - 3)
+    causes = CauseTable(RunModel(trained).model, dataclasses.replace(steps))
+    assert len(causes.at) == len(steps) + 1
+
+
+def test_an_evaluation_is_drawn_by_its_recorded_seed(
+    run: Run, trained: Path, tmp_path: Path
+) -> None:
+    run("evaluate", str(trained), "--policy=planner", "--episodes=1", "--seed=3")
+    folder = trained / "evaluations" / "before"
+    (trained / "evaluations" / "planner-seed3").rename(folder)
+    header = json.loads((folder / "recording.json").read_text())
+
+    def pictures(**changes: Any) -> tuple[int, str]:
+        (folder / "recording.json").write_text(json.dumps({**header, **changes}))
+        done = run("report", str(trained), "--evaluation=before", "-o", f"{tmp_path}/x.html",
+                   "--baseline=0", "--pictures=3")  # fmt: skip
+        assert done.exit_code == 0
+        (episode,) = data_of(tmp_path / "x.html")[0]["episodes"]
+        return episode["frames"], episode["note"] + data_of(tmp_path / "x.html")[0]["sceneNote"]
+
+    assert pictures()[0] == 3
+    assert "another state" in pictures(seed=4)[1]
+    assert "does not say which seed" in pictures(seed=None)[1]
+    for file in blocks_in(folder).values():
+        columns = decode(file, Layout.read(folder))
+        wider = {name: np.hstack([v, v[:, :1]]) for name, v in columns.items()
+                 if v.ndim == 2 and v.shape[1] == len(header["actions"])}  # fmt: skip
+        assert wider.keys() >= {"value", "ground"}
+        file.write_bytes(encode(columns | wider))
+    assert "other actions" in pictures(actions=[*header["actions"], "jump"])[1]
+
+
+def test_damaged_evaluations_are_left_out_and_named_and_infinite_values_are_shown(
+    run: Run, trained: Path, tmp_path: Path
+) -> None:
+    damaged = tmp_path / "run"
+    shutil.copytree(trained, damaged, ignore=shutil.ignore_patterns("evaluations"))
+    run("evaluate", str(damaged), "--policy=planner", "--episodes=2", "--seed=20")
+    folder = damaged / "evaluations" / "planner-seed20"
+    for name in ("cut", "endless"):
+        shutil.copytree(folder, folder.with_name(name))
+    shutil.copytree(folder, folder.with_name("headless"))
+    (folder.with_name("headless") / "recording.json").write_text("{")
+    file = folder.with_name("cut") / "block-000000.npz"
+    file.write_bytes(file.read_bytes()[:-40])
+
+    def forge(name: str, column: str) -> None:
+        file = folder.with_name(name) / "block-000000.npz"
+        columns = decode(file, Layout.read(folder))
+        columns[column] = columns[column].copy()
+        columns[column][0] = np.inf
+        file.write_bytes(encode(columns))
+
+    forge("endless", "env_reward")
+    quick = ("--pictures=0", "-o", f"{tmp_path}/x.html")
+    with pytest.warns(Notice) as issued:
+        run("report", str(damaged), *quick)
+    told = "\n".join(str(each.message) for each in issued)
+    page = (tmp_path / "x.html").read_text()
+    for name, why in (
+        ("cut", "block-000000.npz is damaged (File is not a zip file)"),
+        ("endless", "block-000000.npz is damaged: env_reward holds inf"),
+        ("headless", "recording.json is damaged"),
+    ):
+        assert f"The evaluation {name} was left out: {folder.with_name(name)}/{why}" in told
+        assert f"The evaluation {name} was left out" in page
+    assert "(evaluation planner-seed20)" in page  # the planner is that of the evaluation in order
+    shown = ("--evaluation=planner-seed20", *quick, "--baseline=0")
+    forge("planner-seed20", "value")
+    with pytest.warns(Notice):
+        run("report", str(damaged), *shown)
+    assert np.isposinf(data_of(tmp_path / "x.html")[1]["value"]).any()
+    why = ("why", str(damaged), "--evaluation=planner-seed20", "--episode=1", "--step=1")
+    assert "best return" in run(*why, "--json").stdout.replace("_", " ")
+    assert re.search(r"push-left +0\.\d+ +inf\n", run(*why).stdout)
+    forge("planner-seed20", "reward")  # no model predicts that
+    for command in (("report", str(damaged), *shown), why):
+        assert "block-000000.npz is damaged: reward holds inf" in run(*command, expect=1).stderr
+    block = shutil.copy(folder / "block-000000.npz", damaged / "recording")
+    with pytest.raises(RunError, match="block-000000.npz is damaged"):
+        open_session(str(damaged), tmp_path)
+    assert f"{block} is damaged" in run("why", str(damaged), expect=1).stderr
+
+
+def test_mistakes_are_told(run: Run, trained: Path) -> None:
+    assert "ends in .html" in run("report", str(trained), "-o", "x.pdf", expect=2).stderr
+    told = run("report", str(trained), "--evaluation=best", expect=1).stderr
+    assert "has no evaluation `best`" in told
+    assert "nowhere" in run("report", "nowhere", expect=1).stderr
+
+
+@pytest.fixture(scope="module")
+def tab(page: Path) -> Iterator[Any]:
+    """The page in a browser, and what it asked for and complained of."""
+    pytest.importorskip("playwright")
+    if CHROMIUM is None:
+        pytest.skip("there is no chromium")
+    with chromium(page.as_uri(), "html[data-ready=true]") as (opened, elsewhere):
+        opened.said = elsewhere
+        opened.on("console", lambda message: elsewhere.append(message.text))
+        opened.on("pageerror", lambda error: elsewhere.append(str(error)))
+        opened.reload()  # now with somebody who listens
+        opened.wait_for_selector("html[data-ready=true]")
+        yield opened
+
+
+def test_somebody_goes_through_the_steps(tab: Any, page: Path) -> None:
+    meta, arrays = data_of(page)
+    tab.evaluate("document.querySelector('#steps').scrollIntoView()")
+
+    def where() -> int:
+        text = tab.inner_text("#where")
+        return int(re.search(r"step ([\d,]+) of the run", text)[1].replace(",", ""))  # type: ignore[index]
+
+    def press(*keys: str) -> int:
+        for key in keys:
+            tab.keyboard.press(key)
+        tab.wait_for_timeout(60)
+        return where()
+
+    vetoes = np.flatnonzero(arrays["bits"] & 1)
+    assert where() == arrays["position"][vetoes[-1]]
+    assert " proposed push-" in tab.inner_text("#told")
+    # Keys.
+    first = meta["episodes"][0]
+    tab.fill("#episode", "1")
+    tab.press("#episode", "Enter")
+    tab.evaluate("document.activeElement.blur()")
+    start = press("Home")
+    assert start == first["first"]
+    assert press("ArrowRight", "ArrowRight", "ArrowLeft") == start + 1
+    assert press("End") == start + first["steps"] - 1
+    assert press("Shift+ArrowRight") == meta["episodes"][1]["first"]
+    assert press("Shift+ArrowLeft") == start
+    tab.keyboard.press("?")
+    assert tab.is_visible("#help")
+    tab.keyboard.press("Escape")
+    # A table shows the state that was recorded.
+    shown = tab.locator("#fluents tr td:nth-child(2)").all_inner_texts()
+    state = arrays["state"].reshape(len(meta["fluents"]), -1)[:, start]
+    numbers = [float(text.replace("−", "-")) for text in shown if text]
+    assert numbers == pytest.approx(state, rel=1e-3, abs=1e-9)
+    # A filter: n goes to the next veto, p back.
+    tab.check("#filters input[name=kind][value='1']")
+    assert press("n") == vetoes[vetoes > start][0]
+    assert press("n", "p") == vetoes[vetoes > start][0]
+    # The line behind it, in the file beside.
+    tab.click("#causes .unsafe button.line, #causes .reward button.line >> nth=0")
+    place = tab.locator("#causes button.line >> nth=0").inner_text()
+    assert tab.get_attribute("#files li.here", "id") == f"f0-{place.rpartition(':')[2]}"
+    # What the file says of another action, by keyboard.
+    of = tab.inner_text("#causes-of")
+    tab.press("#alternatives tr:not([aria-current=true]):has(td) >> nth=0", "Enter")
+    tab.wait_for_timeout(60)
+    assert tab.inner_text("#causes-of") != of
+    # A cell of the table above is a filter, too.
+    tab.click("#refused td button >> nth=0")
+    assert tab.is_visible("#extra")
+    tab.wait_for_timeout(60)
+    assert where() in arrays["position"][vetoes]
+    # Playing goes on to the end of the episode; dragging goes anywhere.
+    tab.select_option("#speed", "20")
+    before = press("Home")
+    tab.click("#play")
+    tab.wait_for_timeout(500)
+    assert where() > before
+    box = tab.locator("#run-strip").bounding_box()
+    tab.mouse.click(box["x"] + 1, box["y"] + 5)
+    tab.wait_for_timeout(60)
+    assert where() == 0
+    # The scene: something was drawn.
+    tab.wait_for_timeout(200)
+    colors = tab.evaluate("""() => {
+        const canvas = document.querySelector('#scene');
+        const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+        return new Set(new Uint32Array(data.buffer)).size; }""")
+    drawn = {each["number"]: each["frames"] for each in meta["episodes"]}
+    assert (colors > 3) == (drawn[1] > 0)
+    assert tab.said == []
+
+
+def test_light_dark_and_narrow(tab: Any) -> None:
+    def paper() -> str:
+        return str(tab.evaluate("getComputedStyle(document.body).backgroundColor"))
+
+    light = paper()
+    tab.click("#theme")
+    assert paper() != light
+    tab.click("#theme")
+    assert paper() == light
+    tab.emulate_media(color_scheme="dark")
+    tab.set_viewport_size({"width": 380, "height": 800})
+    tab.wait_for_timeout(100)
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 380
+    assert tab.said == []
+
+
+def test_texts_of_the_file_are_texts(tab: Any) -> None:
+    assert tab.title() != "taken"
+    assert HOSTILE in tab.locator("#files").inner_text()
+    assert tab.locator("#files img").count() == 0

@@ -1,0 +1,76 @@
+"""`serp why`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from serp.runs.recording import open_recording
+from tests.serp.ui.cli.conftest import Run
+
+
+def explained(run: Run, *arguments: str) -> Any:
+    return json.loads(run("why", *arguments, "--json").stdout)
+
+
+def test_a_step_is_the_same_however_it_is_asked_for(run: Run, trained: Path) -> None:
+    recording = open_recording(trained)
+    step = int(recording.episodes[3][4])
+    asked = str(trained), "--episode=3"
+    shown = explained(run, str(trained), f"--step={step}")
+    assert shown == explained(run, *asked, "--step=5") == explained(run, *asked, "--time=0:00.08")
+    decision = recording.step(step).decision
+    values = [each["best_return"] for each in shown["account"]["alternatives"]]
+    assert values == decision.forecast.value.tolist()
+    assert shown["executed"] == recording.layout.actions[decision.action]
+    assert (shown["step"], shown["episode"], shown["number"]) == (step, 3, 5)
+    assert (
+        shown["account"]["alternatives"][0]["causes"][0]["comment"]
+        == "one point for every step ..."
+    )
+
+
+def test_the_text_says_who_acted_what_is_behind_it_and_what_came(run: Run, trained: Path) -> None:
+    text = run("why", str(trained)).stdout
+    for said in (
+        "(the last ",
+        "pole-angle = ",
+        "by event balance: one point for every step. [domain.pddl:72",
+        "The environment gave 1",
+        "Each fluent was changed alone",
+    ):
+        assert said in text
+    run("evaluate", str(trained), "--episodes=1", "--seed=3")
+    of_evaluation = run("why", str(trained), "--evaluation=serp-seed3", "--step=0").stdout
+    assert "step 0, that is step 1 of episode 1, at 0:00" in of_evaluation
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        (["--step=99999"], 1, "there is no step 99,999"),
+        (["--episode=77", "--step=1"], 1, "there is no episode 77"),
+        (["--episode=1", "--step=0"], 1, "episode 1 has no step 0"),
+        (["--episode=1", "--time=9:00"], 1, "episode 1 ends after"),
+        (["--time=0:01"], 2, "give --episode"),
+        (["--episode=1"], 2, "--step or --time"),
+        (["--evaluation=best"], 1, "no evaluation `best`"),
+    ],
+)
+def test_a_step_that_is_not_there_is_refused(
+    arguments: list[str], status: int, said: str, run: Run, trained: Path
+) -> None:
+    assert said in run("why", str(trained), *arguments, expect=status).stderr
+
+
+def test_a_run_without_a_recording_says_how_to_get_one(
+    run: Run, trained: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(trained, tmp_path / "old")
+    shutil.rmtree(tmp_path / "old" / "recording")
+    message = run("why", str(tmp_path / "old"), expect=1).stderr
+    assert "training.record=true" in message and "serp evaluate" in message

@@ -1,0 +1,31 @@
+"""A short run of the corridor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from serp.runs.run import Run, load_run
+from serp.runs.train import plan_and_learn
+from tests.serp.runs.runs import without_pictures
+from tests.serp.ui.pictures.scene import drawn, reckless
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run."""
+    folder = tmp_path_factory.mktemp("watching")
+    # The learner is evaluated, from the first episode on.
+    always = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}}
+    with without_pictures():
+        plan_and_learn(drawn(folder), settings=always, episodes=2, out=folder / "run", quiet=True)
+    return folder / "run"
+
+
+@pytest.fixture
+def run(recorded: Path, tmp_path: Path) -> Run:
+    """The run; its learner wants to walk into the pit."""
+    run = load_run(recorded, drawn(tmp_path))
+    reckless(run.agent)
+    return run

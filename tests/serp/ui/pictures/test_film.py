@@ -1,0 +1,194 @@
+"""A film shows every step, every veto with its reason, and takes the time that the steps take."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import ImageColor
+
+from serp._util import figures
+from serp.agent.agent import Agent
+from serp.agent.decision import Actor
+from serp.agent.step_record import StepRecord
+from serp.errors import SettingsError
+from serp.runs.evaluation import evaluate, play
+from serp.ui.pictures.caption import Caption, CaptionBand, Mark
+from serp.ui.pictures.film import END, HOLD, FilmSettings, Frame, film, marks_of
+from tests.serp.ui.pictures.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent
+
+RED = ImageColor.getrgb(figures.REFUSED)
+LONG = "side-advance-very-far-to-the-left " * 20
+
+
+@pytest.fixture
+def agent(tmp_path: Path) -> Agent:
+    return reckless_agent(tmp_path)
+
+
+def filmed(agent: Agent, folder: Path, **settings: Any) -> list[Frame]:
+    return list(film(agent, bound(folder), FilmSettings(**settings)))
+
+
+def steps(agent: Agent, folder: Path, policy: Any = "serp") -> list[StepRecord]:
+    played = play(agent, bound(folder), policy, episodes=3)
+    return [step for episode in played for step in episode.steps]
+
+
+@pytest.mark.parametrize("settings", [{"fps": 1}, {"speed": 30}, {"speed": 4}])
+def test_every_veto_is_shown_until_it_can_be_read(
+    agent: Agent, tmp_path: Path, settings: Any
+) -> None:
+    frames = filmed(agent, tmp_path, **settings)
+    shown = {mark for frame in frames for mark in frame.caption.marks}
+    vetoed = [step for step in steps(agent, tmp_path) if step.decision.vetoed]
+    assert len(vetoed) > 3
+    for step in vetoed:
+        why = agent.arbiter.explain(step.decision, step.state).removeprefix("left: ")
+        assert Mark(f"Refused in step {step.number}: the learner's left", why) in shown
+    for frame in frames:
+        corner = frame.image.getpixel((0, frame.image.height - 1))
+        assert (corner == RED) == bool(frame.caption.marks)
+    for _, episode in itertools.groupby(frames, lambda frame: frame.caption.facts[0]):
+        runs = [(marks, list(group)) for marks, group in
+                itertools.groupby(episode, lambda frame: frame.caption.marks)]  # fmt: skip
+        for (marks, group), (after, _) in itertools.pairwise([*runs, ((), [])]):
+            if marks and not after:
+                assert sum(frame.seconds for frame in group) >= HOLD - 1e-9
+
+
+@pytest.mark.parametrize("policy", ["serp", "learner"])
+def test_every_step_that_an_evaluation_measures_has_a_frame_that_says_who_acts(
+    agent: Agent, tmp_path: Path, policy: Any
+) -> None:
+    results: dict[int, StepRecord] = {}
+    settings = FilmSettings(policy=policy, episodes=4, seed=3)
+    frames = list(film(agent, bound(tmp_path), settings, results.__setitem__))
+    shown = [frame.step for frame in frames if frame.step is not None]
+    assert len(frames) == len(shown) + 4  # each episode's beginning
+    for frame in frames:
+        if frame.step is not None:
+            decision = frame.step.decision
+            assert frame.caption.actor is decision.executed_by
+            assert frame.caption.action == agent.task.actions.name(decision.action)
+            assert frame.caption.strip[-1] == (decision.executed_by, decision.vetoed)
+    measured = evaluate(agent, bound(tmp_path), policy, episodes=4, seed=3)
+    assert len(shown) == sum(measured.lengths)
+    assert tuple(results) == (1, 2, 3, 4)
+    totals = [last.episode for last in results.values()]
+    assert tuple(total.return_ for total in totals) == measured.returns
+    assert sum(total.decisions.vetoes for total in totals) == measured.vetoes
+    assert sum(total.decisions.unsafe_executed for total in totals) == measured.unsafe_executed
+
+
+def test_an_unsafe_action_executed_is_marked(agent: Agent, tmp_path: Path) -> None:
+    unsafe = [s for s in steps(agent, tmp_path, "learner") if s.decision.unsafe]
+    assert unsafe
+    for step in unsafe:
+        (mark,) = marks_of(agent, step)
+        assert mark.what == f"Unsafe, executed in step {step.number}: left"
+        assert "event pit" in mark.why
+    assert not any(marks_of(agent, s) for s in steps(agent, tmp_path, "planner"))
+
+
+@pytest.mark.parametrize("speed", [0.5, 3.0])
+@pytest.mark.parametrize(
+    ("make_env", "each", "step"), [(Drawn, 1, DT), (Ticking, 4, DT), (Timed, 4, 4 / 50)]
+)
+def test_time_is_real_time(
+    agent: Agent, tmp_path: Path, make_env: Any, each: int, step: float, speed: float
+) -> None:
+    settings = FilmSettings(speed=speed, fps=1e6, policy="planner")
+    lasting: dict[tuple[str, int], list[float]] = defaultdict(list)
+    ends: list[float] = []
+    for frame in film(agent, bound(tmp_path, make_env), settings):
+        if frame.step is not None:
+            times = lasting[frame.caption.facts[0], frame.step.number]
+            times.append(frame.seconds)
+            if frame.step.last and len(times) == each:
+                ends.append(times[-1])
+                times[-1] -= END
+    assert len(ends) == 3 and min(ends) > END
+    for times in lasting.values():
+        assert len(times) == each
+        assert sum(times) == pytest.approx(step / speed)
+
+
+class Judged(Drawn):
+    """Says how an episode stands."""
+
+    def info(self) -> dict[str, Any]:
+        return {**super().info(), "outcome": "home" if self.x >= 4 else f"at {self.x}"}
+
+
+def test_the_last_picture_says_how_the_episode_ended(agent: Agent, tmp_path: Path) -> None:
+    settings = FilmSettings(policy="planner", episodes=4)
+    frames = list(film(agent, bound(tmp_path, Judged), settings))
+    said = [frame.caption.outcome for frame in frames if frame.caption.outcome]
+    ends = [frame.caption.outcome for frame in frames if frame.step and frame.step.last]
+    assert said == ends and len(ends) == 4 and "home" in ends
+
+
+def test_no_more_frames_a_second_than_asked_for(agent: Agent, tmp_path: Path) -> None:
+    every = filmed(agent, tmp_path, policy="planner", episodes=5)
+    fewer = filmed(agent, tmp_path, policy="planner", episodes=5, fps=5)
+    assert all(frame.seconds >= 1 / 5 for frame in fewer)
+    assert len(fewer) <= len(every) / 2 + 2 * 5
+    for frames in (every, fewer):
+        assert sum(frame.step is None for frame in frames) == 5
+        assert sum(frame.step is not None and frame.step.last for frame in frames) == 5
+
+
+@pytest.mark.parametrize(
+    ("limits", "size"),
+    [({}, (420, 80)), ({"width": 210}, (210, 40)), ({"width": 900}, (420, 80)),
+     ({"height": 41}, (212, 40))],
+)  # fmt: skip
+def test_pictures_keep_within_their_limits(
+    agent: Agent, tmp_path: Path, limits: Any, size: tuple[int, int]
+) -> None:
+    frames = filmed(agent, tmp_path, episodes=2, **limits)
+    (whole,) = {frame.image.size for frame in frames}
+    assert whole == (size[0], size[1] + CaptionBand(size[0]).size[1])
+    assert whole[1] % 2 == 0
+
+
+def test_senseless_settings_are_refused(agent: Agent, tmp_path: Path) -> None:
+    for wrong in ({"speed": 0}, {"fps": 0.5}, {"speed": "x"}, {"fps": float("nan")},
+                  {"policy": "best"}):  # fmt: skip
+        with pytest.raises(SettingsError, match="must be"):
+            FilmSettings(**wrong)
+    with pytest.raises(SettingsError, match="at least one"):
+        next(film(agent, bound(tmp_path), FilmSettings(episodes=0)))
+
+
+# Captions ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", [64, 640, 1920])
+def test_captions_of_one_width_have_one_size(width: int) -> None:
+    band = CaptionBand(width)
+    for marks in ((), (Mark(LONG, LONG),) * 2, (Mark("a", ""),)):
+        strip = [(Actor.LEARNER, True)] * 1000
+        for text in ("", "home", LONG):
+            caption = Caption(Actor.PLANNER, text, (LONG, "step 1"), marks, strip, text)
+            assert band.draw(caption).size == band.size
+
+
+def test_every_actor_looks_different_and_a_refusal_too() -> None:
+    band = CaptionBand(640)
+    captions = [Caption(actor, "go", ()) for actor in Actor]
+    captions += [Caption(None, "go", (), strip=[(Actor.PLANNER, no)]) for no in (True, False)]
+    assert len({band.draw(caption).tobytes() for caption in captions}) == len(captions)
+
+
+def test_where_room_is_short_the_return_is_what_stays() -> None:
+    facts = ("episode 1", "step 22", "return +3.00")
+    whole, last, none = (
+        CaptionBand(330).draw(Caption(Actor.LEARNER, "charge-opponent", told)).tobytes()
+        for told in (facts, facts[-1:], ())
+    )
+    assert whole == last != none

@@ -1,0 +1,120 @@
+"""What is on the film is in the file, and a file is whole or not there."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image, ImageColor
+
+from serp._util import figures
+from serp.errors import EnvironmentFailure, MissingExtra, RunError
+from serp.runs.recording import open_recording
+from serp.runs.recording_format import EVALUATIONS
+from serp.runs.run import Run, load_run
+from serp.ui.pictures.film import FilmSettings, Frame, film, write_film, write_gif, write_mp4
+from tests.serp.sample_tasks import CableCut
+from tests.serp.ui.pictures.scene import Drawn, bound, drawn
+
+RED = np.array(ImageColor.getrgb(figures.REFUSED))
+SETTINGS = FilmSettings(episodes=2)
+
+
+def frames_of(run: Run, folder: Path) -> list[Frame]:
+    return list(film(run.agent, bound(folder), SETTINGS))
+
+
+def test_a_gif_shows_what_was_filmed_and_stores_what_changed(run: Run, tmp_path: Path) -> None:
+    frames = frames_of(run, tmp_path)
+    path = tmp_path / "x.gif"
+    write_gif(path, iter(frames))
+    assert any(frame.caption.marks for frame in frames)
+    with Image.open(path) as gif:
+        assert gif.n_frames == len(frames)  # type: ignore[attr-defined]
+        assert gif.info["loop"] == 0
+        for number, frame in enumerate(frames):
+            gif.seek(number)
+            assert gif.info["duration"] / 1000 == pytest.approx(frame.seconds, abs=0.01)
+            picture = np.asarray(gif.convert("RGB")).astype(int)
+            error = np.abs(picture - np.asarray(frame.image).astype(int))
+            assert error.max() <= 80  # of 255: letters have more shades than the palette
+            assert error.mean() < 0.5
+            assert (np.abs(picture[-1, 0] - RED).max() <= 2) == bool(frame.caption.marks)
+    buffer = io.BytesIO()
+    frames[-1].image.quantize().save(buffer, "GIF")
+    assert path.stat().st_size < 0.5 * len(frames) * len(buffer.getvalue())
+
+
+def files_of(run: Run) -> dict[Path, bytes]:
+    """All files of a run but those of evaluations."""
+    files = (path for path in run.path.rglob("*") if path.is_file())
+    return {path: path.read_bytes() for path in files if EVALUATIONS not in path.parts}
+
+
+def test_equal_films_give_equal_files_and_change_nothing_else(run: Run, tmp_path: Path) -> None:
+    before = dict(os.environ)
+    kept = files_of(run)
+    agent = json.dumps(run.agent.state_dict()[1], sort_keys=True)
+    for name in ("one.gif", "other.gif"):
+        write_film(run, tmp_path / name, SETTINGS)
+    assert (tmp_path / "one.gif").read_bytes() == (tmp_path / "other.gif").read_bytes()
+    assert dict(os.environ) == before
+    assert files_of(run) == kept
+    name = f"{SETTINGS.policy}-seed{SETTINGS.seed}"
+    recorded = open_recording(run.path, name)
+    assert list(recorded.episodes) == list(range(1, SETTINGS.episodes + 1))
+    assert json.dumps(run.agent.state_dict()[1], sort_keys=True) == agent
+
+
+def test_an_mp4_lasts_as_long_as_the_film(run: Run, tmp_path: Path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "x.mp4"
+    write_film(run, path, SETTINGS)
+    filmed = frames_of(run, tmp_path)
+    _, seconds = ffmpeg.count_frames_and_secs(str(path))
+    assert seconds == pytest.approx(sum(frame.seconds for frame in filmed), abs=0.2)
+    (size,) = {frame.image.size for frame in filmed}
+    reader = ffmpeg.read_frames(str(path))
+    assert next(reader)["size"] == size
+    picture = np.frombuffer(next(reader), np.uint8).reshape(size[1], size[0], 3).astype(int)
+    reader.close()
+    assert np.abs(picture - np.asarray(filmed[0].image).astype(int)).mean() < 6
+    with pytest.raises(RunError, match="ffmpeg could not write .*nosuch"):
+        write_mp4(tmp_path / "nosuch" / "x.mp4", iter(filmed))
+
+
+def test_without_ffmpeg_the_extra_is_named(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(MissingExtra, match="pip install 'serp\\[watch\\]'"):
+        write_film(run, tmp_path / "x.mp4", SETTINGS)
+    assert not list(tmp_path.glob("x.mp4*"))
+
+
+@pytest.mark.parametrize("kind", [".gif", ".mp4"])
+def test_a_film_that_fails_leaves_the_former_one(recorded: Path, tmp_path: Path, kind: str) -> None:
+    def make_env(render_mode: str | None = None) -> Any:
+        return CableCut(Drawn(render_mode), 3)
+
+    path = tmp_path / f"x{kind}"
+    path.write_bytes(b"former")
+    with pytest.raises(EnvironmentFailure, match="cable cut"):
+        write_film(load_run(recorded, drawn(tmp_path, make_env)), path, SETTINGS)
+    assert path.read_bytes() == b"former"
+    assert list(tmp_path.glob("x.*")) == [path]
+
+
+def test_a_folder_that_is_not_there_is_noticed_before_all_work(run: Run, tmp_path: Path) -> None:
+    played: list[int] = []
+    with pytest.raises(RunError, match="cannot write .*Make sure that the folder still exists"):
+        write_film(
+            run, tmp_path / "nosuch" / "x.gif", SETTINGS, lambda number, _: played.append(number)
+        )
+    assert played == []

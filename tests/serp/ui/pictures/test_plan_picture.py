@@ -1,0 +1,232 @@
+"""The picture of a decision: everything in its place, nothing on top of something else."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+
+from serp._util.text import readable
+from serp.model.domain import Domain, load_domain
+from serp.planning.replanner import MonitorReplanner, Plan
+from serp.ui.pictures.plan_layout import MAX_ROWS, PlanLayout, lay_out, short
+from serp.ui.pictures.plan_picture import DASHES, plan_picture, plan_svg
+from tests.generated.models import Generated, models_with_states
+from tests.generated.profile import examples
+from tests.generated.writer import PLANNABLE
+
+ROOT = Path(__file__).resolve().parents[4]
+CARTPOLE = ROOT / "domains" / "cartpole.pddl"
+UPRIGHT = [0.01, -0.02, -0.04, -0.05]
+LEANING = [0.01, -0.02, 0.21, 0.6]
+FALLING = [0.01, -0.02, 0.25, 1.6]
+SVG = "{http://www.w3.org/2000/svg}"
+FIVE = """
+(define (domain five)
+  (:predicates (unsafe) (terminal))
+  (:functions (a) (b) (c) (d) (e) (reward))
+  (:action cover-goal :parameters () :precondition (and) :effect (and (increase (a) 1)))
+  (:action side-advance :parameters () :precondition (and) :effect (and (increase (b) (a))))
+  (:action frontal-contrast :parameters () :precondition (and)
+    :effect (and (increase (c) (b)) (increase (b) 0.1)))
+  (:action hold :parameters () :precondition (and) :effect (and (increase (d) 3)))
+  (:action kick :parameters () :precondition (and) :effect (and (scale-up (e) 1.5) (unsafe)))
+  (:event worth :parameters () :precondition (and)
+    :effect (and (increase (reward) (- (c) (d))))))
+"""
+ANYWHERE = [1.0, 2.0, 0.5, 0.1, 1.0]
+GRID = """
+(define (domain grid)
+  (:predicates (unsafe) (terminal))
+  (:functions (x) (y) (reward))
+  (:action north :parameters () :precondition (and (< (y) 9)) :effect (and (increase (y) 1)))
+  (:action south :parameters () :precondition (and (< (y) 8)) :effect (and (decrease (y) 1)))
+  (:action east :parameters () :precondition (and (< (y) 8)) :effect (and (increase (x) 1)))
+  (:action west :parameters () :precondition (and (< (y) 8)) :effect (and (decrease (x) 1)))
+  (:event goal :parameters () :precondition (and (= (x) 2)) :effect (and (increase (reward) 1))))
+"""
+
+
+def plan_in(domain: Domain, state: list[float], **options: Any) -> tuple[Plan, MonitorReplanner]:
+    planner = MonitorReplanner(domain.model.replace(dt=0.02), **options)
+    return planner.plan(state), planner
+
+
+def cartpole(state: list[float], **options: Any) -> tuple[Plan, MonitorReplanner]:
+    return plan_in(load_domain(CARTPOLE), state, **options)
+
+
+def planned(text: str, folder: Path, state: list[float], depth: int) -> tuple[Plan, Any]:
+    file = folder / "domain.pddl"
+    file.write_text(text)
+    return plan_in(load_domain(file), state, depth=depth)
+
+
+CLIFF = """
+(define (domain cliff)
+  (:predicates (unsafe) (terminal)) (:functions (x) (reward))
+  (:action jump :parameters () :precondition (and)
+    :effect (and (increase (x) 1.0) (increase (reward) 100.0) (unsafe)))
+  (:action walk :parameters () :precondition (and) :effect (and (increase (x) 1.0))))
+"""
+
+
+def layout_of(plan: Plan, planner: MonitorReplanner, rows: int = MAX_ROWS) -> PlanLayout:
+    """The layout, after a check of what holds of every layout."""
+    labels = {k: action.name for k, action in enumerate(planner.model.actions)}
+    layout = lay_out(plan.graph, planner.settings.discount**planner.settings.repeat, labels, rows)
+    branches = layout.branches
+    # Every edge at most once, behind an edge that reaches its source, or out of the root.
+    edges = Counter((b.source, b.target, b.action) for b in branches)
+    assert set(edges.values()) <= {1} and all(edge in plan.graph.edges for edge in edges)
+    # What follows a state is shown or counted once, and if it is not, the end says so.
+    forks = Counter(b.target for b in branches if b.children)
+    assert set(forks.values()) <= {1}
+    shown = [([b for b in branches if b.parent is None], layout.rest, 0)]
+    for branch in branches:
+        assert branch.source == (branch.parent.target if branch.parent else 0)
+        assert branch.parent is None or branch in branch.parent.children
+        assert bool(branch.children) == (branch.end == "fork")
+        if branch.children:
+            shown.append((list(branch.children), branch.rest, branch.target))
+        elif plan.graph.out_degree(branch.target):
+            assert branch.end in ("elsewhere", "collapsed")
+            assert branch.end != "elsewhere" or forks[branch.target]
+        # Nothing behind a harm shines.
+        muted = branch.parent is not None and (
+            branch.parent.muted or branch.parent.harm in ("unsafe", "risky")
+        )
+        assert branch.muted == muted
+        assert 0.0 <= branch.value <= (0.0 if branch.harm or muted else 1.0)
+    for fan, rest, source in shown:
+        assert len(fan) + (rest.count if rest else 0) == plan.graph.out_degree(source)
+        if rest and rest.best is not None:
+            assert rest.best <= max(b.total for b in fan if not b.harm)
+    # The best path is there.
+    path = sorted((b for b in branches if b.chosen), key=lambda b: b.layer)
+    assert [b.label for b in path] == [short(step.action) for step in plan.path]
+    # Bounded: beyond the limit only the best path with what is beside it. No rows coincide.
+    leaves = sum(not b.children for b in branches) + sum(rest is not None for _, rest, _ in shown)
+    assert leaves <= max(rows, 13) + 13 * plan.depth
+    for layer in {b.layer for b in branches}:
+        taken = sorted(b.row for b in branches if b.layer == layer)
+        assert all(lower - upper >= 0.99 for upper, lower in itertools.pairwise(taken))
+    return layout
+
+
+def svg(plan: Plan, planner: MonitorReplanner) -> ET.Element:
+    return ET.fromstring(plan_picture(plan, planner, title="a title"))
+
+
+def texts(picture: ET.Element) -> list[str]:
+    return [element.text or "" for element in picture.iter(f"{SVG}text")]
+
+
+def said(plan: Plan, planner: MonitorReplanner) -> str:
+    return " ".join(texts(svg(plan, planner)))
+
+
+def test_small_graphs_are_shown_whole() -> None:
+    plan, planner = cartpole(UPRIGHT, depth=4)
+    layout = layout_of(plan, planner)
+    assert len(layout.branches) == plan.graph.number_of_edges()
+
+
+def test_what_follows_equal_states_is_shown_once(tmp_path: Path) -> None:
+    plan, planner = planned(GRID, tmp_path, [0.0, 0.0], 3)
+    layout = layout_of(plan, planner, rows=100)
+    assert len(layout.branches) == plan.graph.number_of_edges()
+    chosen = [branch for branch in layout.branches if branch.chosen]
+    assert [branch.total for branch in chosen] == pytest.approx([plan.reward] * 3)
+    assert [branch.value for branch in chosen] == pytest.approx([1.0] * 3)
+    assert "the same state as another here" in said(plan, planner)
+
+
+@pytest.mark.parametrize("rows", [1, 12, 30, 200])
+def test_a_large_graph_is_shown_in_part_and_says_so(tmp_path: Path, rows: int) -> None:
+    plan, planner = planned(FIVE, tmp_path, ANYWHERE, 5)
+    layout = layout_of(plan, planner, rows)
+    element = ET.fromstring(plan_svg(plan, planner, rows=rows))
+    edges = plan.graph.number_of_edges()
+    assert element.findtext(f"{SVG}desc") == f"{len(layout.branches)} of {edges:,} edges are drawn"
+    assert any("more, none better than" in text for text in texts(element))
+    data = plan_picture(plan, planner)
+    written = " ".join(texts(ET.fromstring(data)))
+    assert f" of {edges:,} edges" in written and len(data) < 60_000
+
+
+def test_nothing_behind_an_unsafe_edge_shines(tmp_path: Path) -> None:
+    plan, planner = planned(CLIFF, tmp_path, [0.0], 2)
+    layout_of(plan, planner)
+    blue = [
+        str(edge.findtext(f"{SVG}title")).partition(":")[0]
+        for edge in ET.fromstring(plan_svg(plan, planner)).findall(f"{SVG}g")
+        if "--good" in str(edge[1].get("style"))
+    ]
+    assert blue == ["walk", "walk"]  # and not that which follows a jump, worth 100
+
+
+def test_another_process_gives_equal_bytes() -> None:
+    script = (
+        "import sys; from tests.serp.ui.pictures.test_plan_picture import *\n"
+        "sys.stdout.buffer.write(plan_picture(*cartpole(LEANING)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=ROOT, env={**os.environ, "PYTHONHASHSEED": "1"}, capture_output=True, check=True,
+    )  # fmt: skip
+    assert done.stdout == plan_picture(*cartpole(LEANING))
+
+
+def test_names_numbers_and_what_is_unsafe_are_text() -> None:
+    plan, planner = cartpole(LEANING)
+    picture = svg(plan, planner)
+    written = texts(picture)
+    assert {"a title", "unsafe", f"return {readable(plan.reward)}"} <= set(written)
+    assert any("pole-angle = 0.21" in text for text in written)
+    value = {a.name: plan.forecast.value[k] for k, a in enumerate(planner.model.actions)}
+    for name in ("push-left", "push-right"):
+        assert f"{name}: {readable(float(value[name]))}" in written
+    named = written.count("push-left") + written.count("push-right")
+    assert named == plan.graph.number_of_edges() - 2
+    # Colour is not the only sign of what is unsafe.
+    unsafe = [d for _, _, d in plan.graph.edges(data=True) if d["unsafe"]]
+    assert 0 < len(unsafe) <= dashed(picture)
+    safe = svg(*cartpole(UPRIGHT, depth=2))
+    assert dashed(safe) == 0 and "unsafe" not in texts(safe)
+
+
+def dashed(picture: ET.Element) -> int:
+    paths = picture.iter(f"{SVG}path")
+    return sum(path.get("stroke-dasharray") == DASHES["unsafe"] for path in paths)
+
+
+def test_what_is_special_about_a_decision_is_said(tmp_path: Path) -> None:
+    assert "Every action is predicted unsafe." in said(*cartpole(FALLING))
+    plan, planner = planned(GRID, tmp_path, [-9.0, 0.0], 2)
+    assert plan.indifferent and "All safe actions have the same best return" in said(plan, planner)
+    few = planned(GRID, tmp_path, [0.0, 8.5], 2)
+    assert "Not applicable here: south, east, west" in said(*few)
+    none = planned(GRID, tmp_path, [0.0, 9.0], 2)
+    assert "No action is applicable." in said(*none)
+
+
+@pytest.mark.filterwarnings("error")
+@examples(20)
+@given(models_with_states(PLANNABLE, count=1))
+def test_any_decision_can_be_drawn(drawn: tuple[Generated, Any]) -> None:
+    generated, (state,) = drawn
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)  # compiling takes seconds
+        planner = MonitorReplanner(generated.model, depth=3, discount=0.9)
+        plan = planner.plan(state)
+    layout_of(plan, planner)
+    svg(plan, planner)

@@ -1,0 +1,60 @@
+"""A studio in a process of its own, and a headless Chromium that shows it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+
+
+@contextlib.contextmanager
+def served(file: str, folder: Path) -> Iterator[str]:
+    """Serve a file from a folder; yield the address with its token."""
+    root = Path(__file__).resolve().parents[4]
+    paths = os.pathsep.join(str(root / part) for part in ("", "adapters", "envs"))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "serp", "studio", file, "--no-browser"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": paths},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+    finally:
+        process.terminate()
+        process.communicate(timeout=20)
+
+
+@contextlib.contextmanager
+def chromium(
+    address: str, ready: str = ".serp-graph svg", **options: Any
+) -> Iterator[tuple[Any, list[str]]]:
+    """Open an address; yield the page, and the requests to anywhere else, as they come."""
+    from playwright.sync_api import sync_playwright
+
+    origin = address.partition("/?")[0]
+    elsewhere: list[str] = []
+
+    def note(request: Any) -> None:
+        if not request.url.startswith((origin, "data:", "blob:")):
+            elsewhere.append(request.url)
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1500, "height": 950}, **options)
+        page.set_default_timeout(30_000)
+        page.on("request", note)
+        page.goto(address)
+        page.wait_for_selector(ready)
+        yield page, elsewhere
+        browser.close()

@@ -1,0 +1,186 @@
+"""The studio in a real browser: what is typed, clicked and dragged, and who is kept out."""
+
+from __future__ import annotations
+
+import re
+import socket
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.serp.ui.studio.browser import CHROMIUM, chromium, served
+
+pytest.importorskip("playwright")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+ROOT = Path(__file__).resolve().parents[4]
+HOSTILE = "<img src=x onerror=document.title='taken'>"
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A file that is open in the studio: its path, the address, the page, and foreign requests."""
+
+    file: Path
+    address: str
+    page: Any
+    elsewhere: list[str]
+
+    def saved(self) -> str:
+        """Save by keyboard, wait until that is told, and return the file's text."""
+        self.page.keyboard.press("Control+s")
+        self.page.locator(".q-notification", has_text="Saved").wait_for()
+        return self.file.read_text()
+
+    def open(self, tab: str) -> Any:
+        """Open a tab on the right, and return what tells its state."""
+        self.page.locator(".serp-right .q-tab", has_text=tab).click()
+        return self.page.locator(".serp-views .serp-verdict:visible")
+
+    def press(self, button: str) -> None:
+        """Press a button."""
+        self.page.get_by_role("button", name=button, exact=True).click()
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+    folder = tmp_path_factory.mktemp("studio")
+    for name in ("hill.pddl", "hill.scenarios"):
+        text = (ROOT / "domains" / name).read_text()
+        (folder / name).write_text(text.replace("at the top\n", f"at the top {HOSTILE}\n"))
+    with (
+        served("hill.pddl", folder) as address,
+        chromium(address, color_scheme="dark") as (page, elsewhere),
+    ):
+        page.wait_for_selector(".serp-picture img")
+        yield Opened(folder / "hill.pddl", address, page, elsewhere)
+
+
+def status(address: str, **headers: str) -> int:
+    try:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers)) as answer:
+            return int(answer.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def test_only_who_has_the_address_is_let_in(opened: Opened) -> None:
+    origin, _, token = opened.address.partition("/?")
+    assert origin.startswith("http://127.0.0.1:") and token.startswith("token=")
+    with pytest.raises(OSError):  # another address of this machine
+        socket.create_connection(("127.0.0.2", int(origin.rpartition(":")[2])), 1)
+    assert status(opened.address) == 200
+    assert status(f"{origin}/") == 403
+    assert status(opened.address, Host="evil.example") == 403
+    assert status(opened.address, Origin="http://evil.example") == 403
+    assert "token" not in opened.page.url
+
+
+def test_the_page_follows_what_is_typed_and_set(
+    opened: Opened, replaced: Callable[..., None]
+) -> None:
+    page = opened.page
+    page.wait_for_selector("body.body--dark")
+
+    # A mistake is underlined, listed with its place, and leads there.
+    page.locator(".cm-content:visible").click()
+    page.keyboard.press("Control+End")
+    page.keyboard.type("oops")
+    page.wait_for_selector(".serp-mark-error:has-text('oops')")
+    page.locator(".serp-findings button.serp-error").first.focus()
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.activeElement.matches('.cm-content')")
+    page.wait_for_selector(".serp-decision.serp-stale")
+    page.locator(".cm-content:visible").press("Control+z")
+    page.wait_for_selector(".serp-decision:not(.serp-stale)")
+
+    # It is mended, unless something is typed at the same time: that counts.
+    wrong = "(< (position) 0.0)", "(< (positoin) 0.0)"
+    replaced(*wrong)
+    page.locator(".serp-mend").click()
+    page.wait_for_selector(".serp-file:text-is('hill.pddl, hill.scenarios')")  # as it is saved
+    replaced(*wrong)
+    page.wait_for_selector(".serp-mend")
+    replaced("positoin", "positio", "document.querySelector('.serp-mend').click()")
+    page.wait_for_selector(".serp-findings :text('positio`')")
+    replaced("positio)", "position)")
+
+    # A fluent that is set, by keyboard, changes the decision's numbers.
+    before = page.inner_html(".serp-actions")
+    page.locator('.serp-control .q-slider [tabindex="0"]').first.focus()
+    for _ in range(20):
+        page.keyboard.press("ArrowRight")
+    page.wait_for_function(
+        "before => document.querySelector('.serp-actions').outerHTML.indexOf(before) < 0",
+        arg=before,
+    )
+
+
+def test_what_is_typed_is_saved_whatever_comes_from_the_server_meanwhile(opened: Opened) -> None:
+    page, words = opened.page, [f"word{k}," for k in range(8)]
+    text = opened.file.read_text()
+    page.locator(".cm-content:visible").click()
+    page.keyboard.press("Control+Home")
+    page.keyboard.type("; ")
+    for word in words:  # without waiting
+        page.evaluate("document.querySelector('.serp-head button:last-of-type').click()")
+        page.keyboard.type(word)
+    page.keyboard.press("Enter")
+    assert opened.saved() == f"; {''.join(words)}\n{text}"
+
+
+def test_the_tabs_train_compare_and_test(opened: Opened, replaced: Callable[..., None]) -> None:
+    page = opened.page
+    opened.open("Training")
+    opened.press("Train")  # in the background
+
+    replaced("drive-right\n    :parameters ()\n    :precondition (and)\n    :effect (and)",
+             "drive-right\n    :parameters ()\n    :precondition (and)\n"
+             "    :effect (and (increase (reward) 1.0))")  # fmt: skip
+
+    said = opened.open("Versions")
+    opened.press("Compare")
+    page.locator(".serp-differences tr", has_text="drive-right").first.wait_for()
+    assert "with another choice" in said.inner_text()
+    page.locator(".serp-differences button").last.click()
+    page.locator(".serp-panel .serp-faint", has_text="step 100 of 100").wait_for()
+
+    said = opened.open("Scenarios")
+    opened.press("Run the scenarios")
+    said.filter(has_text="2 passed, 1 failed").wait_for()
+    assert page.locator(".serp-failed").inner_text().startswith("✗ at the bottom of the valley")
+    assert HOSTILE in page.locator(".serp-passed").last.inner_text()
+    assert page.title() != "taken" and page.locator(".serp-results img").count() == 0
+    opened.press("Save")
+
+    said = opened.open("Training")
+    said.filter(has_text=re.compile("running; [1-9]")).wait_for()
+    assert page.locator(".serp-chart canvas").count() == 2
+    opened.press("Stop")
+    said.filter(has_text="ended").wait_for()
+    (run,) = (opened.file.parent / "runs").iterdir()
+    assert (run / "summary.json").is_file()
+    assert opened.elsewhere == []
+
+
+@pytest.fixture
+def replaced(opened: Opened) -> Callable[..., None]:
+    """Replace a part of the text that is edited, as if it were pasted over it, after a script."""
+
+    def replace(old: str, new: str, before: str = "") -> None:
+        opened.page.evaluate(
+            """([old, text, before]) => {
+              eval(before);
+              const id = Number(document.querySelector('.serp-code').id.slice(1));
+              const editor = getElement(id).editor, at = editor.state.doc.toString().indexOf(old);
+              if (at < 0) throw new Error('this is not in the file');
+              editor.dispatch({changes: {from: at, to: at + old.length, insert: text}});
+            }""",
+            [old, new, before],
+        )
+
+    return replace

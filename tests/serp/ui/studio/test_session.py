@@ -1,0 +1,396 @@
+"""What the studio shows and saves, without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.errors import SerpError
+from serp.model.domain import load_domain
+from serp.pddl.source import DomainError
+from serp.planning.replanner import MonitorReplanner
+from serp.runs.recording import open_recording
+from serp.runs.recording_format import COLUMNS
+from serp.runs.train import plan_and_learn
+from serp.tasks.registry import load_task
+from serp.ui.studio.document import ChangedOnDisk, Document
+from serp.ui.studio.measured import MeasuredRun
+from serp.ui.studio.opening import open_session
+from serp.ui.studio.reading import Surroundings, read
+from serp.ui.studio.serving import Guard
+from serp.ui.studio.session import DOMAIN, Session
+from serp.ui.studio.shown_state import ShownState
+from serp.ui.studio.training import BackgroundTraining
+from serp.ui.studio.versions import compare_versions
+
+DOMAINS = Path(__file__).resolve().parents[4] / "domains"
+SWITCH = """(define (domain switch)
+  (:requirements :strips :numeric-fluents :time)
+  (:predicates (on) (unsafe) (terminal))
+  (:functions (heat) (reward))
+  (:action press :parameters () :precondition (and (< (heat) 80.0))
+    :effect (and (on) (increase (heat) 10.0) (increase (reward) 1.0)))
+  (:event burns :parameters () :precondition (and (on) (> (heat) 75.0))
+    :effect (and (unsafe) (terminal))))
+"""
+
+PROBLEM = """(define (problem warm) (:domain switch) (:init (= (heat) 30.0) (= (reward) 0.0)))
+"""
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    file = tmp_path / "switch.pddl"
+    file.write_text(SWITCH)
+    return open_session(str(file), tmp_path)
+
+
+def test_scenarios_open_their_domain_and_a_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "switch.pddl").write_text(SWITCH)
+    opened = open_session(str(tmp_path / "switch.scenarios"), tmp_path)
+    assert opened.documents["domain"].path == tmp_path / "switch.pddl"
+    with pytest.raises(SerpError, match="a folder, but not that of a run"):
+        open_session(str(tmp_path), tmp_path)
+
+
+def test_a_view_says_what_the_planner_of_the_text_decides(session: Session) -> None:
+    session.show(ShownState({"heat": 20.0, "on": True, "no such fluent": 1.0}))
+    view = session.request().view()
+    assert view.decision is not None and view.findings == ()
+    domain = load_domain(session.documents["domain"].path, observed=True)
+    plan = MonitorReplanner(domain.model).plan([1.0, 20.0])
+    account = view.decision.account
+    assert (account.chosen, account.alternatives[0].best_return) == (plan.action, plan.reward)
+    session.set_fluent("heat", 70.0)  # a fluent that is set
+    view = session.request().view()
+    assert view.decision is not None
+    (unsafe,) = (c for c in view.decision.account.alternatives[0].causes if c.what == "unsafe")
+    assert unsafe.place is not None and unsafe.place.line == 8
+    heat = next(each for each in view.decision.controls if each.name == "heat")
+    assert heat.low <= 0.0 and heat.high >= 80.0  # the thresholds of the file
+    assert heat.value == 70.0
+
+
+def test_of_many_actions_those_that_are_shown_are_traced(tmp_path: Path) -> None:
+    file, rooms = tmp_path / "rooms.pddl", [f"r{k}" for k in range(80)]
+    file.write_text(f"""(define (domain rooms) (:requirements :strips :typing) (:types room)
+      (:constants {" ".join(rooms)} - room) (:predicates (in ?r - room) (unsafe))
+      (:action leave :parameters (?r - room) :precondition (and (in ?r))
+        :effect (and (not (in ?r)))))""")
+    session = open_session(str(file), tmp_path)
+    session.show(ShownState({"in r70": True}))
+    decision = session.request().view().decision
+    assert decision is not None and len(decision.account.alternatives) == len(rooms)
+    assert decision.order[0] == decision.account.chosen == 70
+    traced = {each.action for each in decision.account.alternatives if "behind" in vars(each)}
+    assert traced == set(decision.order) and len(traced) < len(rooms)
+
+
+def test_a_mistake_is_placed_and_leaves_what_was_edited(session: Session) -> None:
+    session.edit("domain", SWITCH.replace("(heat) 10.0", "(heet) 10.0"))
+    view = session.request().view()
+    assert view.decision is None
+    (error,) = (finding for finding in view.findings if finding.severity == "error")
+    assert error.place is not None and (error.place.line, error.place.text) == (6, "heet")
+    assert session.mend(error) and session.documents["domain"].text == SWITCH
+    assert not session.mend(error)  # it is about another text
+    session.set_planner(depth=2)
+    decided = session.request().view().decision
+    assert decided is not None and "2 actions" in decided.verdict[-1]
+
+
+def test_an_episode_gives_states_pictures_and_ranges(tmp_path: Path) -> None:
+    session = open_session(str(DOMAINS / "cartpole.pddl"), tmp_path)
+    assert session.task is not None and session.surroundings.dt == load_task("cartpole").dt
+    session.take(session.player(3)())
+    assert session.played is not None and session.as_played and session.step is not None
+    step = session.played.steps[session.step]
+    assert step.picture.startswith("data:image/png;base64,") and not step.indifferent
+    view = session.request().view()
+    assert view.decision is not None and view.drawing.startswith("<svg")
+    taken = view.decision.account.taken
+    assert taken is not None and step.action == f"planner: {taken.name}"
+    session.set_fluent("pole-angle", 0.25)
+    assert not session.as_played and session.request().view().drawing != view.drawing
+
+
+@pytest.mark.parametrize("encoded", [b"one\r\ntwo\r\n", "\ufeffone\ntwo\n".encode()])
+def test_saving_keeps_line_ends_and_byte_order_mark(tmp_path: Path, encoded: bytes) -> None:
+    file = tmp_path / "a.pddl"
+    file.write_bytes(encoded)
+    document = Document(file, tmp_path)
+    assert document.text == "one\ntwo\n"
+    document.text = document.text.replace("two", "three")
+    assert document.changed and document.save() == file and not document.changed
+    assert file.read_bytes() == encoded.replace(b"two", b"three")
+
+
+def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> None:
+    folder, outside = tmp_path / "mine", tmp_path / "theirs.pddl"
+    folder.mkdir()
+    outside.write_text("theirs")
+    document = Document(folder / ".." / "theirs.pddl", folder)
+    document.text = "mine"
+    assert document.save() == folder / "theirs.pddl" and outside.read_text() == "theirs"
+    (folder / "theirs.pddl").write_text("changed meanwhile")
+    document.text = "mine again"
+    with pytest.raises(ChangedOnDisk):
+        document.save()
+    document.save(anyway=True)
+    assert (folder / "theirs.pddl").read_text() == "mine again"
+    document.text = "not saved"
+    assert document.keep() == f"What was not saved is in {folder / 'theirs.pddl.unsaved'}"
+    assert (folder / "theirs.pddl.unsaved").read_text() == "not saved"
+    assert (folder / "theirs.pddl").read_text() == "mine again"
+    (folder / "linked.pddl").symlink_to(outside)
+    document = Document(folder / "linked.pddl", folder)
+    document.text = "through a link"
+    with pytest.raises(Exception, match="leads out of"):
+        document.save()
+    assert outside.read_text() == "theirs"
+
+
+def test_a_page_that_opens_shows_what_other_programs_wrote_unless_something_is_not_saved(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "a.pddl"
+    file.write_text("one\n")
+    session = Session(tmp_path, Document(file, tmp_path), None, Surroundings())
+    file.write_text("two\n")
+    session.take_over(lambda: None)
+    assert session.documents[DOMAIN].text == "two\n"
+    session.edit(DOMAIN, "mine\n")
+    file.write_text("three\n")
+    session.take_over(lambda: None)
+    assert session.documents[DOMAIN].text == "mine\n"
+
+
+def test_a_problem_moves_with_its_domain_so_that_the_training_is_of_what_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    theirs, mine = tmp_path / "theirs", tmp_path / "mine"
+    for folder in (theirs, mine):
+        folder.mkdir()
+    (theirs / "switch.pddl").write_text(SWITCH)
+    (theirs / "switch-problem.pddl").write_text(PROBLEM)
+    monkeypatch.chdir(mine)
+    session = open_session("../theirs/switch.pddl", mine)
+    session.edit("domain", SWITCH + "; mine\n")
+    assert session.save() == [mine / "switch.pddl", mine / "switch-problem.pddl"]
+    commands: list[list[str]] = []
+    (mine / "runs").symlink_to(theirs)
+    with pytest.raises(SerpError, match="leads out of the working folder"):
+        session.begin_training(100, 0)
+    (mine / "runs").unlink()
+    monkeypatch.setattr(
+        "serp.ui.studio.session.BackgroundTraining", lambda command, *_: commands.append(command)
+    )
+    session.begin_training(100, 0)
+    assert commands[0][:3] == ["play", str(mine / "switch.pddl"), "--train"]
+    (mine / "other.pddl").write_text(SWITCH)
+    session = open_session("other.pddl", mine)
+    (mine / "other-problem.pddl").write_text(PROBLEM)
+    with pytest.raises(SerpError, match="would read the problem from"):
+        session.begin_training(100, 0)
+
+
+def test_a_training_runs_no_python_file_of_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("click", "random", "serp"):
+        (tmp_path / f"{name}.py").write_text("import os; os._exit(99)")
+    monkeypatch.chdir(tmp_path)
+    training = BackgroundTraining(["play", "none.pddl", "--train"], tmp_path / "run", None)
+    for _ in range(600):
+        if "none.pddl" in (said := training.progress().said):
+            return
+        time.sleep(0.05)
+    raise AssertionError(said)
+
+
+def test_each_text_that_was_not_saved_is_kept(tmp_path: Path, session: Session) -> None:
+    outside = tmp_path.parent / f"{tmp_path.name}.pddl"
+    scenarios = session.documents["scenarios"]
+    earlier = scenarios.target.with_name(scenarios.target.name + ".unsaved")
+    earlier.write_text("earlier")
+    session.edit("domain", "mine")
+    session.edit("scenarios", "mine, too")
+    session.documents["domain"].target = outside  # cannot be written
+    lost, kept = session.close()
+    assert "is lost" in lost and not outside.exists()
+    assert kept == f"What was not saved is in {earlier}-2"
+    assert earlier.read_text() == "earlier"
+    assert earlier.with_name(earlier.name + "-2").read_text() == "mine, too"
+
+
+# The guard ---------------------------------------------------------------------------------------
+
+
+def answer(guard: Guard, headers: dict[str, str], query: str = "", kind: str = "http") -> Any:
+    """Ask a guard; return the first message of its answer."""
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def receive() -> Any:
+        return {"type": "http.request"}
+
+    scope = {
+        "type": kind,
+        "method": "GET",
+        "path": "/",
+        "query_string": query.encode(),
+        "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+    }
+    asyncio.run(guard(scope, receive, send))
+    return sent[0]
+
+
+async def inside(scope: Any, receive: Any, send: Any) -> None:
+    kind = "http.response.start" if scope["type"] == "http" else "websocket.accept"
+    await send({"type": kind, "status": 200, "headers": []})
+
+
+def test_only_the_browser_with_the_token_is_let_in() -> None:
+    guard = Guard(inside, 8000)
+    here = {"host": "127.0.0.1:8000"}
+    assert answer(guard, here)["status"] == 403
+    assert answer(guard, here, "token=wrong")["status"] == 403
+    assert answer(guard, {"host": "evil.example:8000"}, f"token={guard.token}")["status"] == 403
+    foreign = {**here, "origin": "http://evil.example"}
+    assert answer(guard, foreign, f"token={guard.token}")["status"] == 403
+    welcome = answer(guard, here, f"token={guard.token}")
+    cookie = dict(welcome["headers"])[b"set-cookie"].decode()
+    assert "HttpOnly; SameSite=Strict" in cookie
+    known = {**here, "cookie": f"other=1; {cookie.partition(';')[0]}"}
+    headers = dict(answer(guard, known)["headers"])
+    assert b"connect-src 'self' ws://127.0.0.1:8000" in headers[b"content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "let_in"),
+    [
+        ("127.0.0.1:8000", "http://127.0.0.1:8000", True),
+        ("localhost:8000", "http://localhost:8000", True),
+        ("127.0.0.1:8000", "http://evil.example", False),
+        ("127.0.0.1:8000", "null", False),
+        ("127.0.0.1:8000", "http://127.0.0.1:9000", False),
+        ("127.0.0.1:8000", None, False),
+        ("evil.example:8000", "http://evil.example:8000", False),  # a name that leads here
+    ],
+)
+def test_a_websocket_of_another_page_is_refused(
+    host: str, origin: str | None, let_in: bool
+) -> None:
+    guard = Guard(inside, 8000)
+    welcome = answer(guard, {"host": "127.0.0.1:8000"}, f"token={guard.token}")
+    cookie = dict(welcome["headers"])[b"set-cookie"].decode().partition(";")[0]
+    headers = {"host": host, "cookie": cookie} | ({} if origin is None else {"origin": origin})
+    accepted = answer(guard, headers, kind="websocket")["type"] == "websocket.accept"
+    assert accepted == let_in
+    del headers["cookie"]
+    assert answer(guard, headers, kind="websocket")["type"] == "websocket.close"
+
+
+def test_what_a_file_is_read_for_is_that_of_its_task(tmp_path: Path) -> None:
+    opened = open_session("taxi", tmp_path).documents
+    assert opened.keys() == {"domain", "problem", "scenarios"}
+    copy = tmp_path / "other.pddl"
+    copy.write_text(SWITCH)
+    session = open_session(str(copy), tmp_path)
+    assert session.task is None and session.surroundings == Surroundings()
+    with pytest.raises(DomainError, match="begins in the :init"):  # it has no problem
+        session.player(0)()
+
+
+# Scenarios, versions, trainings ------------------------------------------------------------------
+
+
+def test_versions_are_compared_on_the_same_states(session: Session) -> None:
+    session.show(ShownState({"heat": 40.0, "on": True}))
+    session.edit("domain", SWITCH.replace("75.0", "95.0"))
+    states = [ShownState({"heat": heat, "on": True}) for heat in (0.0, 70.0)]
+    found = compare_versions(
+        session.saved_version, session.version, session.surroundings, [*session.states(), *states]
+    )
+    assert (found.states, found.chosen) == (3, 0)
+    assert [(each.state, each.harms) for each in found.differences] == [
+        (0, ("-press",)), (2, ("-press",)),
+    ]  # fmt: skip
+    with pytest.raises(SerpError, match="with errors decides nothing"):
+        session.edit("domain", "(define")
+        compare_versions(session.saved_version, session.version, session.surroundings, states)
+
+
+def test_a_state_becomes_a_scenario_that_holds_until_the_file_changes(session: Session) -> None:
+    session.show(ShownState({"heat": 70.0, "on": True}))
+    text = session.expectations.with_state("it is\nhot", session.shown)
+    assert "scenario it is hot\n" in text and "refuses press because unsafe" in text
+    session.edit("scenarios", text)
+    (result,) = session.expectations.run()
+    assert result.passed
+    session.edit("domain", SWITCH.replace("75.0", "95.0"))
+    (result,) = session.expectations.run()
+    assert [failure.expected for failure in result.failures] == ["refuses press because unsafe"]
+    session.save()
+    assert session.documents["scenarios"].path.read_text() == text
+
+
+def test_what_a_training_writes_is_read_while_it_goes_on(tmp_path: Path) -> None:
+    shutil.copy(DOMAINS / "cartpole.pddl", tmp_path)
+    session = open_session(str(tmp_path / "cartpole.pddl"), tmp_path)
+    session.edit("domain", session.documents["domain"].text + "\n")
+    with pytest.raises(SerpError, match="Save first"):
+        session.begin_training(100, 0)
+    task = session.task
+    assert task is not None
+    run = plan_and_learn(task, env_steps=300, seed=1, out=tmp_path / "run", quiet=True)
+    recording = open_recording(run.path)
+    planner = read(session.saved_version, session.surroundings).planner
+    assert planner is not None
+    measured, pieces = MeasuredRun(planner.model), MeasuredRun(planner.model)
+    measured.read(recording)
+    windows, errors = measured.errors()
+    assert windows[-1] <= len(recording) < 2 * windows[-1]
+    everything = recording.columns(*COLUMNS)
+    ended = np.cumsum(everything["terminated"] | everything["truncated"])
+    for begin, end in itertools.pairwise((0, 1, 7, 100, len(recording))):
+        first, last = (int(ended[k - 1]) if k else 0 for k in (begin, end))
+        for name, each in recording.columns(*COLUMNS, since=begin).items():
+            skipped = first if name == "final_state" else begin
+            np.testing.assert_array_equal(each, everything[name][skipped:])
+        piece = {name: each[begin:end] for name, each in everything.items()}
+        piece["final_state"] = everything["final_state"][first:last]
+        pieces.take(piece, recording.layout.fluents)
+    assert pieces.errors()[0] == windows and pieces.vetoes == measured.vetoes
+    for name, found in pieces.errors()[1].items():
+        np.testing.assert_allclose(found, errors[name])
+    assert errors.keys() == {"cart-position", "cart-velocity", "pole-angle", "pole-velocity"}
+    # The velocity of the cart changes as the file says, but for what the pole does to it.
+    assert max(errors["cart-velocity"]) < 0.2
+    assert sum(measured.vetoes.values()) == run.metrics["vetoes"].sum()
+
+    # The run's steps are looked at with the file of its name in the working folder.
+    of_run = open_session(str(run.path), tmp_path / "elsewhere")
+    assert of_run.documents["domain"].target.name == "cartpole.pddl"
+    of_run.show_episode(1)
+    assert of_run.played is not None and of_run.recorded is not None
+    state = of_run.shown.state(planner.model)
+    np.testing.assert_array_equal(state, recording.step(of_run.step or 0).state)
+    vetoes = of_run.recorded.vetoes
+    assert len(vetoes) == run.metrics["vetoes"].sum()
+    for veto in vetoes[:2]:
+        assert of_run.show_next_veto() and of_run.run_step == veto
+    versions = of_run.recorded.version, of_run.version
+    found = compare_versions(*versions, of_run.surroundings, of_run.states())
+    assert found.states == 1 + len(recording) and not found.differences
+    with pytest.raises(SerpError, match="there is no episode 99"):
+        of_run.show_episode(99)
