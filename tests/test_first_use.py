@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from serp.ui.main import main
+from serp.ui import main
 from tests.serp.runs.runs import rows, without_pictures
 
 # An untrained learner acts without help: short episodes, little to wait for.

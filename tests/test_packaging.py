@@ -176,7 +176,7 @@ OPTIONAL = (
 WITHOUT = f"""
 import shlex, sys
 sys.modules.update(dict.fromkeys({OPTIONAL}))  # importing them fails
-from serp.cli import main
+from serp.ui import main
 for line in sys.argv[1:]:
     try:
         main(shlex.split(line))

@@ -309,7 +309,7 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     }
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     manifest = json_text({"format": FORMAT, "serp": __version__, **about, "files": digests})
-    package = Path(__file__).parent.parent / PACKAGE
+    package = Path(__file__).parent / PACKAGE
     contents: dict[Path, bytes | str] = {
         folder / PACKAGE / module.relative_to(package): module.read_bytes()
         for module in sorted(package.rglob("*.py"))

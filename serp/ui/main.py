@@ -143,10 +143,10 @@ SECTIONS = {
         },
     ),
 }
-"""Folder of `serp.cli.commands` → what its commands are about, and command → one line of help, in
+"""Group of commands → what they are about, and command → one line of help, in
 the order of use. The command `a-b` is the attribute `command` of the module `a_b` there."""
 COMMANDS = {
-    name: f"serp.cli.commands.{folder}.{name.replace('-', '_')}"
+    name: f"serp.ui.commands.{name.replace('-', '_')}"
     for folder, (_, commands) in SECTIONS.items()
     for name in commands
 }

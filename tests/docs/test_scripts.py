@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import serp
-from serp.ui.main import main
+from serp.ui import main
 from tests.docs.pages import EXAMPLES
 from tests.serp.runs.runs import without_pictures
 

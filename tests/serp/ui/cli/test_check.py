@@ -122,8 +122,8 @@ def test_checking_a_large_file_compiles_nothing_and_names_a_few(tmp_path: Path) 
         f"(:action go :effect (and (p) (increase (x) 1))) {events})"
     )
     code = (
-        "import sys, serp.cli\n"
-        "try: serp.cli.main(['check', sys.argv[1]])\n"
+        "import sys, serp.ui\n"
+        "try: serp.ui.main(['check', sys.argv[1]])\n"
         "finally: print([m for m in ('numba', 'torch', 'unified_planning') if m in sys.modules])"
     )
     shown = subprocess.run(
