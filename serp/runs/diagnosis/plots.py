@@ -54,7 +54,7 @@ def picture(diagnosis: Diagnosis, kind: Literal["png", "svg"]) -> bytes:
                              label=label)  # fmt: skip
             axes.axline((0.0, 0.0), slope=1.0, color=INK, linewidth=0.8, zorder=0.5)
             axes.set_title(quantity.shown[1:-1])
-            axes.legend(fontsize=7, markerscale=0.5)
+            axes.legend(fontsize=7)
             axes.set_xlabel("predicted change")
             axes.set_ylabel("observed change")
         count = f"{len(diagnosis.sample):,} single steps"
