@@ -366,9 +366,9 @@ class TrainingSettings(Section):
     record: bool = True
     """Whether to record every step: state, decision, and all that was predicted. `serp why` needs
     it."""
-    tensorboard: bool | Literal["steps"] = False
-    """Whether to write TensorBoard events as well (extra `tensorboard`): `true` for every episode,
-    `steps` for every env step, too, which takes about 0.15 ms more per step."""
+    tensorboard: bool = False
+    """Whether to write the metrics of every episode as TensorBoard events, too (extra
+    `tensorboard`)."""
 
 
 Changes = Mapping[str, Mapping[str, Any]]

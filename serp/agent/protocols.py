@@ -105,7 +105,7 @@ class Learner(Protocol):
         symmetry: The symmetries in use; None for none.
         imitates: Whether it can imitate the planner.
         imitation_weight: Weight of the imitation loss in the next updates.
-        lane: Environment, from 0, that the next env steps to remember come from. Those of one
+        env_index: Environment, from 0, that the next env steps to remember come from. Those of one
             environment are consecutive.
     """
 
@@ -115,7 +115,7 @@ class Learner(Protocol):
     symmetry: SymmetryGroup | None
     imitates: bool
     imitation_weight: float
-    lane: int
+    env_index: int
 
     @property
     def updates(self) -> int:

@@ -127,13 +127,13 @@ class DQN:
         self._learn_calls = 0
 
     @property
-    def lane(self) -> int:
+    def env_index(self) -> int:
         """Environment, from 0, that the next env steps to remember come from."""
-        return self.replay.lane
+        return self.replay.env_index
 
-    @lane.setter
-    def lane(self, lane: int) -> None:
-        self.replay.lane = lane
+    @env_index.setter
+    def env_index(self, env_index: int) -> None:
+        self.replay.env_index = env_index
 
     @property
     def updates(self) -> int:

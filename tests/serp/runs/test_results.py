@@ -36,7 +36,7 @@ def test_results_are_made_from_what_the_run_wrote(run, make_rows):
         run.metrics.append(row)
     row = DecisionRow(
         0, 1, "learner", "l", "r", "planner", "unsafe", True, 0, True, False, 0, 0.5, 3, "depth",
-        False, "falls",
+        False,
     )  # fmt: skip
     for step in range(7):
         run.decisions.append(row._replace(step=step))

@@ -110,7 +110,7 @@ def test_a_trial_below_the_median_is_not_continued(tmp_path: Path) -> None:
         ("learner.hidden", "[64,64],[8]", {"choices": ((64, 64), (8,))}),
         ("learner.loss", None, {"choices": ("mse", "huber")}),
         ("learner.double", "", {"choices": (False, True)}),
-        ("training.tensorboard", "", {"choices": (False, True, "steps")}),
+        ("training.tensorboard", "", {"choices": (False, True)}),
     ],
 )
 def test_types_and_values_follow_from_the_settings(name: str, given: Any, expected: Any) -> None:
