@@ -21,6 +21,9 @@ from serp.tasks.checks import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
 
+SLOW_STEP_SECONDS: Final = 30.0
+"""A call of the environment that takes longer is reported while it lasts, once per run."""
+
 
 class Watchdog(Closing):
     """Watches an environment from its own thread, and reports once that a call takes long.
@@ -227,7 +230,7 @@ class UnitCounter:
         return before is not None and value != before
 
 
-class TrainingEnv:
+class RolloutEnv:
     """One of the environments of a training, and the episode that runs in it.
 
     Args:
@@ -280,7 +283,7 @@ class TrainingEnv:
 
 
 @contextlib.contextmanager
-def training_envs(task: BoundTask, count: int, unit: str) -> Iterator[list[TrainingEnv]]:
+def rollout_envs(task: BoundTask, count: int, unit: str) -> Iterator[list[RolloutEnv]]:
     """Yield the environments of a training: that of the task, or `count` in their own processes.
 
     Those are closed at the end. `unit` is the setting `arbiter.rho_unit`.
@@ -290,7 +293,7 @@ def training_envs(task: BoundTask, count: int, unit: str) -> Iterator[list[Train
         EnvironmentFailure: An environment cannot be made.
     """
     if count == 1:
-        yield [TrainingEnv(0, task, unit)]
+        yield [RolloutEnv(0, task, unit)]
         return
     if task.has_statistics:
         raise SettingsError(
@@ -302,4 +305,4 @@ def training_envs(task: BoundTask, count: int, unit: str) -> Iterator[list[Train
         tasks = [stack.enter_context(RemoteTask(task, k + 1)) for k in range(count)]
         for remote in tasks:
             remote.wait_until_made()
-        yield [TrainingEnv(k, remote, unit) for k, remote in enumerate(tasks)]
+        yield [RolloutEnv(k, remote, unit) for k, remote in enumerate(tasks)]

@@ -29,7 +29,7 @@ from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
 from serp.runs.folder import METRICS, RunFolder, default_path, is_trace, refuse_occupied
 from serp.runs.progress import Progress, show_compiling
-from serp.runs.rollout import Watchdog
+from serp.runs.rollout import SLOW_STEP_SECONDS, Watchdog
 from serp.runs.run import (
     Run,
     begin_run,
@@ -222,9 +222,7 @@ def train(
     digests = content_digests(folder)
     progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
     trainer.task.on_notice = progress.note
-    watchdog = Watchdog(
-        trainer.task, settings.slow_step_seconds, lambda: trainer.under_way, progress.note
-    )
+    watchdog = Watchdog(trainer.task, SLOW_STEP_SECONDS, lambda: trainer.under_way, progress.note)
 
     def save() -> float:
         """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""

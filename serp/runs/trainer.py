@@ -19,7 +19,7 @@ from serp.agent.step_record import DecisionCounts, OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.model.transition_model import StateError, Vector
 from serp.runs.precompile import precompile
-from serp.runs.rollout import Perceive, Rollout, TrainingEnv, training_envs, training_seed
+from serp.runs.rollout import Perceive, Rollout, RolloutEnv, rollout_envs, training_seed
 from serp.runs.run_log import RunLog
 from serp.runs.tables import MetricsRow, metrics_row
 from serp.settings import Section, Settings
@@ -188,7 +188,7 @@ class Trainer(Closing):
         self._unchecked = _MIRRORED
         self._open = contextlib.ExitStack()
         self.environments = self._open.enter_context(
-            training_envs(task, settings.training.num_envs, settings.arbiter.rho_unit)
+            rollout_envs(task, settings.training.num_envs, settings.arbiter.rho_unit)
         )
 
     def close(self) -> None:
@@ -263,12 +263,12 @@ class Trainer(Closing):
                 else:
                     running.remove(env)
 
-    def _begin(self, env: TrainingEnv) -> None:
+    def _begin(self, env: RolloutEnv) -> None:
         seed = training_seed(self.seed, self._begun)
         env.begin(self._begun, seed, random=not self._pretrained)
         self._begun += 1
 
-    def _step(self, running: list[TrainingEnv]) -> list[TrainingEnv]:
+    def _step(self, running: list[RolloutEnv]) -> list[RolloutEnv]:
         """Make one env step in every environment; return those whose episode ended.
 
         An env step is all here: the environment executes what was decided, the agent observes it,
@@ -278,7 +278,7 @@ class Trainer(Closing):
         """
         agent = self.agent
         self.under_way = self.env_steps + 1
-        made: list[tuple[TrainingEnv, StepRecord]] = []
+        made: list[tuple[RolloutEnv, StepRecord]] = []
         for env in running:
             agent.turn_to(env.index)
             if env.rollout is None or env.decision is None:
@@ -308,7 +308,7 @@ class Trainer(Closing):
                 self.on_step(step)
         return ended
 
-    def _reset(self, env: TrainingEnv) -> None:
+    def _reset(self, env: RolloutEnv) -> None:
         env.rollout = Rollout(
             env.task,
             self._perceive_of(env.task),
@@ -332,7 +332,7 @@ class Trainer(Closing):
 
         return perceive
 
-    def _decide(self, environments: list[TrainingEnv]) -> None:
+    def _decide(self, environments: list[RolloutEnv]) -> None:
         """Decide in environments whose episode goes on, and begin to execute the decisions."""
         rollouts = {env: env.rollout for env in environments if env.rollout is not None}
         states = {env.index: rollout.state for env, rollout in rollouts.items()}
@@ -345,7 +345,7 @@ class Trainer(Closing):
                     decision = self.agent.decide_randomly(rollout.state)
                 env.execute(decision)
 
-    def _end_episode(self, env: TrainingEnv) -> MetricsRow:
+    def _end_episode(self, env: RolloutEnv) -> MetricsRow:
         assert env.rollout is not None
         self.episode += 1
         agent, totals, losses = self.agent, env.rollout.totals, env.losses
@@ -354,7 +354,7 @@ class Trainer(Closing):
             self._end_unit("episode")
             agent.strategy.end_episode(totals.return_, totals.length)
         elif not self._pretrained and self.env_steps >= self.settings.training.random_steps:
-            agent.learner.pretrain()
+            agent.learner.pretrain(self.settings.training.random_steps)
             self._pretrained = True
         self.recent.append(totals.return_)
         return metrics_row(
@@ -368,7 +368,7 @@ class Trainer(Closing):
         )
 
     def _notice_unit(
-        self, env: TrainingEnv, info: Mapping[str, Any], *, reset: bool = False
+        self, env: RolloutEnv, info: Mapping[str, Any], *, reset: bool = False
     ) -> None:
         """End a unit of ρ when the counter that `arbiter.rho_unit` names has changed."""
         if env.unit.changed(info, reset=reset) and self._pretrained:

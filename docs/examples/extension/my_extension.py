@@ -105,7 +105,7 @@ class Table:
         following = self._values(next_x)
         if next_allowed is not None and next_allowed.any():
             following = following[next_allowed]
-        target = reward * self.settings.reward_scale
+        target = reward
         if not terminated:
             target += self.settings.discount * following.max()
         self._error = float(target - self._values(x)[action])

@@ -13,9 +13,8 @@ from serp.settings import LearnerSettings
 F, A = 4, 3
 
 TARGETS: dict[str, dict[str, Any]] = {
-    "none": {"target_period": None},
-    "copy": {"target_period": 7},
-    "polyak": {"target_period": None, "target_polyak": 0.05},
+    "none": {"target_polyak": None},
+    "polyak": {"target_polyak": 0.05},
 }
 MIRROR = Element((1, 0, 2, 3), (1.0, 1.0, -1.0, 1.0), (2, 1, 0))
 TURN = Element((1, 2, 0, 3), (1.0,) * F, (1, 2, 0))

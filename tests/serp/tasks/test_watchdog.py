@@ -10,7 +10,7 @@ import pytest
 
 from serp.runs.rollout import Watchdog
 from serp.tasks.task import BoundTask
-from tests.serp.runs.runs import CHANGES, train
+from tests.serp.runs.runs import train
 from tests.serp.sample_tasks import Corridor, corridor
 
 
@@ -78,7 +78,7 @@ def test_a_training_names_step_and_action(tmp_path: Path, monkeypatch: pytest.Mo
             return super().step(action)
 
     monkeypatch.setattr("serp.runs.progress.Progress.note", note)
-    monkeypatch.setitem(CHANGES["default"], "training", {"slow_step_seconds": 0.2})
+    monkeypatch.setattr("serp.runs.train.SLOW_STEP_SECONDS", 0.2)
     train(corridor(tmp_path, Slow), tmp_path / "run", episodes=1)
     (line,) = lines
     assert "for 0.2 s: step with action" in line and "env step 5." in line
