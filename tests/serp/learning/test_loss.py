@@ -116,7 +116,7 @@ GUARDED = {"guarded_targets": True}
         ({}, None, ALL, "", (1 + 0.5 * 1) ** 2),
         # What is forbidden never counts; where everything is, everything does.
         ({**GUARDED, "target_polyak": None}, None, LOW, "", (1 + 0.5 * 2) ** 2),
-        (GUARDED, None, LOW, "", (1 + 0.5 * 2) ** 2),
+        (GUARDED, None, LOW, "", (1 + 0.5 * 4) ** 2),
         (GUARDED, None, ~ALL, "", (1 + 0.5 * 1) ** 2),
         ({}, None, np.eye(3, dtype=bool)[0], "", (1 + 0.5 * 1) ** 2),
         # An end has no value, a time limit does.
