@@ -138,5 +138,3 @@ def test_every_step_on_a_grid_is_predicted(
             if terminated or truncated:
                 return
             before = after
-
-
