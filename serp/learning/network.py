@@ -211,5 +211,5 @@ class MeanQ:
             self._many = Workspace(self._network, len(rows))
         work = self._single if len(rows) == 1 else self._many
         of_each = self._network.forward(rows.astype(np.float32, copy=False), work)
-        q = of_each[0].copy() if self._network.members == 1 else of_each.mean(axis=0)
+        q: type_F32 = of_each[0].copy() if self._network.members == 1 else of_each.mean(axis=0)
         return q if x.ndim == 2 else q[0]
