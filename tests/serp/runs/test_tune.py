@@ -109,7 +109,7 @@ def test_a_trial_below_the_median_is_not_continued(tmp_path: Path) -> None:
         ("training.units", "none,100", {"choices": (None, 100)}),
         ("learner.hidden", "[64,64],[8]", {"choices": ((64, 64), (8,))}),
         ("arbiter.veto_horizon", None, {"choices": ("step", "lookahead")}),
-        ("learner.symmetry", "", {"choices": (False, True)}),
+        ("learner.guarded_targets", "", {"choices": (False, True)}),
         ("training.tensorboard", "", {"choices": (False, True)}),
     ],
 )
@@ -131,7 +131,7 @@ def test_types_and_values_follow_from_the_settings(name: str, given: Any, expect
         ({"planner.depth": "1.5..3"}, "planner.depth=1.5..3: a range is of whole numbers"),
         ({"planner.depth": "3..3"}, "its first end is smaller than its second"),
         ({"learner.learning_rate": "log:0..1"}, "on a logarithmic scale above 0"),
-        ({"learner.symmetry": "0..1"}, "a range is for numbers"),
+        ({"learner.guarded_targets": "0..1"}, "a range is for numbers"),
         ({"learner.loss": "mse,l1"}, "learner.loss must be 'mse' or 'huber', not 'l1'"),
         ({"planner.depth": 3}, "planner.depth: expected a list of values or a text"),
         (3, "tune.vary must be a mapping"),
