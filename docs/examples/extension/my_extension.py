@@ -114,7 +114,7 @@ class Table:
         """Return the squared error of the last step."""
         return None if self._error is None else self._error**2
 
-    def pretrain(self, updates: int | None = None) -> None:
+    def pretrain(self, updates: int) -> None:
         """Do nothing more with the initial data."""
 
     def state_dict(self) -> tuple[dict[str, Any], dict[str, Any]]:

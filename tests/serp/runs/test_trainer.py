@@ -166,7 +166,7 @@ def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: 
     row = trainer.run_episode()
     assert row.planner_steps == row.length  # rho is 0
     assert arbiter.rho == 0.05
-    assert learner.updates == 3 + row.length
+    assert learner.updates == trainer.settings.training.random_steps + row.length
 
 
 class Endless(Corridor):

@@ -88,7 +88,7 @@ def test_trials_that_fail_are_told_and_others_go_on(
     states = {t.state.name for t in found.study.trials}
     shown = capsys.readouterr().err
     assert states == {"COMPLETE", "FAIL"}, shown
-    assert "failed. planner.name: the strategy `mixture` does not choose among" in shown
+    assert "planner.name: the strategy `mixture` does not choose among" in shown
     assert found.trials == 4
 
 
@@ -124,15 +124,15 @@ def test_types_and_values_follow_from_the_settings(name: str, given: Any, expect
     ("vary", "message"),
     [
         ({}, "say what to tune"),
-        ({"learner.los": ""}, "there is no setting `learner.los`; did you mean `loss`"),
-        ({"lerner.loss": ""}, "there is no section `lerner`; did you mean `learner`"),
+        ({"learner.member": ""}, "no setting `learner.member`; did you mean `members`"),
+        ({"lerner.members": ""}, "there is no section `lerner`; did you mean `learner`"),
         ({"planner.depth": None}, "planner.depth: say which values: A..B"),
         ({"planner.depth": "0..3"}, "planner.depth must be greater than or equal to 1, not 0"),
         ({"planner.depth": "1.5..3"}, "planner.depth=1.5..3: a range is of whole numbers"),
         ({"planner.depth": "3..3"}, "its first end is smaller than its second"),
         ({"learner.learning_rate": "log:0..1"}, "on a logarithmic scale above 0"),
         ({"learner.guarded_targets": "0..1"}, "a range is for numbers"),
-        ({"learner.loss": "mse,l1"}, "learner.loss must be 'mse' or 'huber', not 'l1'"),
+        ({"arbiter.veto_horizon": "step,l1"}, "must be 'step' or 'lookahead', not 'l1'"),
         ({"planner.depth": 3}, "planner.depth: expected a list of values or a text"),
         (3, "tune.vary must be a mapping"),
     ],
