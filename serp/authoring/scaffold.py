@@ -30,7 +30,7 @@ from serp._util.numbers import real
 from serp._util.text import plural
 from serp.errors import TaskError
 from serp.pddl.scope import RESERVED_WORDS
-from serp.tasks.observation import ActionSpace, Observations
+from serp.tasks.environment import ActionSpace, Observations
 from serp.tasks.registry import attribute_of, import_file, task_like
 
 _RESERVED: Final = RESERVED_WORDS | {"reward", "unsafe", "terminal", "over", "at-start", "at-end"}
