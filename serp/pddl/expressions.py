@@ -41,10 +41,10 @@ def parse_number(node: Node) -> x.Number:
         raise slip
     if not isinstance(node, Word) or not _NUMBER.match(node.text):
         shown = node.text if isinstance(node, Word) else node.place.text
-        raise DomainError(f"expected a number, found `{shown}`", node.place, code="bad-number")
+        raise DomainError(f"expected a number, found `{shown}`", node.place, code="malformed")
     value = float(node.text)
     if value in (float("inf"), float("-inf")):
-        raise DomainError(f"`{node.text}` is too large a number", node.place, code="bad-number")
+        raise DomainError(f"`{node.text}` is too large a number", node.place, code="malformed")
     return x.Number(value, node.place)
 
 
@@ -72,11 +72,11 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
                 "`#t` may stand only as a factor of a rate in a process",
                 node.place,
                 "write `(increase (f) (* #t rate))` inside a `(:process ...)`",
-                code="process-effect",
+                code="malformed",
             )
         if slip := slips.in_word(node):
             raise slip
-        code = "bad-number" if node.text[0] in "+-.0123456789" else "malformed"
+        code = "malformed" if node.text[0] in "+-.0123456789" else "malformed"
         problem = f"expected a number or `(...)`, found `{node.text}`"
         raise DomainError(problem, node.place, code=code)
     if scope.calculates(node.head):
@@ -92,7 +92,7 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
         raise DomainError(
             "`(reward)` cannot be read; it is only ever increased or decreased",
             node.place,
-            code="reserved-use",
+            code="reserved-name",
         )
     return x.FunctionTerm(declaration.name, parse_arguments(node, declaration, scope), node.place)
 
@@ -325,7 +325,7 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
             "`when` is not supported in a process",
             group.place,
             "write the condition under :precondition, or write two processes",
-            code="process-effect",
+            code="malformed",
         )
     if len(group.items) == 2 and (apart := _effect_in(group.items[1], scope)):
         raise DomainError(
@@ -377,7 +377,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             "a process only increases and decreases functions",
             place,
             "set predicates in an action or in an `(:event ...)`",
-            code="process-effect",
+            code="malformed",
         )
     declaration = declared_as(group, scope, numeric=False)
     if declaration.name in (x.UNSAFE, x.TERMINAL) and not value:
@@ -385,7 +385,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             f"`({declaration.name})` can only be made true",
             place,
             "it is false at the start of every step",
-            code="reserved-use",
+            code="reserved-name",
         )
     atom = x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
     return x.SetPredicate(atom, value, place)
@@ -408,14 +408,14 @@ def _change(group: Group, scope: Scope) -> x.ChangeFunction:
             f"`(reward)` may only be increased or decreased, not `{group.head}`",
             group.place,
             guess=f"(increase {' '.join(map(slips.written, group.items[1:]))})",
-            code="reserved-use",
+            code="reserved-name",
         )
     if scope.in_process:
         if not additive:
             raise DomainError(
                 f"a process may only increase or decrease, not `{group.head}`",
                 group.place,
-                code="process-effect",
+                code="malformed",
             )
         return x.ChangeFunction(change, function, _rate(group.items[2], scope), group.place)
     return x.ChangeFunction(change, function, parse_expression(group.items[2], scope), group.place)
@@ -437,5 +437,5 @@ def _rate(node: Node, scope: Scope) -> x.Expression:
         node.place,
         f"write `(* #t {rate or 'rate'})`",
         guess=f"(* #t {rate})" if rate else None,
-        code="process-effect",
+        code="malformed",
     )

@@ -315,7 +315,7 @@ def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: 
         node.place,
         instead or "expected :parameters, :precondition and :effect",
         write=None if instead else write,
-        code="unsupported" if instead else "unknown-field",
+        code="unsupported" if instead else "unknown-section",
     )
 
 
@@ -420,7 +420,7 @@ class _Initial:
         value = parse_number(item.items[2])
         if function.name == x.REWARD and value.value != 0.0:
             problem = "`(reward)` starts at 0 in every step"
-            raise DomainError(problem, value.place, code="reserved-use")
+            raise DomainError(problem, value.place, code="reserved-name")
         self.values[key] = (function, value)
 
     def _add_fact(self, item: Group) -> None:
@@ -449,7 +449,7 @@ class _Initial:
             )
         if fact.name in (x.UNSAFE, x.TERMINAL):
             raise DomainError(
-                f"`({fact.name})` starts false in every step", item.place, code="reserved-use"
+                f"`({fact.name})` starts false in every step", item.place, code="reserved-name"
             )
         self.atoms.append(fact)
 

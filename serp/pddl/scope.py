@@ -121,7 +121,7 @@ def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
                 node.place,
                 f"{known or 'no variable is bound here'}{'' if meant else ';'} {binding}",
                 guess=meant,
-                code="unknown-variable",
+                code="unknown-name",
             )
     elif term.name not in scope.objects:
         meant = _object_meant(term.name, scope)
@@ -132,7 +132,7 @@ def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
             if meant is not None
             else did_you_mean(term.name, scope.objects) or f"declare it under {scope.declares}",
             guess=meant,
-            code="unknown-object",
+            code="unknown-name",
         )
     return term
 
@@ -159,7 +159,7 @@ def parse_arguments(
             problem,
             group.place,
             f"it is declared as {declaration.place.text}",
-            code="wrong-arity",
+            code="wrong-arguments",
         )
     terms = tuple(parse_term(node, scope) for node in group.items[1:])
     for term, parameter in zip(terms, declaration.parameters, strict=True):
@@ -175,7 +175,7 @@ def parse_arguments(
                 f"{what} `{declaration.name}` takes `{'/'.join(parameter.types)}` there",
                 term.place,
                 f"give it one where it is declared: `{term.name} - {wanted}`" if untyped else "",
-                code="wrong-type",
+                code="wrong-arguments",
             )
     return terms
 
@@ -229,7 +229,7 @@ def expect_name(node: Node, what: str) -> Word:
             f"`{node.text}` is not a name for {what}",
             node.place,
             "names begin with a letter and go on with letters, digits, `-` and `_`",
-            code="bad-name",
+            code="malformed",
         )
     return node
 
@@ -366,7 +366,7 @@ def check_type(word: Word, parents: dict[str, str]) -> str:
             word.place,
             advice if guess else f"{advice}; or declare it: `(:types {others}{word.text})`",
             guess=guess,
-            code="unknown-type",
+            code="unknown-name",
         )
     return word.text
 

@@ -74,7 +74,7 @@ def in_word(word: Word) -> DomainError | None:
             word.place,
             "a minus is the character `-`",
             write=plain,
-            code="bad-number",
+            code="malformed",
         )
     if not (match := _COMMA.match(word.text)):
         return None
@@ -83,7 +83,7 @@ def in_word(word: Word) -> DomainError | None:
         word.place,
         "decimals have a point",
         write=f"{match[1]}.{match[2]}",
-        code="bad-number",
+        code="malformed",
     )
 
 
@@ -148,7 +148,7 @@ def truth_behind(group: Group, problem: str) -> DomainError | None:
         problem,
         group.place,
         write=atom if value.text == "true" else f"(not {atom})",
-        code="wrong-arity",
+        code="wrong-arguments",
     )
 
 
@@ -182,7 +182,7 @@ def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
         first.source.place(first.start, last.end),
         "put them under `and`",
         write=_under_and(nodes),
-        code="missing-and",
+        code="malformed",
     )
 
 
@@ -195,7 +195,7 @@ def not_two(group: Group, problem: str) -> DomainError:
                 "a minus stands apart from its number",
                 group.place.source.place(sign.place.start, number.place.end),
                 write=f"-{written(number)}",
-                code="bad-number",
+                code="malformed",
             )
     return DomainError(problem, group.place)
 
@@ -214,7 +214,7 @@ def several_after(group: Group, at: int, problem: str) -> DomainError:
     kept = " ".join(written(node) for node in group.items[:at])
     text = f"({kept} {_under_and(group.items[at:])})"
     return DomainError(
-        problem, group.place, "put several under `and`", write=text, code="missing-and"
+        problem, group.place, "put several under `and`", write=text, code="malformed"
     )
 
 
@@ -325,7 +325,7 @@ def _missing_and(group: Group, what: str) -> DomainError | None:
                 write=written(group.items[0]),
                 code="unbalanced-parentheses",
             )
-        return DomainError(problem, group.place, write=_under_and(group.items), code="missing-and")
+        return DomainError(problem, group.place, write=_under_and(group.items), code="malformed")
     return None
 
 

@@ -269,7 +269,7 @@ class DomainWarning:
         return printable(self.text if self.place is None else f"{self.place}: {self.text}")
 
 
-_UNKNOWN = frozenset(("unknown-name", "unknown-type", "unknown-object", "unknown-variable"))
+_UNKNOWN = frozenset(("unknown-name", "unknown-name", "unknown-name", "unknown-name"))
 """Codes of errors that follow from a declaration which could not be read."""
 
 

@@ -119,7 +119,7 @@ def test_an_editor_is_served_while_files_are_being_written(tmp_path: Path) -> No
         assert isinstance(action, types.CodeAction) and action.title == "Write `walked`"
         assert edits(action.edit) == {"walk.pddl": ["walked"]}
         editor.open("walk-problem.pddl", WALK_PROBLEM.replace("(at home)", "(at hom)"))
-        await editor.until("walk-problem.pddl", "unknown-object")
+        await editor.until("walk-problem.pddl", "unknown-name")
         warned = text.replace("(assign (walked) 0)", "(increase (walked) 0)")
         editor.type("walk.pddl", warned)
         (found,) = await editor.until("walk.pddl", "no-change")
@@ -139,7 +139,7 @@ def test_files_that_belong_together_are_checked_together(tmp_path: Path) -> None
 
     async def use(editor: Editor) -> None:
         editor.open("walk.pddl", WALK)
-        await editor.until("walk-problem.pddl", "unknown-object")  # as it is on the disk
+        await editor.until("walk-problem.pddl", "unknown-name")  # as it is on the disk
         editor.open("walk-problem.pddl", moved)
         await editor.until("walk-problem.pddl")
         editor.open("walk.scenarios", scenarios)
@@ -153,7 +153,7 @@ def test_files_that_belong_together_are_checked_together(tmp_path: Path) -> None
         editor.type("walk.pddl", WALK.replace("(increase (walked) 1)", "(increase (walked) 0)"))
         await editor.until("walk.pddl", "no-change")
         editor.close("walk-problem.pddl")
-        await editor.until("walk-problem.pddl", "unknown-object")
+        await editor.until("walk-problem.pddl", "unknown-name")
         (tmp_path / "walk-problem.pddl").unlink()
         gone = types.FileEvent(editor.uri("walk-problem.pddl"), types.FileChangeType.Deleted)
         editor.client.workspace_did_change_watched_files(types.DidChangeWatchedFilesParams([gone]))
