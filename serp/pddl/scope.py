@@ -45,6 +45,13 @@ INSTEAD = {
     ":rewards": "declare the function `(reward)`, and increase it",
 }
 """PDDL that is not supported → what to write instead."""
+
+
+def unsupported(problem: str, place: Place, key: str) -> DomainError:
+    """Return the error of PDDL that is not supported, with what to write instead."""
+    return DomainError(problem, place, INSTEAD[key], code="unsupported")
+
+
 REQUIREMENTS_INSTEAD = {
     requirement: INSTEAD[what]
     for what, requirements in {
@@ -220,8 +227,7 @@ def is_name(word: Word) -> bool:
 def expect_name(node: Node, what: str) -> Word:
     """Return the node as a plain PDDL name."""
     if isinstance(node, Group) and node.head.startswith(":") and node.head in INSTEAD:
-        problem, instead = f"`{node.head}` is not supported", INSTEAD[node.head]
-        raise DomainError(problem, node.place.opening, instead, code="unsupported")
+        raise unsupported(f"`{node.head}` is not supported", node.place.opening, node.head)
     if not isinstance(node, Word):
         raise DomainError(f"expected {what}, found a list", node.place)
     if not is_name(node):
@@ -229,7 +235,6 @@ def expect_name(node: Node, what: str) -> Word:
             f"`{node.text}` is not a name for {what}",
             node.place,
             "names begin with a letter and go on with letters, digits, `-` and `_`",
-            code="malformed",
         )
     return node
 
@@ -467,12 +472,8 @@ def _check_number_type(kind: Node, since: Sequence[Node]) -> None:
     if len(since) == 1:
         raise DomainError("`-` needs functions before it and `number` after it", since[0].place)
     if not isinstance(kind, Word) or kind.text != "number":
-        raise DomainError(
-            "functions with values other than numbers are not supported",
-            kind.place,
-            INSTEAD[":object-fluents"],
-            code="unsupported",
-        )
+        problem = "functions with values other than numbers are not supported"
+        raise unsupported(problem, kind.place, ":object-fluents")
 
 
 RESERVED_WORDS = frozenset(
