@@ -28,7 +28,6 @@ from serp.settings import Section
 from serp.tasks import wrapper_state
 from serp.tasks.checks import reset_answer, step_answer
 from serp.tasks.observation import ActionSpace, Grounding, Observations
-from serp.tasks.symmetry import Symmetry
 
 if TYPE_CHECKING:
     from serp.planning.plan_follower import Advise
@@ -194,8 +193,6 @@ class Task:
             The setting `training.reward` overrides it.
         settings: Preset name → section → setting → value: the task's changes to the presets. The
             key `*` stands for every preset.
-        symmetries: Transformations that leave the task unchanged (`serp.Symmetry`); the learner
-            uses them if `learner.symmetry` is set.
         world: The options of an environment that `serp.file_task` made of the file; None for any
             other. A run with them needs no task to be opened again.
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
@@ -216,7 +213,6 @@ class Task:
     dt: float = 1.0
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)
-    symmetries: Sequence[Symmetry] = ()
     world: WorldOptions | None = None
     planners: Mapping[str, Advise | str | Path | Domain] = field(default_factory=dict)
     draw: Draw | None = None

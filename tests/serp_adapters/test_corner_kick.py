@@ -56,24 +56,6 @@ def fluents(model: TransitionModel, *places: Any, **options: Any) -> dict[str, f
 # Grounding -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("robot", "ball", "velocity", "seconds"),
-    [
-        ((0.5, 0.0), (0.76, 0.0), (0.0, 0.0), 0.0),  # in reach: nearer than 0.265 m
-        ((0.5, 0.0), (1.265, 0.0), (0.0, 0.0), 2.0),  # 0.5 m to walk at 0.25 m/s
-        ((0.5, 0.0), (2.265, 0.0), (-0.6, 0.0), 3.6),  # comes 0.6 m in 2 s and stops: 0.9 m to walk
-        # After 1.8 s 0.406 m to walk, 1.62 s; before, more.
-        ((0.5, 0.0), (0.5, 1.265), (0.0, -0.6), 1.8),
-        ((0.5, 0.0), (0.8, 0.0), (0.6, 0.0), 2.54),  # rolls away by 0.6 m: 0.635 m to walk
-    ],
-)
-def test_ball_in_is_the_time_to_the_first_place_where_it_is_met(
-    model: TransitionModel, robot: Point, ball: Point, velocity: Point, seconds: float
-) -> None:
-    found = fluents(model, robot, (2.0, 2.0), ball, velocity)["ball-in"]
-    assert found == pytest.approx(seconds)
-
-
 def test_the_ball_is_met_where_the_environment_sends_the_robots(task: BoundTask) -> None:
     scenario = task.env.unwrapped.scenario
     assert isinstance(scenario, CornerKick)

@@ -105,20 +105,6 @@ def test_every_fluent_of_any_observation_is_finite_and_no_less_than_0(
 # Domain and planner
 
 
-def test_each_action_has_the_meaning_of_the_environment(task: BoundTask) -> None:
-    words = task.env.unwrapped.scenario.actions
-    assert [task.actions.name(action) for action in range(task.actions.size)] == list(words)
-    assert task.rewarded_by == "environment"
-
-
-def test_the_papers_preset_counts_games(task: BoundTask) -> None:
-    chosen = resolve("paper", task.task.settings)
-    arbiter = chosen.arbiter
-    assert (arbiter.rho_unit, arbiter.rho_increment, chosen.training.units) == ("game", 0.1, 28)
-    _, info = task.reset(seed=1)
-    assert isinstance(info[arbiter.rho_unit], int)
-
-
 def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(
     kind: Kind, task: BoundTask, seen: Vector
 ) -> None:

@@ -20,7 +20,7 @@ from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
 from serp.ui.studio.document import Document, misplaced, save_together
-from serp.ui.studio.episodes import Episode, RecordedRun, play
+from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
 from serp.ui.studio.scenarios import EditedScenarios
 from serp.ui.studio.training import BackgroundTraining, run_folder
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
@@ -72,7 +72,7 @@ class Session:
         self.task = task
         self.shown = ShownState({}, "all fluents 0 or false" if problem is None else _INITIAL)
         self.recorded = recorded
-        self.played: Episode | None = None
+        self.played: ShownEpisode | None = None
         self.step: int | None = None
         self.training: BackgroundTraining | None = None
         self.owner = 0
@@ -191,11 +191,11 @@ class Session:
             return False
         return dict(self.shown.values) == self.played.steps[self.step].values
 
-    def player(self, seed: int) -> Callable[[], Episode]:
+    def player(self, seed: int) -> Callable[[], ShownEpisode]:
         """Return what plays an episode with the planner of this moment; it may run in a thread."""
         return partial(play, self.task, self.version, self.surroundings, seed)
 
-    def take(self, played: Episode) -> None:
+    def take(self, played: ShownEpisode) -> None:
         """Take over an episode, and show the first of its steps with something to decide."""
         self.played = played
         if played.supplied:

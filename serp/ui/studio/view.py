@@ -170,7 +170,7 @@ def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float
 
 
 @dataclass(frozen=True)
-class Decision:
+class ShownDecision:
     """A decision of the planner.
 
     Attributes:
@@ -202,7 +202,7 @@ class View:
 
     findings: tuple[Finding, ...]
     failure: str = ""
-    decision: Decision | None = None
+    decision: ShownDecision | None = None
     drawing: str = ""
 
 
@@ -236,7 +236,7 @@ class Request:
         return View(findings, "", decision, drawing)
 
 
-def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> Decision:
+def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecision:
     """Return what is shown of the planner's decision in a state `[F]`."""
     plan, model = planner.plan(state), planner.model
     discount = planner.settings.discount
@@ -249,7 +249,7 @@ def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> Decision:
     for k in order:
         account.alternatives[k].behind  # noqa: B018  (traced now, in this thread)
     graph = plan_svg(plan, planner)
-    return Decision(
+    return ShownDecision(
         account, tuple(order), _verdict(plan, account), graph, tuple(controls(model, state, seen))
     )
 
