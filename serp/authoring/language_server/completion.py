@@ -147,7 +147,7 @@ def _forms(index: Index, field: str, heads: Sequence[str]) -> list[types.Complet
     around = heads[-2] if len(heads) > 1 else ""
     if around in OF_NUMBERS:
         return _names(index, NameKind.FUNCTION) + _words(NUMBERS)
-    words = CONDITIONS
+    words: tuple[str, ...] = CONDITIONS
     if field == ":effect":
         words = EFFECTS + (CONDITIONS if "when" in heads else ())
     return _names(index, NameKind.PREDICATE) + _words(words)

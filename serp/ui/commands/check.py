@@ -90,9 +90,11 @@ def command(
     if fix:
         _fix(checks)
 
-    def examined() -> Iterator[_Check]:
+    def examined() -> Iterator[_CheckedDomain]:
         for pair in checks:
-            yield _Check.of(pair, own, portable=portable, max_ground_schemas=max_ground_schemas)
+            yield _CheckedDomain.of(
+                pair, own, portable=portable, max_ground_schemas=max_ground_schemas
+            )
 
     if form != "text":
         results = [*examined()]
@@ -112,7 +114,7 @@ def command(
 
 
 @dataclass
-class _Check:
+class _CheckedDomain:
     """The result for one domain.
 
     Attributes:
@@ -135,7 +137,7 @@ class _Check:
         *,
         portable: bool,
         max_ground_schemas: int | None,
-    ) -> _Check:
+    ) -> _CheckedDomain:
         """Check a domain, and the task that it belongs to."""
         from serp.authoring.lint.findings import Finding, examine
         from serp.pddl.source import DomainError
@@ -264,10 +266,10 @@ def _summary(domain: Domain) -> Iterator[str]:
     yield f"terminal: {', '.join(ends) or 'nothing'}"
 
 
-def _print(checks: Iterator[_Check]) -> int:
+def _print(checks: Iterator[_CheckedDomain]) -> int:
     """Print each result as soon as it is there."""
     console = open_console()
-    results: list[_Check] = []
+    results: list[_CheckedDomain] = []
     for check in checks:
         if results:
             console.print("")
