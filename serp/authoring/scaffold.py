@@ -27,7 +27,7 @@ from serp._util.files import write_together
 from serp._util.numbers import real
 from serp.errors import TaskError
 from serp.pddl.scope import RESERVED_WORDS
-from serp.tasks.observation import ActionSpace, Observations
+from serp.tasks.environment import ActionSpace, Observations
 from serp.tasks.registry import attribute_of, import_file, task_like
 
 MOST: Final = 64
