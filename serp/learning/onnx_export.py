@@ -67,7 +67,7 @@ class _OnnxWriter:
 
     def _layer(self, k: int, below: str) -> str:
         layer = self._network.layers[k]
-        flat = self._network.parameters.numpy()
+        flat = self._network.parameters
         weight = flat[:, layer.start : layer.bias].reshape(-1, layer.inputs, layer.outputs)
         vectors = flat[:, layer.bias : layer.end].reshape(len(flat), -1, 1, layer.outputs)
         z = self._node("MatMul", below, self._constant(f"weight{k}", weight))

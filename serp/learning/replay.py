@@ -163,7 +163,8 @@ class Sampler:
         self._uniform = np.zeros(shape)
         drawn = Samples.zeros(shape[0] * shape[1], spec)
         self._batch = drawn.split(*shape)
-        self._fields = [pair for pair in zip(store, drawn, strict=True) if len(pair[1])]
+        fields = drawn.arrays()
+        self._fields = [(array, fields[name]) for name, array in store.arrays().items()]
 
     def draw(self, count: int) -> Samples:
         """Draw a batch for each member from the first rows, uniformly and with replacement.

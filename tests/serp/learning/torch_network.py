@@ -20,7 +20,7 @@ def module_of(network: QNetwork) -> torch.nn.Module:
 
 
 def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
-    flat = network.parameters[member]
+    flat = torch.from_numpy(network.parameters[member].copy())
     stack: list[torch.nn.Module] = []
     for layer in network.layers:
         weight = flat[layer.start : layer.bias].reshape(layer.inputs, layer.outputs)

@@ -103,7 +103,8 @@ def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place()
         "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
         "adaptation": {"min_visits": np.int8(2)},
         "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
-        "learner": {"hidden": np.array([8, 8]), "guarded_targets": np.True_, "members": np.uint8(2)},
+        "learner": {"hidden": np.array([8, 8]), "members": np.uint8(2)},
+        "training": {"record": np.True_},
     }
     settings = Settings().replace(changes)
     assert settings.learner.hidden == (8, 8)

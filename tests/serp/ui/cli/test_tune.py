@@ -14,8 +14,8 @@ from tests.serp.ui.cli.conftest import Run
 
 pytest.importorskip("optuna")
 TUNE = [
-    "tune", "--domain=cartpole", "--algorithm=dqn", "--vary=learner.guarded_targets", "--env-steps=60",
-    "--trials=2", "--seeds=1", "--jobs=1", "--storage=s.db",
+    "tune", "--domain=cartpole", "--algorithm=dqn", "--vary=learner.guarded_targets",
+    "--env-steps=60", "--trials=2", "--seeds=1", "--jobs=1", "--storage=s.db",
 ]  # fmt: skip
 
 
