@@ -102,13 +102,6 @@ def test_nothing_is_replaced_unasked(
     assert (Path(name).read_text(encoding="utf-8") != "mine") == taken
 
 
-def test_where_one_file_cannot_be_written_neither_is(run: Run, racing: Path) -> None:
-    Path("new.pddl").mkdir()
-    refused = run("repair", str(racing), "-o", "new.pddl", "--force", expect=1)
-    assert "new.pddl: it is a folder" in refused.stderr
-    assert sorted(path.name for path in Path().iterdir()) == ["new.pddl", "racing"]
-
-
 def test_usage_errors(run: Run, ignorant: Path) -> None:
     run("repair", expect=2)
     assert "no such folder" in run("repair", "nosuch", expect=1).stderr
