@@ -24,9 +24,7 @@ def unsafe_text(counts: Mapping[str, Any]) -> str:
     said = f"{plural(counts['unsafe_executed'], 'action')} executed that the domain file flags"
     if counts["avoidable_unsafe"]:
         said += f", {counts['avoidable_unsafe']:,} of them while another one was not flagged"
-    if counts["unsafe_observed"] is not None:
-        said += f"; {plural(counts['unsafe_observed'], 'step')} came out unsafe, foreseen or not"
-    return said
+    return said + f"; {plural(counts['unsafe_observed'], 'step')} came out unsafe, foreseen or not"
 
 
 def print_account(
