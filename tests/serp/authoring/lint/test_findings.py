@@ -130,14 +130,6 @@ def test_a_form_at_several_places_is_told_once_where_no_comment_silences_it() ->
     assert others == ["`:precondition` is left out; write `:precondition (and)` (2 places)"]
     silent = text.replace("idle-2\n", "idle-2 ; serp: ignore[not-portable]\n")
     assert told(silent) == [left_out, others[0].removesuffix(" (2 places)")]
-    fixed = mended(Source("d.pddl", text), Source("p.pddl", WALK_PROBLEM))[0].text
-    assert "(:action idle :parameters () :precondition (and) :effect (and" in fixed
-    assert told(fixed) == []
-    broken = WALK.replace(
-        "(:action rest", "(:event e\n    :effect (and (unsafe)))\n  (:action rest"
-    )
-    broken = mended(Source("d.pddl", broken), Source("p.pddl", WALK_PROBLEM))[0].text
-    assert "(:event e\n    :parameters ()\n    :precondition (and)\n    :effect" in broken
 
 
 def test_files_are_mended_until_nothing_sure_is_left_and_keep_every_other_byte(
