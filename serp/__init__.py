@@ -22,7 +22,7 @@ _NAMES = {
     "serp.runs.diagnosis.diagnosis": ("Diagnosis", "diagnose"),
     "serp.runs.diagnosis.repair": ("repair",),
     "serp.errors": ("RunError", "SerpError", "SettingsError", "TaskError"),
-    "serp.runs.policy_export": ("export_policy",),
+    "serp.runs.policy": ("Policy", "export_policy"),
     "serp.learning.dqn": ("DQN", "Proposal"),
     "serp.model.domain": ("Domain", "load_domain"),
     "serp.model.transition_model": ("TransitionModel",),
@@ -87,7 +87,8 @@ if TYPE_CHECKING:
     from serp.runs.diagnosis.diagnosis import diagnose as diagnose
     from serp.runs.diagnosis.repair import repair as repair
     from serp.runs.guarded_env import GuardedEnv as GuardedEnv
-    from serp.runs.policy_export import export_policy as export_policy
+    from serp.runs.policy import Policy as Policy
+    from serp.runs.policy import export_policy as export_policy
     from serp.runs.recording import Recording as Recording
     from serp.runs.recording import StoredStep as StoredStep
     from serp.runs.run import Run as Run

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -29,6 +29,7 @@ from serp.agent.strategy import Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.learning.dqn import Proposal
+from serp.learning.symmetry_group import Element
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.model.transition_model import Vector
@@ -89,6 +90,8 @@ class Agent:
         settings: All settings.
         seed: Seed of everything random in the agent.
         baseline: Whether the learner always acts, and nothing is refused.
+        elements: Symmetries of the learner's input that were resolved before; None: those that the
+            task declares.
 
     Attributes:
         arbiter: The arbiter used in training.
@@ -103,7 +106,13 @@ class Agent:
     """
 
     def __init__(
-        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
+        self,
+        task: BoundTask,
+        settings: Settings,
+        seed: int,
+        *,
+        baseline: bool = False,
+        elements: Sequence[Element] | None = None,
     ) -> None:
         self.task = task
         self.settings = settings
@@ -147,10 +156,12 @@ class Agent:
             )
         self.symmetries: tuple[TaskSymmetry, ...] = ()
         self.notices: tuple[str, ...] = ()
-        group = None
-        if settings.learner.symmetry:
+        if settings.learner.symmetry and elements is None:
             self.symmetries, self.notices = declared_symmetries(task)
-            group = symmetry_group(task, self.symmetries, settings.training.inputs)
+            found = (s.element(settings.training.inputs) for s in self.symmetries)
+            elements = [element for element in found if element is not None]
+        self.elements = elements or ()
+        group = symmetry_group(task, self.elements)
         if self.adaptation.notice is not None:
             self.notices += (self.adaptation.notice,)
         self.learner = make_learner(

@@ -246,6 +246,7 @@ class RunLog:
         seed: The seed.
         path: Folder of the run; None: nothing is written.
         begun: The time of the beginning.
+        baseline: Whether nothing is refused.
     """
 
     def __init__(
@@ -256,6 +257,8 @@ class RunLog:
         seed: int,
         path: Path | str | None,
         begun: datetime.datetime,
+        *,
+        baseline: bool = False,
     ) -> None:
         self._clock, self._compiled = working_time(), compile_seconds()
         self._folder: RunFolder | None = None
@@ -269,6 +272,7 @@ class RunLog:
                 seed=seed,
                 budget=Budget(),
                 begun=begun,
+                baseline=baseline,
             )
             if settings.training.record:
                 layout = Layout.of(task.model, task.actions)

@@ -132,10 +132,12 @@ def stop_between_episodes() -> Iterator[Stopping]:
             signal.signal(number, handler)
 
 
-def compiled_trainer(task: BoundTask, settings: Settings, seed: int, *, quiet: bool) -> Trainer:
+def compiled_trainer(
+    task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False, quiet: bool
+) -> Trainer:
     """Return a trainer whose loops are compiled."""
     with show_compiling(quiet=quiet):
-        trainer = Trainer(task, settings, seed)
+        trainer = Trainer(task, settings, seed, baseline=baseline)
         try:
             trainer.prepare()
         except BaseException:
@@ -151,13 +153,15 @@ def continue_training(
     made = read_run_metadata(folder)
     if made.settings.training.tensorboard:
         require_tensorboard()
-    with compiled_trainer(task, made.settings, made.seed, quiet=quiet) as trainer:
-        before = _restore(folder, trainer, made.budget)
+    with compiled_trainer(
+        task, made.settings, made.seed, baseline=made.baseline, quiet=quiet
+    ) as trainer:
+        before = restore(folder, trainer, made.budget)
         limits = budget if budget.limits else before
         return train(folder, trainer, limits, callbacks, quiet=quiet)
 
 
-def _restore(folder: RunFolder, trainer: Trainer, before: Budget) -> Budget:
+def restore(folder: RunFolder, trainer: Trainer, before: Budget) -> Budget:
     """Restore the newest checkpoint, if there is one; return the budget of the run."""
     # A run without a checkpoint and without an episode was stopped before it began.
     if _has_checkpoint(folder) or len(read_metrics(folder.path / METRICS)["episode"]):

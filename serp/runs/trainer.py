@@ -167,7 +167,8 @@ class Trainer(Closing):
         task: BoundTask,
         settings: Settings,
         seed: int,
-        agent: Agent | None = None,
+        *,
+        baseline: bool = False,
     ) -> None:
         self.task = task
         self.settings = settings
@@ -175,7 +176,7 @@ class Trainer(Closing):
         self.judge = Judge(task, settings)
         self._compiled_before = -compile_seconds()
         try:
-            self.agent = agent or Agent(task, settings, seed)
+            self.agent = Agent(task, settings, seed, baseline=baseline)
         except (MemoryError, RuntimeError) as error:
             # torch reports a failed allocation as RuntimeError
             if isinstance(error, RuntimeError) and "alloc" not in str(error):
@@ -213,6 +214,15 @@ class Trainer(Closing):
     def compile_seconds(self) -> float:
         """Seconds of compilation since the run began."""
         return self._compiled_before + compile_seconds()
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """Exclude the body from `wall_time`."""
+        begun = working_time()
+        try:
+            yield
+        finally:
+            self._clock += working_time() - begun
 
     def prepare(self) -> None:
         """Compile the loops that the training calls; the clock of training starts afterwards."""

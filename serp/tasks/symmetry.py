@@ -6,7 +6,7 @@ right. A task declares which objects are exchanged and how the raw observation i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -294,11 +294,8 @@ def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tupl
     return tuple(found), tuple(left_out)
 
 
-def symmetry_group(
-    task: BoundTask, declared: Iterable[TaskSymmetry], inputs: str
-) -> SymmetryGroup | None:
+def symmetry_group(task: BoundTask, elements: Sequence[Element]) -> SymmetryGroup | None:
     """Return the symmetries of the learner's inputs and actions; None if there are none."""
-    elements = [e for s in declared if (e := s.element(inputs)) is not None]
     if not elements:
         return None
     group = SymmetryGroup(len(elements[0].columns), task.actions.size, elements)

@@ -26,7 +26,6 @@ from serp.model.domain import Domain, load_domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.settings import Section
 from serp.tasks import wrapper_state
-from serp.tasks.action_map import ActionMap
 from serp.tasks.checks import reset_answer, step_answer
 from serp.tasks.observation import ActionSpace, Grounding, Observations
 from serp.tasks.symmetry import Symmetry
@@ -364,6 +363,8 @@ class BoundTask(Closing):
         if isinstance(given, Mapping):  # observed fluents are not constant, even if in :init
             self.domain = self.domain.observed(map(str, given))
             self.model = self.domain.model.replace(dt=self.model.dt)
+        from serp.tasks.action_map import ActionMap  # imports numba
+
         try:
             self.actions = ActionMap(self.model, self._action_space.size, self._numbered_actions())
         except TaskError as error:

@@ -16,9 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from serp.agent.explanation import explain
-from serp.ui.studio.opening import open_session
-from serp.ui.studio.reading import read
-from serp.ui.studio.session import Session
+from serp.ui.studio.session import Session, open_session
+from serp.ui.studio.view import read
 
 _DOMAIN = """(define (domain logistics)
   (:requirements :strips :typing :numeric-fluents)
@@ -86,7 +85,7 @@ def main() -> None:
             seconds(lambda: after_edit(session)),
             seconds(lambda: session.request().view()),
         )
-        planner = read(session.version, session.surroundings).planner
+        _, planner = read(session.version, session.surroundings)
         assert planner is not None
         model = planner.model
         shown = session.shown.state(model)

@@ -187,8 +187,8 @@ class _Own:
     def __init__(
         self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
     ) -> None:
-        self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "baseline")
-        self._trainer = Trainer(task, settings, seed, agent=self.agent)
+        self._trainer = Trainer(task, settings, seed, baseline=algorithm.kind == "baseline")
+        self.agent = self._trainer.agent
         self._trainer.prepare()  # loading compiled code does not count as training
         self.characteristics: Mapping[str, str] = characteristics_of(
             algorithm, settings, self._trainer.judge.source

@@ -52,7 +52,7 @@ def test_results_are_made_from_what_the_run_wrote(run, make_rows):
 
 def test_without_matplotlib_there_is_no_curve_and_a_notice_says_so(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "serp.runs.report", raising=False)
+    monkeypatch.delitem(sys.modules, "serp.runs.learning_curve", raising=False)
     with pytest.warns(Notice, match=r"the learning curve needs .* pip install 'serp\[plots\]'"):
         write_results(run)
     assert run.read_summary()["episodes"] == 0

@@ -214,7 +214,7 @@ def test_a_chain_is_closed(hall: Callable[..., Task]) -> None:
     with hall(symmetries=(BOTH_SIDES, whole)).bind() as bound:
         (short, long), _ = declared_symmetries(bound)
         assert (short.model, short.actions) == (long.model, long.actions)
-        group = symmetry_group(bound, (short, long), "both")
+        group = symmetry_group(bound, [s.element("both") for s in (short, long)])
         assert group is not None
         assert len(group) == 2
 

@@ -9,21 +9,19 @@ from typing import Any, Final
 from nicegui import run, ui
 
 from serp.errors import SerpError
-from serp.ui.studio.pages.live import Live, Pane, busy
-from serp.ui.studio.session import PROBLEM, Request, Session, View
-from serp.ui.studio.shown_state import Control
+from serp.ui.studio.pages.live import Live, busy, button
+from serp.ui.studio.session import PROBLEM, Session
+from serp.ui.studio.view import Control, Request, View
 
-Changed = Callable[[Any], None]
-
-_MOST = 60
-"""Fluents that are shown at a time."""
+_MOST_FLUENTS: Final = 60
+_MOST_MARKERS: Final = 50
 
 
-class StatePane(Pane):
+class StatePane:
     """Sliders and switches."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        super().__init__(session, live)
+        self._session, self._live = session, live
         self._controls: tuple[Control, ...] = ()
         self._setters: dict[str, list[Any]] = {}
         self._filter = ""
@@ -65,19 +63,19 @@ class StatePane(Pane):
         self._setters = {}
         self._grid.clear()
         self._switches.clear()
-        for control in wanted[:_MOST]:
+        for control in wanted[:_MOST_FLUENTS]:
             changed = functools.partial(self._changed, control)
             make = self._slider if control.numeric else self._switch
             with self._grid if control.numeric else self._switches:
                 self._setters[control.name] = make(control, changed)
-        left = len(wanted) - _MOST
-        self._more.set_text(f"… and {left:,} more" if left > 0 else "")
+        hidden = len(wanted) - _MOST_FLUENTS
+        self._more.set_text(f"… and {hidden:,} more" if hidden > 0 else "")
 
-    def _switch(self, control: Control, changed: Changed) -> list[Any]:
+    def _switch(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
         switch = ui.switch(control.name, value=bool(control.value), on_change=changed)
         return [switch.props("dense").classes("serp-switch")]
 
-    def _slider(self, control: Control, changed: Changed) -> list[Any]:
+    def _slider(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
         with ui.element("div").classes("serp-control"):
             ui.label(control.name).classes("serp-name").tooltip(control.name)
             slider = ui.slider(
@@ -105,30 +103,23 @@ def _kind(control: Control) -> tuple[object, ...]:
     return control.name, control.numeric, control.low, control.high
 
 
-_MOST_MARKERS: Final = 50
-
-
-class ScenePane(Pane):
+class ScenePane:
     """Buttons that choose the state, the steps of the episode, two pictures, and the fluents."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        super().__init__(session, live)
+        self._session, self._live = session, live
         with ui.element("section").classes("serp-panel").props('aria-label="Situation"'):
             with ui.element("div").classes("serp-row"):
                 if PROBLEM in session.documents:
-                    ui.button("Initial state", on_click=self._initial).props(
-                        "dense outline no-caps"
-                    )
-                self._play = ui.button("Play an episode", on_click=self.play).props(
-                    "dense outline no-caps"
-                )
+                    button("Initial state", self._initial)
+                self._play = button("Play an episode", self.play)
                 self._seed = ui.number("seed", value=0, min=0, precision=0).props("dense")
                 self._seed.classes("serp-seed")
                 if session.recorded is not None:
                     self._episode = ui.number("episode", value=1, min=1, precision=0)
                     self._episode.props("dense").classes("serp-seed")
-                    ui.button("Show", on_click=self._show_episode).props("dense outline no-caps")
-                    ui.button("Next veto", on_click=self._next_veto).props("dense outline no-caps")
+                    button("Show", self._show_episode)
+                    button("Next veto", self._next_veto)
                 self._origin = ui.label().classes("serp-faint")
             self._steps = ui.slider(min=0, max=1, step=1, value=0, on_change=self._chosen)
             self._steps.props('dense snap aria-label="Step of the episode"')
@@ -143,13 +134,13 @@ class ScenePane(Pane):
     async def play(self, *, unasked: bool = False) -> None:
         """Play an episode in the environment, in a thread, and show its steps.
 
-        What prevents it is told, unless nobody has asked for it.
+        What prevents it is shown, unless it was unasked.
         """
         with busy(self._play):
             try:
                 played = await run.io_bound(self._session.player(int(self._seed.value or 0)))
             except SerpError as error:
-                if not unasked:  # a place in a file is told beside the text, with its line
+                if not unasked:  # a place in a file stands beside the text, with its line
                     ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
                 return
         if self._live.closed:
@@ -221,14 +212,14 @@ class ScenePane(Pane):
         if session.step is not None and played is not None:
             url = played.steps[session.step].picture
             if url:
-                said = "the environment at this step"
-                said += "" if as_played else "; the fluents have been changed since"
-                picture = _figure(f'<img src="{url}" alt="{said}">', said)
+                caption = "the environment at this step"
+                caption += "" if as_played else "; the fluents have been changed since"
+                picture = _figure(f'<img src="{url}" alt="{caption}">', caption)
         self._picture.set_content(picture)
         self._picture.classes(
             add="" if as_played else "serp-stale", remove="serp-stale" if as_played else ""
         )
 
 
-def _figure(picture: str, said: str) -> str:
-    return f"<figure>{picture}<figcaption>{said}</figcaption></figure>" if picture else ""
+def _figure(picture: str, caption: str) -> str:
+    return f"<figure>{picture}<figcaption>{caption}</figcaption></figure>" if picture else ""
