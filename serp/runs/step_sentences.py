@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from serp._util.text import plural, readable
+from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause
 from serp.agent.decision import Actor, Reason
 from serp.agent.refusals import unsafe_ahead
@@ -155,15 +155,15 @@ def what_would_differ(step: StepAccount) -> list[str]:
     return lines
 
 
-def told_prediction(each: PredictedFluent) -> str:
+def prediction_line(each: PredictedFluent) -> str:
     """Return an error of a prediction as a line."""
     line = f"{each.fluent}: {_shown(each.predicted)} predicted, {_shown(each.observed)} observed"
     if isinstance(each.observed, bool):
         pass
     elif math.isinf(each.error):
-        line += "; it never changes otherwise"
+        line += "; it never changed before"
     else:
-        line += f", {readable(abs(each.error))} times what it usually changes by"
+        line += f", error: {percent(abs(each.error))} of a typical change"
     if each.learned is not None:
         line += f"; {_shown(each.learned)} by what the run has learned"
     return line + f" (before: {_shown(each.before)})"
@@ -179,7 +179,7 @@ def what_came(step: StepAccount) -> list[str]:
     elif wrong:
         right = len(step.predictions) - len(wrong)
         rest = f"; {plural(right, 'other')} as predicted" if right else ""
-        lines = [f"Not as the file predicts{rest}:", *(f"  {told_prediction(w)}" for w in wrong)]
+        lines = [f"Not as the file predicts{rest}:", *(f"  {prediction_line(w)}" for w in wrong)]
     else:
         lines = ["Every fluent came as the file predicts."]
     came = f"The environment gave {readable(step.reward)}"

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import select
+import sys
+from codecs import getincrementaldecoder
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +47,6 @@ _SENT: Final = {
     " ": "space", "\r": "enter", "\n": "enter",
 }  # fmt: skip
 """What terminals, and Windows, send for a key → its name."""
-_KEY: Final = re.compile(r"\x1b[\[O].|\xe0.|.", re.DOTALL)
 _NAMED: Final = ("up", "down", "left", "right", "space")
 HELP: Final = (
     ("ACTION", "do it: its key, its name, the beginning of its name; `ACTION * 5`: five times"),
@@ -93,15 +96,40 @@ def action_keys(actions: Sequence[str], given: str | None) -> dict[str, str]:
 
 
 def typed_keys() -> Iterator[str]:
-    """Yield the characters or names of keys that are pressed on the terminal.
+    """Yield the characters or names of keys that are pressed on the terminal, `:` with its line.
+
+    What is typed ahead is neither lost nor shown twice.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed.
         EOFError: Ctrl-D was pressed, or the terminal is gone.
     """
-    while True:
-        for sent in _KEY.findall(click.getchar()):
-            yield _SENT.get(sent, sent)
+    try:
+        import termios
+        import tty
+    except ImportError:  # Windows
+        while True:
+            sent = click.getchar()
+            yield ":" + input(":") if sent == ":" else _SENT.get(sent, sent)
+    terminal = sys.stdin.fileno()
+    lines, decoder = termios.tcgetattr(terminal), getincrementaldecoder("utf-8")("replace")
+    tty.setcbreak(terminal, termios.TCSADRAIN)
+    try:
+        while read := os.read(terminal, 1):
+            if read == b"\x1b" and select.select([terminal], [], [], 0.05)[0]:
+                read += os.read(terminal, 2)
+            sent = decoder.decode(read)
+            if sent == "\x04":
+                break
+            if sent == ":":
+                termios.tcsetattr(terminal, termios.TCSADRAIN, lines)
+                yield ":" + input(":")
+                tty.setcbreak(terminal, termios.TCSADRAIN)
+            elif sent:
+                yield _SENT.get(sent, sent)
+        raise EOFError
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, lines)
 
 
 @dataclass(frozen=True)

@@ -237,8 +237,8 @@ def _by_keys(player: Player) -> None:
         click.secho(f"{player.possible()} > ", nl=False, bold=True)
         try:
             key = next(keys)
-            line = last if key == "enter" else input(":") if key == ":" else key
-            if key != ":":
+            line = last if key == "enter" else key
+            if not line.startswith(":"):
                 click.echo(visible(line))
             last = line
             if not player.do(line):

@@ -7,7 +7,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -352,18 +351,18 @@ def write_mp4(path: Path, frames: Iterator[Frame]) -> None:
     with needs_extra("watch", "writing MP4"):
         from imageio_ffmpeg import write_frames
     first = next(frames)
-    rate = max(Fraction(1.0 / first.seconds).limit_denominator(1000), Fraction(1))
+    rate = max(round(1.0 / first.seconds, 2), 1.0)  # of which ffmpeg gets two decimals
     output = ["-crf", "20", "-movflags", "+faststart", "-f", "mp4"]
     due, count = 0.0, 0
     try:
         writer = write_frames(
-            f"file:{path}", first.image.size, fps=str(rate), codec="libx264", quality=None,
+            f"file:{path}", first.image.size, fps=rate, codec="libx264", quality=None,
             macro_block_size=2, ffmpeg_log_level="error", output_params=output,
         )  # fmt: skip
         with contextlib.closing(writer):
             writer.send(None)
             for frame in itertools.chain([first], frames):
-                due += frame.seconds * float(rate)
+                due += frame.seconds * rate
                 for _ in range(max(1, round(due) - count)):
                     writer.send(frame.image.tobytes())
                     count += 1
