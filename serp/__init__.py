@@ -42,7 +42,6 @@ _NAMES = {
         "Settings",
         "TrainingSettings",
     ),
-    "serp.tasks.symmetry": ("Symmetry",),
     "serp.tasks.registry": ("load_task",),
     "serp.tasks.task": ("Task",),
     "serp.tasks.file_world": ("file_task",),
@@ -106,7 +105,6 @@ if TYPE_CHECKING:
     from serp.settings import TrainingSettings as TrainingSettings
     from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
-    from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
 
 

@@ -272,9 +272,6 @@ class LearnerSettings(Section):
     """LayerNorm (arXiv 1607.06450) in every hidden layer, before its ReLU."""
     members: Size = 1
     """Networks of the ensemble. Each learns from separate batches; Q is their mean."""
-    symmetry: bool = False
-    """Use the task's symmetries, if it has any: every sample drawn is mirrored at random, and Q is
-    averaged over the mirror images of its input."""
     learning_rate: Positive = 0.001
     """Step size of Adam."""
     discount: Annotated[float, Field(ge=0, lt=1)] = 0.99
@@ -496,7 +493,6 @@ PRESETS: Final[Mapping[str, Changes]] = {
         "adaptation": {"mode": "full", "min_visits": 4},
         "guide": {"strategy": "evidence"},
         "learner": {
-            "symmetry": True,
             "members": 3,
             "layer_norm": True,
             "batch_size": 32,

@@ -72,17 +72,11 @@ def _end_with_parent() -> None:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit torch and BLAS to one thread: in small networks more threads are slower."""
+    """Limit BLAS to one thread: in small networks more threads are slower."""
     import threadpoolctl
-    import torch
 
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with threadpoolctl.threadpool_limits(1):
-            yield
-    finally:
-        torch.set_num_threads(threads)
+    with threadpoolctl.threadpool_limits(1):
+        yield
 
 
 @functools.cache

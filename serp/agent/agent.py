@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -29,14 +29,12 @@ from serp.agent.strategy import Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.learning.dqn import Proposal
-from serp.learning.symmetry_group import Element
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.preference import free_of_risk
 from serp.settings import Settings
-from serp.tasks.symmetry import TaskSymmetry, declared_symmetries, symmetry_group
 from serp.tasks.task import BoundTask, reward_source
 
 
@@ -90,19 +88,12 @@ class Agent:
         settings: All settings.
         seed: Seed of everything random in the agent.
         baseline: Whether the learner always acts, and nothing is refused.
-        elements: Symmetries of the learner's input that were resolved before; None: those that the
-            task declares.
 
     Attributes:
         arbiter: The arbiter used in training.
         guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
         adaptation: The adaptation of the model.
-        symmetries: Declared symmetries that the learner uses.
-        notices: Messages for the user: symmetries that the domain file does not have, and a model
-            that cannot adapt.
-
-    Raises:
-        TaskError: The task declares a wrong symmetry.
+        notices: Messages for the user: a model that cannot adapt.
     """
 
     def __init__(
@@ -112,7 +103,6 @@ class Agent:
         seed: int,
         *,
         baseline: bool = False,
-        elements: Sequence[Element] | None = None,
     ) -> None:
         self.task = task
         self.settings = settings
@@ -154,22 +144,13 @@ class Agent:
             self.arbiter = Arbiter(
                 planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
             )
-        self.symmetries: tuple[TaskSymmetry, ...] = ()
-        self.notices: tuple[str, ...] = ()
-        if settings.learner.symmetry and elements is None:
-            self.symmetries, self.notices = declared_symmetries(task)
-            found = (s.element(settings.training.inputs) for s in self.symmetries)
-            elements = [element for element in found if element is not None]
-        self.elements = elements or ()
-        group = symmetry_group(task, self.elements)
-        if self.adaptation.notice is not None:
-            self.notices += (self.adaptation.notice,)
+        notice = self.adaptation.notice
+        self.notices: tuple[str, ...] = () if notice is None else (notice,)
         self.learner = make_learner(
             self._input_size(),
             task.actions.size,
             settings.learner,
             learner_seed,
-            group,
             imitates=strategy.imitates,
         )
         self._random = np.random.default_rng(random_seed)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.learning.dqn import Proposal
-from serp.learning.symmetry_group import SymmetryGroup
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.cell_graph import Visited
 from serp.planning.forecast import Forecast
@@ -102,7 +101,6 @@ class Learner(Protocol):
         input_size: Length of an input, F.
         action_count: Number of environment actions, E.
         settings: The settings.
-        symmetry: The symmetries in use; None for none.
         imitates: Whether it can imitate the planner.
         imitation_weight: Weight of the imitation loss in the next updates.
         lane: Environment, from 0, that the next env steps to remember come from. Those of one
@@ -112,7 +110,6 @@ class Learner(Protocol):
     input_size: int
     action_count: int
     settings: LearnerSettings
-    symmetry: SymmetryGroup | None
     imitates: bool
     imitation_weight: float
     lane: int
@@ -178,7 +175,6 @@ class MakeLearner(Protocol):
         action_count: int,
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
-        symmetry: SymmetryGroup | None = None,
         imitates: bool = False,
     ) -> Learner:
         """Return a learner; equal seeds give equal bits."""

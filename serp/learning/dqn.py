@@ -26,7 +26,6 @@ from serp.learning.network import MeanQ
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
 from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
-from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
 
 
@@ -89,11 +88,9 @@ class DQN:
         action_count: Actions, A ≥ 1.
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
-        symmetry: Symmetries of inputs and actions, used if `settings.symmetry` is set.
         imitates: Whether samples hold actions to be imitated.
 
     Attributes:
-        symmetry: The symmetries in use; None if there are none.
         imitates: As given.
         learning: The networks and their gradient updates.
         replay: The replay memory.
@@ -107,22 +104,20 @@ class DQN:
         action_count: int,
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
-        symmetry: SymmetryGroup | None = None,
         imitates: bool = False,
     ) -> None:
         self.imitates = imitates
         self.imitation_weight = 0.0
-        self.symmetry = symmetry if settings.symmetry and symmetry and len(symmetry) > 1 else None
         self.input_size = input_size
         self.action_count = action_count
         self.settings = settings
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng, self.symmetry)
+        self.replay = ReplayBuffer(spec, settings, sample_rng)
         self._bounds = ReturnBounds(settings.discount)
         self._explore_rng = explore_rng
-        self._mean_q = MeanQ(self.learning.online, self.symmetry)
+        self._mean_q = MeanQ(self.learning.online)
         self.env_steps = 0
         self._learn_calls = 0
 
@@ -265,11 +260,8 @@ class DQN:
         return self.learning.update(batch, bounds, self.imitation_weight, self.env_steps)
 
     def as_onnx(self) -> bytes:
-        """Return the network as ONNX, with the symmetries as a part of it.
-
-        See `serp.learning.onnx_export.network_as_onnx`.
-        """
-        return network_as_onnx(self.learning.online, self.symmetry)
+        """Return the network as ONNX; see `serp.learning.onnx_export.network_as_onnx`."""
+        return network_as_onnx(self.learning.online)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

@@ -6,11 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-import torch
 
 from serp.errors import LearningFailure
-from serp.learning.kernels import compiled
+from serp.learning.kernels import aligned_zeros, compiled
 from serp.learning.network import QNetwork, Workspace
 from serp.learning.replay import Samples, type_F32
 from serp.settings import LearnerSettings
@@ -26,7 +24,7 @@ class Adam:
     size instead: less arithmetic with the same result.
 
     Args:
-        parameters: Contiguous float32 tensor ``[members, P]``, changed by `step`.
+        parameters: Contiguous float32 ``[members, P]``, changed by `step`.
         gradient: Likewise, read by `step`.
         learning_rate: The step size α > 0.
         largest_norm: Each member's gradient is scaled down to this Euclidean norm; None: never.
@@ -40,20 +38,18 @@ class Adam:
 
     def __init__(
         self,
-        parameters: torch.Tensor,
-        gradient: torch.Tensor,
+        parameters: type_F32,
+        gradient: type_F32,
         learning_rate: float,
         largest_norm: float | None = None,
-        average: torch.Tensor | None = None,
+        average: type_F32 | None = None,
         share: float = 0.0,
     ) -> None:
-        self._parameters: npt.NDArray[np.float32] = parameters.numpy()
-        self._gradient: npt.NDArray[np.float32] = gradient.numpy()
-        self.first: npt.NDArray[np.float32] = torch.zeros_like(parameters).numpy()
-        self.second: npt.NDArray[np.float32] = torch.zeros_like(parameters).numpy()
+        self._parameters, self._gradient = parameters, gradient
+        self.first, self.second = (aligned_zeros(*parameters.shape) for _ in range(2))
         self._learning_rate = learning_rate
         self._largest_norm = np.float32(math.inf if largest_norm is None else largest_norm)
-        self._average = self.first[:, :0] if average is None else average.numpy()
+        self._average = self.first[:, :0] if average is None else average
         self._share = np.float32(share)
         self.steps = 0
 
@@ -263,7 +259,7 @@ class QLearning:
         self.target = self.online
         if settings.has_target:
             self.target = QNetwork(sizes, layer_norm=norm, members=members)
-            self.target.parameters.copy_(self.online.parameters)
+            self.target.parameters[:] = self.online.parameters
         follows = settings.target_polyak is not None
         self.optimizer = Adam(
             self.online.parameters,
@@ -298,17 +294,17 @@ class QLearning:
         self.optimizer.step()
         self.updates += 1
         if self._period is not None and self.updates % self._period == 0:
-            self.target.parameters.copy_(self.online.parameters)
+            self.target.parameters[:] = self.online.parameters
 
     def arrays(self) -> dict[str, type_F32]:
         """Return all arrays that a gradient update changes: name → view."""
         arrays: dict[str, type_F32] = {
-            "parameters": self.online.parameters.numpy(),
+            "parameters": self.online.parameters,
             "adam_first": self.optimizer.first,
             "adam_second": self.optimizer.second,
         }
         if self.target is not self.online:
-            arrays["target"] = self.target.parameters.numpy()
+            arrays["target"] = self.target.parameters
         return arrays
 
     def not_finite(self) -> str | None:

@@ -7,7 +7,6 @@ read. The same agent decides as in the training: one model, one planner, one vet
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hashlib
 import itertools
 from collections.abc import Callable, Generator, Mapping
@@ -27,7 +26,6 @@ from serp.agent.decision import Decision
 from serp.agent.registry import planner_names
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
-from serp.learning.symmetry_group import Element
 from serp.model.domain import load_domain
 from serp.runs import checkpoint
 from serp.runs.evaluation import Episode, play
@@ -80,7 +78,7 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
         arrays, meta = _state(agent, task)
         about = _about(agent, task)
         domain = task.domain
-    meta = {"agent": meta, "symmetries": [dataclasses.astuple(e) for e in agent.elements]}
+    meta = {"agent": meta}
     files: dict[str, bytes] = {
         AGENT: checkpoint.encoded(arrays, meta),
         DOMAIN: domain.source.text.encode(),
@@ -174,8 +172,7 @@ class Policy:
                 if self.fluents != [each["name"] for each in self.manifest["fluents"]]:
                     raise RunError(f"the fluents are not those of its {MANIFEST}; {_AGAIN}")
                 saved = Saved("policy", arrays, meta)
-                elements = [_element(values) for values in meta["symmetries"]]
-                self.agent = Agent(bound, settings, 0, elements=elements)
+                self.agent = Agent(bound, settings, 0)
                 self.agent.load_state_dict(arrays, saved.part("agent")[1])
             width, size = len(self.fluents), len(self.manifest["observation"])
             observations = saved.array("grounding.observation", np.float64, (-1, size))
@@ -310,8 +307,3 @@ class _Spaces(gym.Env[Any, Any]):
     def __init__(self, observation: int, actions: int) -> None:
         self.observation_space = gym.spaces.Box(-np.inf, np.inf, (observation,), np.float64)
         self.action_space = gym.spaces.Discrete(actions)
-
-
-def _element(values: Any) -> Element:
-    columns, signs, actions = values
-    return Element(tuple(columns), tuple(signs), tuple(actions))

@@ -17,7 +17,7 @@ from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
 from serp.model.transition_model import Vector
-from serp.tasks.checks import single
+from serp.tasks.environment import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
 

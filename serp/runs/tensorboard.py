@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -39,13 +40,14 @@ class EventWriter(Closing):
             raise RunError(f"{events} is a link. Put a folder there, or remove it.")
         from tensorboard.compat.proto.event_pb2 import Event, SessionLog
         from tensorboard.compat.proto.summary_pb2 import Summary
-        from torch.utils.tensorboard import FileWriter
+        from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
         self._summary: Any = Summary
-        self._writer: Any = FileWriter(str(events))
+        self._event: Any = Event
+        self._writer: Any = EventFileWriter(str(events))
         if purge_step is not None:
             begun = SessionLog(status=SessionLog.START)
-            self._writer.add_event(Event(session_log=begun), purge_step)
+            self._write(purge_step, session_log=begun)
 
     def append(self, row: MetricsRow) -> None:
         """Write the metrics of one episode."""
@@ -75,7 +77,10 @@ class EventWriter(Closing):
             for name, number in numbers.items()
             if number is not None and math.isfinite(number)
         ]
-        self._writer.add_summary(self._summary(value=values), env_steps)
+        self._write(env_steps, summary=self._summary(value=values))
+
+    def _write(self, env_steps: int, **content: Any) -> None:
+        self._writer.add_event(self._event(step=env_steps, wall_time=time.time(), **content))
 
     def flush(self) -> None:
         """Flush all events to the disk."""

@@ -1,6 +1,6 @@
 """`plan_and_learn`: trains into a run folder, or continues a run.
 
-What the user gave is checked before torch is imported and anything is compiled.
+What the user gave is checked before anything is compiled.
 """
 
 from __future__ import annotations

@@ -133,8 +133,6 @@ class Callbacks:
                 self.failure = error
 
 
-_MIRRORED = 256
-"""Number of observations with which declared symmetries are checked."""
 _TOGETHER = 100
 """Env steps for each of several environments after which no episode begins until all have ended.
 More of them keep more environments busy, fewer make a run end nearer to its budget."""
@@ -196,7 +194,6 @@ class Trainer(Closing):
         self.on_step: OnStep | None = None
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, working_time()
-        self._unchecked = _MIRRORED
         self._open = contextlib.ExitStack()
         lanes = lanes_of(task, settings.training.num_envs)
         self.lanes = self._open.enter_context(lanes)
@@ -247,7 +244,7 @@ class Trainer(Closing):
         which is interrupted can be continued from the end exactly.
 
         Raises:
-            TaskError: The grounding failed, or contradicts a symmetry that the task declares.
+            TaskError: The grounding failed.
             EnvironmentFailure: An environment raised or gave NaN.
             LearningFailure: A number of the learner is not finite.
             SettingsError: The environment's info has no entry for `arbiter.rho_unit`.
@@ -318,10 +315,6 @@ class Trainer(Closing):
                 observation, state = task.perceived
             else:
                 observation, state = task.observation(raw), task.ground(raw, info, env)
-            if self._unchecked:
-                self._unchecked -= 1
-                for symmetry in self.agent.symmetries:
-                    symmetry.check_grounding(self.task, observation, state)
             return self.agent.take_in(observation, state)
 
         return perceive

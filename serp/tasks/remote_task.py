@@ -27,10 +27,8 @@ _BIND: Final = "making the environment"
 class RemoteTask(Closing):
     """A task with an environment in a process of its own.
 
-    The process checks, copies and grounds what the environment returns as `BoundTask` does, beside
-    the environment. Gymnasium's `AsyncVectorEnv` gives one array of all observations and one
-    dictionary of all infos, so that a single environment's answer could be checked and grounded
-    only after it was converted; it resets with one seed for all, and Ctrl-C ends its processes.
+    The process checks, copies and grounds what the environment returns, as `BoundTask` does.
+    Gymnasium's `AsyncVectorEnv` joins the answers of all environments, and has one seed for all.
 
     Args:
         task: The task; its own environment is not used.
@@ -78,31 +76,31 @@ class RemoteTask(Closing):
             EnvironmentFailure: The environment raised, or its process died.
             TaskError: The grounding failed.
         """
-        answer, self.perceived = self._do("reset", seed, saying="reset")
+        answer, self.perceived = self._do("reset", seed, doing="reset")
         raw, info = answer
         return raw, info
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Execute an action, or wait for a step that was begun; see `reset`."""
         name = self._task.actions.name(action)
-        answer, self.perceived = self._do("step", action, saying=f"step with action {name}")
+        answer, self.perceived = self._do("step", action, doing=f"step with action {name}")
         raw, reward, terminated, truncated, info = answer
         return raw, reward, terminated, truncated, info
 
     def environment_state(self) -> dict[str, Any]:
         """Return what `BoundTask.environment_state` returns."""
-        state: dict[str, Any] = self._do("environment_state", saying="saving the environment")
+        state: dict[str, Any] = self._do("environment_state", doing="saving the environment")
         return state
 
     def restore_environment(self, saved: Mapping[str, Any]) -> None:
         """Restore what `environment_state` returned."""
-        self._do("restore_environment", saved, saying="restoring the environment")
+        self._do("restore_environment", saved, doing="restoring the environment")
 
     def close(self) -> None:
         """Close the environment and end its process."""
         if self._process.is_alive() and self._asked is None:
             try:
-                self._do("close", saying="closing the environment")
+                self._do("close", doing="closing the environment")
             finally:
                 self._end()
         else:  # it is stuck, busy or dead
@@ -121,28 +119,28 @@ class RemoteTask(Closing):
         with contextlib.suppress(OSError):  # it is dead, which `_answer` tells
             self._pipe.send((what, arguments))
 
-    def _do(self, what: str, *arguments: Any, saying: str) -> Any:
+    def _do(self, what: str, *arguments: Any, doing: str) -> Any:
         if self._asked is None:
             self._ask(what, *arguments)
         assert self._asked == (what, arguments), f"{self._asked} was begun, not {what}"
-        return self._answer(saying)
+        return self._answer(doing)
 
-    def _answer(self, saying: str) -> Any:
-        self._task.call = EnvironmentCall(f"{saying} (environment {self._number})", self._since)
+    def _answer(self, doing: str) -> Any:
+        self._task.call = EnvironmentCall(f"{doing} (environment {self._number})", self._since)
         try:
-            said = self._pipe.recv()
+            answer = self._pipe.recv()
         except (EOFError, OSError):
             raise EnvironmentFailure(
-                f"task {self._task.name}: {saying} failed: the process of environment "
+                f"task {self._task.name}: {doing} failed: the process of environment "
                 f"{self._number} died; not enough memory?"
             ) from None
         finally:
             self._task.call = None
         self._asked = None
-        if isinstance(said, Exception):
-            said.add_note(f"It happened in environment {self._number}.")
-            raise said
-        return said
+        if isinstance(answer, Exception):
+            answer.add_note(f"It happened in environment {self._number}.")
+            raise answer
+        return answer
 
 
 def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
@@ -159,24 +157,20 @@ def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
     while asked != "close":
         asked, arguments = pipe.recv()
         try:
-            said = getattr(task, asked)(*arguments)
+            answer = getattr(task, asked)(*arguments)
             if asked in ("reset", "step"):
-                said = said, _perceived(task, said)
+                raw, info = answer[0], answer[-1]
+                answer = answer, (task.observation(raw), task.ground(raw, info, task.env))
         except Exception as error:
-            said = error
+            answer = error
             if not isinstance(error, SerpError):
-                said.add_note(traceback.format_exc())
-        _send(pipe, said, task.name, asked)
+                answer.add_note(traceback.format_exc())
+        _send(pipe, answer, task.name, asked)
 
 
-def _perceived(task: BoundTask, answer: tuple[Any, ...]) -> tuple[Vector, Vector]:
-    raw, info = answer[0], answer[-1]
-    return task.observation(raw), task.ground(raw, info, task.env)
-
-
-def _send(pipe: Connection, said: Any, task: str, asked: str) -> None:
+def _send(pipe: Connection, answer: Any, task: str, asked: str) -> None:
     try:
-        pipe.send(said)
+        pipe.send(answer)
     except Exception as error:  # whatever the environment's objects raise
         pipe.send(
             EnvironmentFailure(

@@ -53,7 +53,6 @@ class Table:
         action_count: Number of actions, A.
         settings: The learner's settings; it uses discount, ε and the scale of rewards.
         seed: Seed of its exploration.
-        symmetry: Symmetries of the task; it uses none.
         imitates: Whether steps come with an action to imitate; it does not imitate.
     """
 
@@ -63,11 +62,10 @@ class Table:
         action_count: int,
         settings: serp.LearnerSettings,
         seed: Any,
-        symmetry: Any = None,
         imitates: bool = False,
     ) -> None:
         self.input_size, self.action_count, self.settings = input_size, action_count, settings
-        self.symmetry, self.imitates = None, imitates
+        self.imitates = imitates
         self.imitation_weight, self.lane, self.updates = 0.0, 0, 0
         self._q: dict[tuple[float, ...], Any] = {}
         self._random = np.random.default_rng(seed)

@@ -35,7 +35,7 @@ from serp.runs.rollout import Decide, Rollout, Watchdog, evaluation_seed, traini
 from serp.runs.trainer import Trainer
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
-from serp.tasks.checks import single
+from serp.tasks.environment import single
 from serp.tasks.task import BoundTask, Judge, Task
 
 

@@ -44,7 +44,7 @@ class EpisodeStep:
 
 
 @dataclasses.dataclass(frozen=True)
-class Episode:
+class ShownEpisode:
     """An episode.
 
     Attributes:
@@ -66,7 +66,9 @@ class Episode:
         return {name: (min(column), max(column)) for name, column in columns.items()}
 
 
-def play(task: Task | None, version: Version, surroundings: Surroundings, seed: int) -> Episode:
+def play(
+    task: Task | None, version: Version, surroundings: Surroundings, seed: int
+) -> ShownEpisode:
     """Play an episode with the planner of a version, for at most `MOST_STEPS` steps.
 
     Without a task it is played in the file's own world.
@@ -89,7 +91,7 @@ def play(task: Task | None, version: Version, surroundings: Surroundings, seed: 
         planner = dataclasses.replace(surroundings, dt=bound.model.dt).planner_of(bound.domain)
         steps = tuple(_played(bound, planner, seed, pictures=task is not None and not note))
         supplied = bound.domain.supplied or frozenset()
-    return Episode(steps, f"an episode of the planner, seed {seed}", supplied, note)
+    return ShownEpisode(steps, f"an episode of the planner, seed {seed}", supplied, note)
 
 
 def _drawable(task: Task) -> tuple[BoundTask, str]:
@@ -163,7 +165,7 @@ class RecordedRun:
             self.ranges = dict(zip(names, limits, strict=True))
         self.vetoes: list[int] = np.flatnonzero(vetoed(recording.columns(*VETO_COLUMNS))).tolist()
 
-    def episode(self, number: int) -> Episode:
+    def episode(self, number: int) -> ShownEpisode:
         """Return an episode, from 1.
 
         Raises:
@@ -172,7 +174,7 @@ class RecordedRun:
         self._recording.find(number, 1)
         steps = self._recording.episodes[number]
         name = f"episode {number} of {self._name}"
-        return Episode(tuple(self._step(int(step)) for step in steps), name)
+        return ShownEpisode(tuple(self._step(int(step)) for step in steps), name)
 
     def place_of(self, step: int) -> tuple[int, int]:
         """Return episode, from 1, and number in it, from 0, of a step."""

@@ -170,16 +170,11 @@ def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float
 
 
 @dataclass(frozen=True)
-class Decision:
-    """A decision of the planner.
+class ShownDecision:
+    """A decision of the planner, its summary, and its planning graph as SVG.
 
-    Attributes:
-        account: The account of it.
-        order: Positions of the actions that are shown: as in the file, those that are not
-            applicable last; or the best first where there are too many.
-        verdict: What sums it up.
-        graph: The planning graph as SVG.
-        controls: How the fluents of the state can be set.
+    `order` has the positions of the actions that are shown: as in the file, those that are not
+    applicable last; or the best first where there are too many.
     """
 
     account: Explanation
@@ -196,13 +191,12 @@ class View:
     Attributes:
         findings: What is wrong in the files.
         failure: Why there is no decision though the files are right; else empty.
-        decision: The decision; None where there is none.
         drawing: The state as the task draws it, an SVG; empty where it does not.
     """
 
     findings: tuple[Finding, ...]
     failure: str = ""
-    decision: Decision | None = None
+    decision: ShownDecision | None = None
     drawing: str = ""
 
 
@@ -236,7 +230,7 @@ class Request:
         return View(findings, "", decision, drawing)
 
 
-def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> Decision:
+def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecision:
     """Return what is shown of the planner's decision in a state `[F]`."""
     plan, model = planner.plan(state), planner.model
     discount = planner.settings.discount
@@ -249,7 +243,7 @@ def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> Decision:
     for k in order:
         account.alternatives[k].as_dict()  # traced now, in this thread
     graph = plan_svg(plan, planner)
-    return Decision(
+    return ShownDecision(
         account, tuple(order), _verdict(plan, account), graph, tuple(controls(model, state, seen))
     )
 
