@@ -28,7 +28,7 @@ _HALVINGS: Final = 30
 
 
 @dataclass(frozen=True)
-class Change:
+class Counterfactual:
     """A change of one fluent that changes the outcome.
 
     Attributes:
@@ -50,7 +50,7 @@ class Change:
 class Counterfactuals:
     """The changes that change the outcome, the smallest first, and a sentence on the search."""
 
-    changes: tuple[Change, ...]
+    changes: tuple[Counterfactual, ...]
     searched: str
 
 
@@ -79,7 +79,7 @@ def counterfactuals(
         seconds: Time after which no further fluent is tried.
     """
     deadline = time.monotonic() + seconds
-    now, changes = outcome(state), list[Change]()
+    now, changes = outcome(state), list[Counterfactual]()
     over = _is_over(model, state)
     omitted: list[str] = []
     tried: list[Fluent] = []
@@ -112,7 +112,7 @@ def counterfactuals(
             shown = float if fluent.numeric else bool
             share = abs(nearest - value) / (high - low) if fluent.numeric else 1.0
             name = called(at(nearest))
-            changes.append(Change(fluent.name, shown(value), shown(nearest), name, share))
+            changes.append(Counterfactual(fluent.name, shown(value), shown(nearest), name, share))
     changes.sort(key=lambda change: change.share)
     return Counterfactuals(tuple(changes), _searched(tried, omitted, whole))
 

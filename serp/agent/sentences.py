@@ -8,7 +8,7 @@ from typing import Final
 
 from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause
-from serp.agent.counterfactuals import Change, Counterfactuals
+from serp.agent.counterfactuals import Counterfactual, Counterfactuals
 from serp.agent.explanation import Alternative, RunnerUp
 from serp.agent.refusals import schema_of, what_fails
 from serp.planning.edges import Bound
@@ -137,7 +137,7 @@ def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
     return lines or [f"No change of a single fluent was found with which {other}."]
 
 
-def _change(change: Change) -> str:
+def _change(change: Counterfactual) -> str:
     """Return the condition of a change: `With x at least 0.31 instead of 0.28`."""
     if isinstance(change.becomes, bool):
         return f"If {change.fluent} were {str(change.becomes).lower()}"

@@ -40,9 +40,8 @@ def test_where_the_planner_is_indifferent_the_next_state_is_tried(run: Run, fold
     """Far from goal and pit nothing differs; the walk goes left until the pit is near."""
     shown = planned(run, folder, MILD)
     assert not shown["indifferent"] and " without a choice" in shown["state_from"]
-    nothing = MILD.replace("(decrease (reward) 5)", "").replace("(increase (reward) 5)", "")
-    shown = planned(run, folder, nothing)
-    assert shown["indifferent"] and shown["state_from"] == "observed after a reset with seed 0"
+    stuck = CORRIDOR.replace(":precondition (and)", ":precondition (and (> (x) 99))")
+    assert planned(run, folder, stuck)["state_from"] == "observed after a reset with seed 0"
 
 
 @pytest.fixture(scope="module")
