@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from html import escape
 from pathlib import Path
@@ -151,19 +152,16 @@ class TrainingPane:
         training = self._session.training
         assert training is not None
         state = training.state
-        try:
-            metrics = await run.io_bound(read_metrics, training.run / METRICS)
-            steps = metrics["env_steps"].tolist()
-        except (RunError, OSError):  # not there yet, or in the middle of being written
-            steps = []
         done = "no episode yet"
-        if steps:
-            done = (
-                f"{plural(len(steps), 'episode')}, {steps[-1]:,} steps, ρ {metrics['rho'][-1]:.2f}"
-            )
-            arrays = {name: a.tolist() for name, a in curve_arrays(metrics, ()).items()}
-            data = json.dumps({"envSteps": steps[-1]}), json.dumps(arrays)
-            self._curve.client.run_javascript(f"drawTraining({', '.join(data)})")
+        # Files may not be there yet, or be in the middle of being written.
+        with contextlib.suppress(RunError, OSError):
+            metrics = await run.io_bound(read_metrics, training.run / METRICS)
+            arrays = {name: array.tolist() for name, array in curve_arrays(metrics, ()).items()}
+            if steps := arrays["curveAt"]:
+                count, rho = plural(len(metrics["return"]), "episode"), arrays["rho"][-1]
+                done = f"{count}, {steps[-1]:,} steps, ρ {rho:.2f}"
+                data = json.dumps({"envSteps": steps[-1]}), json.dumps(arrays)
+                self._curve.client.run_javascript(f"drawTraining({', '.join(data)})")
         self._summary.set_text(f"{training.run.name}: {state}; {done}")
         if state != "running":
             self._timer.deactivate()
