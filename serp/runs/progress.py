@@ -144,7 +144,8 @@ class Progress:
         strategy = trainer.agent.strategy
         evidence = strategy.evidence
         if evidence is not None:
-            numbers += [(name, str(worth)) for name, worth in evidence.leads if worth is not None]
+            leads = ("planner", evidence.planner), ("learner", evidence.learner)
+            numbers += [(name, str(worth)) for name, worth in leads if worth is not None]
         numbers.append(("rho", readable(strategy.rho)))
         numbers += self._sight()
         numbers.append(("vetoes", f"{trainer.tally.vetoes:,}"))

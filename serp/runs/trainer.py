@@ -325,8 +325,7 @@ class Trainer(Closing):
         Environments in other processes execute them while the learner learns.
         """
         rollouts = [lane.rollout for lane in lanes if lane.rollout is not None]
-        states = {lane.number: r.state for lane, r in zip(lanes, rollouts, strict=True)}
-        with self.agent.arbiter.foreseeing(states):
+        with self.agent.arbiter.prefetch([rollout.state for rollout in rollouts]):
             for k, (lane, rollout) in enumerate(zip(lanes, rollouts, strict=True)):
                 self.agent.turn_to(lane.number)
                 if self._pretrained:
