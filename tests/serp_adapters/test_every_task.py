@@ -51,10 +51,3 @@ def test_every_observation_is_a_state_and_every_transition_is_judged(task: Bound
         assert task.observation(raw).shape == (task.observation_size,)
         if not ended:
             task.model.judge(task.ground(raw), ground, task.ground(after))
-
-
-def test_every_ground_action_has_an_action_of_the_environment(task: BoundTask) -> None:
-    used = set(task.actions.environment_action)
-    assert len(task.actions.environment_action) == len(task.model.actions)
-    assert used <= set(range(task.actions.size))
-    assert {task.actions.name(action) for action in used} >= set(task.task.actions or ())

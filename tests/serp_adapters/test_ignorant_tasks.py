@@ -61,14 +61,3 @@ def test_the_file_says_what_is_wanted_and_nothing_of_what_happens(name: str) -> 
             assert outcome.applicable.all()
     assert (ends > 0) == (name != "swing-up")
     assert max(rewards) <= 0.0 and len(rewards) > 100
-
-
-@each
-def test_actions_and_fluents_are_those_of_the_environment(name: str) -> None:
-    with bound(name) as task:
-        space = task.env.observation_space
-        assert space.shape == (len(task.model.fluents),)
-        assert len(task.model.actions) == task.actions.size
-        assert task.rewarded_by == "domain"
-        raw, _ = task.reset(seed=1)
-        np.testing.assert_array_equal(task.ground(raw), raw)

@@ -87,34 +87,6 @@ def test_equal_seeds_give_equal_learners_whatever_happens_beside(name: str, task
     assert played[0][0] != played[2][0]
 
 
-@pytest.mark.parametrize("name", MAKERS)
-def test_global_random_numbers_are_left_as_they_were(name: str) -> None:
-    import torch
-
-    def seeded(work: Callable[[], None]) -> tuple[float, float, float]:
-        random.seed(1)
-        np.random.seed(1)
-        torch.manual_seed(1)
-        work()
-        return global_random()
-
-    def fail() -> None:
-        def stop() -> None:
-            raise KeyError
-
-        env = Sign()
-        learner = MAKERS[name](env, "cartpole", 5)
-        env.during = stop
-        with pytest.raises(KeyError):
-            learner.learn(10)
-
-    untouched = seeded(lambda: None)
-    threads = torch.get_num_threads()
-    assert seeded(lambda: MAKERS[name](Sign(), "cartpole", 5).learn(300)) == untouched
-    assert seeded(fail) == untouched
-    assert torch.get_num_threads() == threads
-
-
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.delitem(sys.modules, "serp_adapters.stable_baselines3")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -22,7 +23,7 @@ from serp.tasks.task import Task
 from serp.ui.studio.document import Document, misplaced, save_together
 from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
 from serp.ui.studio.scenarios import EditedScenarios
-from serp.ui.studio.training import BackgroundTraining, run_folder
+from serp.ui.studio.training import BackgroundTraining
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
 _INITIAL: Final = "the initial state of the problem"
@@ -180,9 +181,9 @@ class Session:
     def show_step(self, number: int) -> None:
         """Show the decision in a step of the episode, from 0."""
         assert self.played is not None
-        values = self.played.steps[number].values
-        self.shown = ShownState(values, f"step {number} of {self.played.name}")
-        self.step = number
+        steps = self.played.steps
+        origin = f"{self.played.name}, step {number} of {len(steps) - 1}"
+        self.shown, self.step = ShownState(steps[number].values, origin), number
 
     @property
     def as_played(self) -> bool:
@@ -254,7 +255,7 @@ class Session:
         if self.task is not None:
             command = ["plan-and-learn", "--domain", str(document.path)]
         command += [] if self.task_name is None else ["--task", self.task_name]
-        run = run_folder(self.folder, document.path.stem)
+        run = self.folder / "runs" / f"{document.path.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
         if not run.resolve().is_relative_to(self.folder.resolve()):
             raise SerpError(f"{run} leads out of the working folder {self.folder}")
         command += ["--env-steps", str(env_steps), "--seed", str(seed)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import threading
-import time
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
@@ -61,8 +60,3 @@ class BackgroundTraining:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-
-
-def run_folder(folder: Path, name: str) -> Path:
-    """Return a folder for a new run in the working folder."""
-    return folder / "runs" / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"

@@ -171,15 +171,10 @@ def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float
 
 @dataclass(frozen=True)
 class ShownDecision:
-    """A decision of the planner.
+    """A decision of the planner, its summary, and its planning graph as SVG.
 
-    Attributes:
-        account: The account of it.
-        order: Positions of the actions that are shown: as in the file, those that are not
-            applicable last; or the best first where there are too many.
-        verdict: What sums it up.
-        graph: The planning graph as SVG.
-        controls: How the fluents of the state can be set.
+    `order` has the positions of the actions that are shown: as in the file, those that are not
+    applicable last; or the best first where there are too many.
     """
 
     account: Explanation
@@ -196,7 +191,6 @@ class View:
     Attributes:
         findings: What is wrong in the files.
         failure: Why there is no decision though the files are right; else empty.
-        decision: The decision; None where there is none.
         drawing: The state as the task draws it, an SVG; empty where it does not.
     """
 

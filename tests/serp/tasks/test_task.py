@@ -88,23 +88,6 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
         assert [bound.model.step(state, "wait").unsafe for state in (shut, opened)] == [False, True]
 
 
-def test_everything_is_at_hand_once_bound(tmp_path: Path) -> None:
-    bound = corridor(tmp_path).bind()
-    assert bound.name == bound.domain.name == "corridor"
-    assert bound.actions.size == 4
-    assert bound.observation_size == 2
-    assert bound.rewarded_by == "domain"
-    raw, info = bound.reset(seed=3)
-    assert info == {"game": 0}
-    state = bound.ground(raw)
-    assert state.tolist() == [raw[0]]
-    after, reward, terminated, truncated, _ = bound.step(1)
-    assert after[0] in (raw[0], raw[0] + 1)
-    assert isinstance(reward, float)
-    assert (terminated, truncated) == (False, False)
-    bound.close()
-
-
 def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
     assert corridor(tmp_path, dt=0.25).bind().model.dt == 0.25
     assert corridor(tmp_path, dt=np.float32(0.25)).bind().model.dt == 0.25
@@ -165,24 +148,6 @@ def unplugged() -> gym.Env[Any, Any]:
 def test_what_does_not_fit_is_named(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
     with pytest.raises((TaskError, DomainError), match=said):
         corridor(tmp_path, **changes).bind()
-
-
-@pytest.mark.parametrize(
-    ("attributes", "changes"),
-    [
-        ({"action_space": None}, {}),
-        ({"observation_space": None}, {}),
-        ({"stuck": True, "action_space": None}, {}),
-        ({}, {"actions": {"left": 0}}),
-    ],
-)
-def test_an_environment_that_does_not_fit_is_closed_again(
-    tmp_path: Path, attributes: dict[str, Any], changes: dict[str, Any]
-) -> None:
-    closed: list[str] = []
-    with pytest.raises(TaskError):
-        corridor(tmp_path, lambda: Odd(closed=closed, **attributes), **changes).bind()
-    assert closed == ["closed"]
 
 
 def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) -> None:

@@ -28,9 +28,21 @@ from serp.ui.studio.view import Request, Version, View
 
 _LANGUAGE = "Common Lisp"
 _THEMES = {False: "githubLight", True: "githubDark"}
-_REPLACE: Final = """((id, known, from, to, insert) => {
-  const editor = getElement(id).editor;
-  if (editor.state.doc.toString() === known) editor.dispatch({changes: {from, to, insert}});
+_REPLACE: Final = """((id, known, text) => {
+  const editor = getElement(id).editor, most = Math.min(known.length, text.length);
+  if (editor.state.doc.toString() !== known) return;
+  let from = 0, behind = 0;
+  while (from < most && known[from] === text[from]) from++;
+  while (behind < most - from && known.at(-1 - behind) === text.at(-1 - behind)) behind++;
+  const to = known.length - behind, insert = text.slice(from, text.length - behind);
+  editor.dispatch({changes: {from, to, insert}});
+})"""
+_REVEAL: Final = """((id, number, column) => {
+  const editor = getElement(id).editor, doc = editor.state.doc;
+  const line = doc.line(Math.min(number, doc.lines));
+  const anchor = Math.min(line.from + column - 1, line.to);
+  editor.dispatch({selection: {anchor}, scrollIntoView: true});
+  editor.focus();
 })"""
 _PAUSE: Final = 0.3
 """Seconds without a change after which places are underlined."""
@@ -84,27 +96,18 @@ class EditorPane:
         """Underline places of a document."""
         self._editors[which].run_method("setDecorations", marks)
 
-    # Going there -------------------------------------------------------------------------------
-
-    def jump(self, file: str, line: int, column: int) -> None:
-        """Show a line and column of a file, both from 1, if it is open."""
-        for which, document in self._session.documents.items():
-            lines = document.text.split("\n")
-            if str(document.path) == file and 0 < line <= len(lines):
-                start = len("\n".join([*lines[: line - 1], ""])) + column - 1
-                self.reveal(which, start, line)
-
-    def reveal(self, which: str, start: int, line: int) -> None:
-        """Put the cursor before a character of a document and show its line."""
+    def reveal(self, which: str, line: int, column: int = 1) -> None:
+        """Put the cursor at a line and column of a document, both from 1, and show it."""
         editor = self._editors[which]
         self._tabs.set_value(which)
-        units = _units(self._session.documents[which].text[:start])
-        editor.client.run_javascript(
-            f"const e = getElement({editor.id}).editor;"
-            f"const at = Math.min({units}, e.state.doc.length);"
-            "e.dispatch({selection: {anchor: at}, scrollIntoView: true}); e.focus();"
-        )
+        editor.client.run_javascript(f"{_REVEAL}({editor.id}, {line}, {column})")
         editor.reveal_line(line)
+
+    def jump(self, file: str, line: int, column: int) -> None:
+        """Show a line and column of a file, if it is open."""
+        for which, document in self._session.documents.items():
+            if str(document.path) == file and line > 0:
+                self.reveal(which, line, column)
 
     # Saving ------------------------------------------------------------------------------------
 
@@ -149,26 +152,10 @@ class EditorPane:
     def refresh(self) -> None:
         """Propose the texts of the session to the browser, from where they come back as changes."""
         for which, editor in self._editors.items():
-            known, text = editor.value or "", self._session.documents[which].text
-            if known == text:
-                continue
-            first = _common(known, text)
-            last = _common(known[first:][::-1], text[first:][::-1])
-            begin = _units(known[:first])
-            end = begin + _units(known[first : len(known) - last])
-            change = (editor.id, known, begin, end, text[first : len(text) - last])
-            editor.client.run_javascript(f"{_REPLACE}({', '.join(map(json.dumps, change))})")
-
-
-def _units(text: str) -> int:
-    """Return the length of a text as browsers count it."""
-    return len(text.encode("utf-16-le")) // 2
-
-
-def _common(one: str, other: str) -> int:
-    """Return the number of characters with which both texts begin."""
-    pairs = enumerate(zip(one, other, strict=False))
-    return next((k for k, (a, b) in pairs if a != b), min(len(one), len(other)))
+            texts = editor.value or "", self._session.documents[which].text
+            if texts[0] != texts[1]:
+                arguments = ", ".join(map(json.dumps, (editor.id, *texts)))
+                editor.client.run_javascript(f"{_REPLACE}({arguments})")
 
 
 class FindingsPane:
@@ -258,7 +245,7 @@ class FindingsPane:
     def _go(self, finding: Finding) -> None:
         which = self._session.document_of(finding.place)
         if which is not None and finding.place is not None:
-            self._editor.reveal(which, finding.place.start, finding.place.line)
+            self._editor.reveal(which, finding.place.line, finding.place.column)
 
 
 def _mark(finding: Finding) -> dict[str, Any] | None:

@@ -86,7 +86,7 @@ class ScenariosPane:
             return
         session.edit(SCENARIOS, text)
         self._editor.refresh()
-        self._editor.reveal(SCENARIOS, len(text), text.count("\n") + 1)
+        self._editor.reveal(SCENARIOS, text.count("\n") + 1)
         self._title.set_value("")
         self._live.changed()
         await self.run()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Final
 
 from nicegui import run, ui
@@ -23,7 +24,7 @@ class StatePane:
     def __init__(self, session: Session, live: Live) -> None:
         self._session, self._live = session, live
         self._controls: tuple[Control, ...] = ()
-        self._setters: dict[str, list[Any]] = {}
+        self._elements: dict[str, list[Any]] = {}
         self._filter = ""
         with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
             self._search = ui.input(placeholder="find a fluent", on_change=self._filtered).props(
@@ -39,19 +40,15 @@ class StatePane:
         """Show the controls of a view."""
         if view.decision is None:
             return
-        controls = view.decision.controls
-        same = [_kind(each) for each in controls] == [_kind(each) for each in self._controls]
-        self._controls = controls
-        if not same:
+        before, self._controls = self._controls, view.decision.controls
+        if [replace(c, value=0) for c in before] != [replace(c, value=0) for c in self._controls]:
             self._build()
             return
-        for control in controls:
-            for element in self._setters.get(control.name, ()):
-                # What is being dragged or typed is ahead of this view.
-                newest = self._session.shown.values.get(control.name, control.value)
-                value = float(newest) if control.numeric else bool(newest)
-                if element.value != value:
-                    element.value = value
+        for control in self._controls:
+            # What is being dragged or typed is ahead of this view.
+            newest = self._session.shown.values.get(control.name, control.value)
+            for element in self._elements.get(control.name, ()):
+                element.set_value(float(newest) if control.numeric else bool(newest))
 
     def _filtered(self, event: Any) -> None:
         self._filter = (event.value or "").lower()
@@ -60,14 +57,14 @@ class StatePane:
     def _build(self) -> None:
         wanted = [each for each in self._controls if self._filter in each.name]
         self._search.set_visibility(len(self._controls) > 12)
-        self._setters = {}
+        self._elements = {}
         self._grid.clear()
         self._switches.clear()
         for control in wanted[:_MOST_FLUENTS]:
             changed = functools.partial(self._changed, control)
             make = self._slider if control.numeric else self._switch
             with self._grid if control.numeric else self._switches:
-                self._setters[control.name] = make(control, changed)
+                self._elements[control.name] = make(control, changed)
         hidden = len(wanted) - _MOST_FLUENTS
         self._more.set_text(f"… and {hidden:,} more" if hidden > 0 else "")
 
@@ -97,10 +94,6 @@ class StatePane:
         if float(value) != float(known):
             self._session.set_fluent(control.name, float(value) if control.numeric else bool(value))
             self._live.changed()
-
-
-def _kind(control: Control) -> tuple[object, ...]:
-    return control.name, control.numeric, control.low, control.high
 
 
 class ScenePane:
@@ -199,22 +192,20 @@ class ScenePane:
         """Show where the state comes from, and its pictures."""
         session, played = self._session, self._session.played
         as_played = session.as_played
+        step = None if session.step is None or played is None else played.steps[session.step]
         origin = request.shown.origin
-        if session.step is not None and played is not None:
-            action = played.steps[session.step].action
-            origin = f"{played.name}, step {session.step} of {len(played.steps) - 1}"
-            origin += f", {action}" if action and as_played else ""
-        changed = request.shown.values and not as_played
-        self._origin.set_text(origin + (", changed by hand" if changed else ""))
+        if as_played and step is not None and step.action:
+            origin += f", {step.action}"
+        elif request.shown.values and not as_played:
+            origin += ", changed by hand"
+        self._origin.set_text(origin)
         if view.decision is not None:  # else the last one stays, as the decision does
             self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))
         picture = ""
-        if session.step is not None and played is not None:
-            url = played.steps[session.step].picture
-            if url:
-                caption = "the environment at this step"
-                caption += "" if as_played else "; the fluents have been changed since"
-                picture = _figure(f'<img src="{url}" alt="{caption}">', caption)
+        if step is not None and step.picture:
+            caption = "the environment at this step"
+            caption += "" if as_played else "; the fluents have been changed since"
+            picture = _figure(f'<img src="{step.picture}" alt="{caption}">', caption)
         self._picture.set_content(picture)
         self._picture.classes(
             add="" if as_played else "serp-stale", remove="serp-stale" if as_played else ""
