@@ -339,8 +339,8 @@ def mean(values: Sequence[float]) -> Mean:
     """Return the mean of values of several seeds."""
     from scipy.stats import t
 
-    count = len(values)
-    half = np.inf if count < 2 else t.ppf(0.975, count - 1) * np.std(values, ddof=1) / count**0.5
+    count, spread = len(values), float(np.std(values, ddof=1)) if np.ptp(values) else 0.0
+    half = np.inf if count < 2 else t.ppf(0.975, count - 1) * spread / count**0.5
     return Mean(float(np.mean(values)), float(half))
 
 
@@ -392,7 +392,7 @@ def compare(rows: Sequence[Row], others: Sequence[Row]) -> dict[tuple[str, int],
         if not pairs:
             continue
         base = family(place[0])
-        unit = 100.0 / (max(best[base]) - np.mean(low[base]))
+        unit = 100.0 / (float(max(best[base]) - np.mean(low[base])) or 1.0)
         differences = {k: mean([unit * (a[k] - b[k]) for a, b in pairs]) for k in COMPARED}
         ratios = (
             float(np.exp(np.mean([np.log(a[k] / b[k]) for a, b in pairs])))
