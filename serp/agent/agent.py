@@ -201,9 +201,9 @@ class Agent:
             )
         return state, self._input(observation, state)
 
-    def turn_to(self, lane: int) -> None:
+    def turn_to(self, env_index: int) -> None:
         """Note from which of several environments, from 0, the next calls come."""
-        self.strategy.lane = self.arbiter.vetoes.lane = self.learner.lane = lane
+        self.strategy.env_index = self.arbiter.vetoes.env_index = self.learner.env_index = env_index
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""

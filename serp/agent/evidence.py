@@ -102,7 +102,7 @@ class Evidence(Strategy):
 
     def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's choice, to be imitated where it leads and has a reason."""
-        return -1 if self._leads[self.lane] or forecast.indifferent else forecast.choice
+        return -1 if self._leads[self.env_index] or forecast.indifferent else forecast.choice
 
     @property
     def evidence(self) -> LeadEvidence:
@@ -180,7 +180,7 @@ class Evidence(Strategy):
 
     def _draw(self) -> None:
         """Draw who leads the next episode."""
-        self._leads[self.lane] = bool(self._random.random() < self._rho)
+        self._leads[self.env_index] = bool(self._random.random() < self._rho)
 
     def forked(self, seed: np.random.SeedSequence) -> Evidence:
         """Return a copy that draws its own lead."""
@@ -192,7 +192,7 @@ class Evidence(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
-        if self._leads[self.lane]:
+        if self._leads[self.env_index]:
             return learner.propose_greedily()
         return learner.propose(situation.admissible) if situation.forecast.indifferent else None
 
@@ -211,7 +211,7 @@ class Evidence(Strategy):
             for led in self._both:
                 led.fade(kept)
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)
-            (self.learner if self._leads[self.lane] else self.planner).add(return_)
+            (self.learner if self._leads[self.env_index] else self.planner).add(return_)
             self._rho = self._probability()
         self._draw()
 

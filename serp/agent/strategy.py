@@ -98,7 +98,7 @@ class Strategy:
         reads: Settings that only this strategy reads, such as `arbiter.rho_unit`.
         imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
             `imitation_weight`.
-        lane: Environment, from 0, that the next calls are about. Several environments play one
+        env_index: Environment, from 0, that the next calls are about. Several environments play one
             episode each at the same time; what belongs to an episode is kept for each of them.
     """
 
@@ -107,7 +107,7 @@ class Strategy:
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
-        self.lane = 0
+        self.env_index = 0
 
     @property
     def rho(self) -> float:

@@ -189,7 +189,7 @@ class ReplayBuffer:
 
     Attributes:
         size: Samples in the ring. A step becomes a sample when its n rewards are complete.
-        lane: Environment, from 0, that the next steps come from.
+        env_index: Environment, from 0, that the next steps come from.
     """
 
     def __init__(
@@ -203,8 +203,8 @@ class ReplayBuffer:
         self.size = self._head = 0
         self._store = Samples.zeros(settings.buffer_size, spec)
         self._fields = self._store.arrays()
-        self.lane = 0
-        self._of_lane = {0: PendingSteps(settings.n_step, settings.discount)}
+        self.env_index = 0
+        self._pending_of = {0: PendingSteps(settings.n_step, settings.discount)}
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
         shape = (settings.members, settings.batch_size)
         self._sampler = Sampler(self._store, spec, shape, rng)
@@ -212,9 +212,10 @@ class ReplayBuffer:
     @property
     def _pending(self) -> PendingSteps:
         """The pending steps of the current environment."""
-        if self.lane not in self._of_lane:
-            self._of_lane[self.lane] = PendingSteps(self._settings.n_step, self._settings.discount)
-        return self._of_lane[self.lane]
+        if self.env_index not in self._pending_of:
+            settings = self._settings
+            self._pending_of[self.env_index] = PendingSteps(settings.n_step, settings.discount)
+        return self._pending_of[self.env_index]
 
     def add(
         self,
@@ -312,11 +313,11 @@ class ReplayBuffer:
 
         Of several environments, all episodes must have ended.
         """
-        assert all(not lane.steps for k, lane in self._of_lane.items() if k > 0)
+        assert all(not pending.steps for k, pending in self._pending_of.items() if k > 0)
         arrays: dict[str, npt.NDArray[Any]] = {
             name: array[: self.size].copy() for name, array in self._fields.items()
         }
-        arrays["pending.observation"], pending = self._of_lane[0].state_dict(self._spec)
+        arrays["pending.observation"], pending = self._pending_of[0].state_dict(self._spec)
         meta = {
             "shapes": self._shapes(),
             "head": self._head,
@@ -337,14 +338,14 @@ class ReplayBuffer:
         saved = Saved("replay memory", arrays, meta)
         self._check_shapes(saved)
         size, head = self._saved_place(saved)
-        pending = self._of_lane[0].checked(saved, self._spec)
+        pending = self._pending_of[0].checked(saved, self._spec)
         state = saved.generator_state("rng", self._sampler.rng)
 
         self.size, self._head = size, head
         for name, array in self._fields.items():
             array[:size] = arrays[name]
-        self._of_lane = {0: self._of_lane[0]}
-        self._of_lane[0].steps = pending
+        self._pending_of = {0: self._pending_of[0]}
+        self._pending_of[0].steps = pending
         self._sampler.rng.bit_generator.state = state
 
     def _check_shapes(self, saved: Saved) -> None:

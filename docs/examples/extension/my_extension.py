@@ -103,7 +103,7 @@ class Table:
         following = self._values(next_x)
         if next_allowed is not None and next_allowed.any():
             following = following[next_allowed]
-        target = reward * self.settings.reward_scale
+        target = reward
         if not terminated:
             target += self.settings.discount * following.max()
         self._error = float(target - self._values(x)[action])
@@ -114,7 +114,7 @@ class Table:
         """Return the squared error of the last step."""
         return None if self._error is None else self._error**2
 
-    def pretrain(self, updates: int | None = None) -> None:
+    def pretrain(self, updates: int) -> None:
         """Do nothing more with the initial data."""
 
     def state_dict(self) -> tuple[dict[str, Any], dict[str, Any]]:

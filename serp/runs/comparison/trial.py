@@ -31,7 +31,14 @@ from serp.runs.comparison.plan import ComparisonProtocol, EpisodeRow, Evaluation
 from serp.runs.evaluation import outcome_of
 from serp.runs.folder import versions
 from serp.runs.guarded_env import TaskEnv
-from serp.runs.rollout import Decide, Rollout, Watchdog, evaluation_seed, training_seed
+from serp.runs.rollout import (
+    SLOW_STEP_SECONDS,
+    Decide,
+    Rollout,
+    Watchdog,
+    evaluation_seed,
+    training_seed,
+)
 from serp.runs.trainer import Trainer
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
@@ -362,7 +369,7 @@ class _Trial:
         self._log = Log(bound.task.counters)
         self._watchdog = Watchdog(
             bound,
-            contestant.agent.settings.training.slow_step_seconds,
+            SLOW_STEP_SECONDS,
             lambda: self._log.env_steps + 1,
             lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
         )

@@ -12,9 +12,8 @@ from serp.settings import LearnerSettings
 F, A = 4, 3
 
 TARGETS: dict[str, dict[str, Any]] = {
-    "none": {"target_period": None},
-    "copy": {"target_period": 7},
-    "polyak": {"target_period": None, "target_polyak": 0.05},
+    "none": {"target_polyak": None},
+    "polyak": {"target_polyak": 0.05},
 }
 
 

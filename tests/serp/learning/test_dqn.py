@@ -119,13 +119,13 @@ def test_updates_per_step_never_drift(per_step: float, expected: int) -> None:
 
 
 def test_learning_and_pretraining_start_when_the_settings_say() -> None:
-    agent = learner(learning_starts=5, pretrain_updates=12, n_step=1)
-    assert agent.pretrain() is None
+    agent = learner(learning_starts=5, n_step=1)
+    assert agent.pretrain(12) is None
     for step in range(1, 8):
         agent.remember(HERE, 0, 1.0, HERE, False, False)
         assert (agent.learn() is not None) == (step >= 5)
     assert agent.updates == 3
-    assert agent.pretrain() is not None
+    assert agent.pretrain(12) is not None
     assert agent.updates == 15
     assert agent.pretrain(0) is None
 
@@ -165,10 +165,8 @@ VARIANTS = st.fixed_dictionaries(
         "hidden": st.sampled_from([(), (8,), (8, 5)]),
         "layer_norm": st.booleans(),
         "members": st.integers(1, 2),
-        "double": st.booleans(),
         "n_step": st.integers(1, 4),
-        "clip_targets": st.booleans(),
-        "loss": st.sampled_from(["mse", "huber"]),
+        "guarded_targets": st.booleans(),
         "gradient_clip": st.sampled_from([None, 0.1]),
         "updates_per_step": st.sampled_from([0.3, 1, 2]),
         "learning_starts": st.sampled_from([1, 20]),
@@ -208,7 +206,7 @@ def test_resume_equals_uninterrupted(
     [
         ({"hidden": (8,)}, "parameters"),
         ({"members": 2}, "parameters"),
-        ({"target_period": None}, "target network"),
+        ({"target_polyak": None}, "target network"),
         ({"buffer_size": 32}, "buffer_size"),
         ({"n_step": 2}, "n_step"),
         ({"imitates": True}, "without a planner to imitate"),

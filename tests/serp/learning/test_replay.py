@@ -141,7 +141,7 @@ def test_the_steps_of_two_environments_do_not_mix(
     ]
     ring = buffer(n_step=n, buffer_size=200)
     for pair in zip_longest(*lanes):
-        for ring.lane, step in enumerate(pair):
+        for ring.env_index, step in enumerate(pair):
             feed(ring, [] if step is None else [step])
     found = stored(ring, 200)
     assert [s for s in found if s[0][0] < 1000] == expected_samples(lanes[0], n)
