@@ -52,7 +52,7 @@ class RemoteTask(Closing):
         with safe_path():
             self._process.start()
         other.close()
-        self._asked: tuple[str, tuple[Any, ...]] | None = ("", ())
+        self._pending: tuple[str, tuple[Any, ...]] | None = ("", ())
         self._since = time.monotonic()
 
     def wait_until_made(self) -> None:
@@ -63,11 +63,11 @@ class RemoteTask(Closing):
 
     def begin_reset(self, seed: int) -> None:
         """Begin `reset` without waiting for it."""
-        self._ask("reset", seed)
+        self._send("reset", seed)
 
     def begin_step(self, action: int) -> None:
         """Begin `step` without waiting for it."""
-        self._ask("step", action)
+        self._send("step", action)
 
     def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`.
@@ -98,7 +98,7 @@ class RemoteTask(Closing):
 
     def close(self) -> None:
         """Close the environment and end its process."""
-        if self._process.is_alive() and self._asked is None:
+        if self._process.is_alive() and self._pending is None:
             try:
                 self._do("close", doing="closing the environment")
             finally:
@@ -113,16 +113,16 @@ class RemoteTask(Closing):
 
     # The process -------------------------------------------------------------------------------
 
-    def _ask(self, what: str, *arguments: Any) -> None:
-        assert self._asked is None, f"{self._asked} was not answered"
-        self._asked, self._since = (what, arguments), time.monotonic()
+    def _send(self, what: str, *arguments: Any) -> None:
+        assert self._pending is None, f"{self._pending} was not answered"
+        self._pending, self._since = (what, arguments), time.monotonic()
         with contextlib.suppress(OSError):  # it is dead, which `_answer` tells
             self._pipe.send((what, arguments))
 
     def _do(self, what: str, *arguments: Any, doing: str) -> Any:
-        if self._asked is None:
-            self._ask(what, *arguments)
-        assert self._asked == (what, arguments), f"{self._asked} was begun, not {what}"
+        if self._pending is None:
+            self._send(what, *arguments)
+        assert self._pending == (what, arguments), f"{self._pending} was begun, not {what}"
         return self._answer(doing)
 
     def _answer(self, doing: str) -> Any:
@@ -136,7 +136,7 @@ class RemoteTask(Closing):
             ) from None
         finally:
             self._task.call = None
-        self._asked = None
+        self._pending = None
         if isinstance(answer, Exception):
             answer.add_note(f"It happened in environment {self._number}.")
             raise answer
@@ -144,7 +144,7 @@ class RemoteTask(Closing):
 
 
 def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
-    """Make the environment, and do what is asked, in another process."""
+    """Make the environment in this process, and answer calls of its methods until it is closed."""
     follow_parent()
     unsafe_path()
     try:
@@ -153,28 +153,28 @@ def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
         pipe.send(error)
         return
     pipe.send(None)
-    asked = ""
-    while asked != "close":
-        asked, arguments = pipe.recv()
+    method = ""
+    while method != "close":
+        method, arguments = pipe.recv()
         try:
-            answer = getattr(task, asked)(*arguments)
-            if asked in ("reset", "step"):
+            answer = getattr(task, method)(*arguments)
+            if method in ("reset", "step"):
                 raw, info = answer[0], answer[-1]
                 answer = answer, (task.observation(raw), task.ground(raw, info, task.env))
         except Exception as error:
             answer = error
             if not isinstance(error, SerpError):
                 answer.add_note(traceback.format_exc())
-        _send(pipe, answer, task.name, asked)
+        _send(pipe, answer, task.name, method)
 
 
-def _send(pipe: Connection, answer: Any, task: str, asked: str) -> None:
+def _send(pipe: Connection, answer: Any, task: str, method: str) -> None:
     try:
         pipe.send(answer)
     except Exception as error:  # whatever the environment's objects raise
         pipe.send(
             EnvironmentFailure(
-                f"task {task}: what {asked} returned cannot be sent from another process: "
+                f"task {task}: what {method} returned cannot be sent from another process: "
                 f"{type(error).__name__}: {error}; let it consist of plain values"
             )
         )

@@ -133,26 +133,26 @@ def controls(model: TransitionModel, state: Vector, seen: Ranges) -> list[Contro
     compare it with, and some more.
     """
     compared = _thresholds(model)
-    found = []
+    settable = []
     for fluent in model.fluents:
         value = float(state[fluent.index])
         known = (0.0, value, *compared.get(fluent.index, ()))
         limits = _slider(known, seen.get(fluent.name, ()))
-        found.append(Control(fluent.name, fluent.numeric, value, *limits))
-    return found
+        settable.append(Control(fluent.name, fluent.numeric, value, *limits))
+    return settable
 
 
 def _thresholds(model: TransitionModel) -> dict[int, list[float]]:
     """Return fluent → the numbers that conditions compare it with."""
     theta = model.theta.tolist()
-    found: dict[int, list[float]] = {}
+    compared: dict[int, list[float]] = {}
     for schema in model.ground.schemas:
         conditions = [*schema.preconditions, *(effect.condition for effect in schema.effects)]
         for test in (c for condition in conditions for c in g.comparisons_of(condition)):
             limit = threshold(test, theta)
             if limit is not None and math.isfinite(limit[2]):
-                found.setdefault(limit[0], []).append(limit[2])
-    return found
+                compared.setdefault(limit[0], []).append(limit[2])
+    return compared
 
 
 def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float, float]:
@@ -241,7 +241,7 @@ def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecis
         order.sort(key=lambda k: (k != plan.action, -plan.forecast.value[k]))
     order = order[:_MOST_ACTIONS]
     for k in order:
-        account.alternatives[k].behind  # noqa: B018  (traced now, in this thread)
+        account.alternatives[k].as_dict()  # traced now, in this thread
     graph = plan_svg(plan, planner)
     return ShownDecision(
         account, tuple(order), _verdict(plan, account), graph, tuple(controls(model, state, seen))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from nicegui import run, ui
 
 from serp._util.text import plural
+from serp.authoring.scenarios.checking import Result
 from serp.errors import RunError, SerpError, with_notes
 from serp.runs.folder import METRICS
 from serp.runs.tables import read_metrics
@@ -18,9 +20,6 @@ from serp.ui.report.recorded_steps import curve_arrays
 from serp.ui.studio.pages.editor import EditorPane
 from serp.ui.studio.pages.live import Live, busy, button
 from serp.ui.studio.session import SCENARIOS, Session
-
-if TYPE_CHECKING:
-    from serp.authoring.scenarios.checking import Result
 
 _SECONDS: Final = 1.5
 """Time between two looks at what a training has written."""
@@ -151,19 +150,16 @@ class TrainingPane:
         training = self._session.training
         assert training is not None
         state = training.state
-        try:
-            metrics = await run.io_bound(read_metrics, training.run / METRICS)
-            steps = metrics["env_steps"].tolist()
-        except (RunError, OSError):  # not there yet, or in the middle of being written
-            steps = []
         done = "no episode yet"
-        if steps:
-            done = (
-                f"{plural(len(steps), 'episode')}, {steps[-1]:,} steps, ρ {metrics['rho'][-1]:.2f}"
-            )
-            arrays = {name: a.tolist() for name, a in curve_arrays(metrics, ()).items()}
-            data = json.dumps({"envSteps": steps[-1]}), json.dumps(arrays)
-            self._curve.client.run_javascript(f"drawTraining({', '.join(data)})")
+        # Files may not be there yet, or be in the middle of being written.
+        with contextlib.suppress(RunError, OSError):
+            metrics = await run.io_bound(read_metrics, training.run / METRICS)
+            arrays = {name: array.tolist() for name, array in curve_arrays(metrics, ()).items()}
+            if steps := arrays["curveAt"]:
+                count, rho = plural(len(metrics["return"]), "episode"), arrays["rho"][-1]
+                done = f"{count}, {steps[-1]:,} steps, ρ {rho:.2f}"
+                data = json.dumps({"envSteps": steps[-1]}), json.dumps(arrays)
+                self._curve.client.run_javascript(f"drawTraining({', '.join(data)})")
         self._summary.set_text(f"{training.run.name}: {state}; {done}")
         if state != "running":
             self._timer.deactivate()
