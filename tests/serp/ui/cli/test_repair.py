@@ -44,8 +44,7 @@ def test_the_file_is_right_and_what_is_shown_is_what_is_written(run: Run, ignora
     )
     assert shown_lines[2:] == lines[2:]
     assert "+      (increase (pole-angle) (* #t (pole-velocity)))))" in lines
-    checked = run("check", "known.pddl").stdout
-    assert "known.pddl: right" in checked
+    run("check", "known.pddl")
 
 
 def test_nothing_in_the_run_is_changed(run: Run, ignorant: Path) -> None:
