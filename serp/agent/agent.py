@@ -128,7 +128,7 @@ class Agent:
         )
         if isinstance(planner, ExperiencedPlanner):
             planner.visited = self.adaptation.experience
-        horizon = settings.planner.depth * settings.planner.repeat
+        horizon = settings.planner.depth
         self.guarded = Arbiter(
             planner,
             actions,

@@ -9,7 +9,7 @@ from typing import Any
 from serp._util.saved_state import Saved
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.own_planners import Ensemble
-from serp.agent.protocols import ForeseeingPlanner, Planner, Proposer
+from serp.agent.protocols import EpisodicPlanner, Planner, PrefetchingPlanner, Proposer
 from serp.agent.refusals import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.agent.strategy import Mixture, Situation, Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
@@ -79,8 +79,13 @@ class Arbiter:
         planner = self.planner
         return planner.led_by(strategy.planner) if isinstance(planner, Ensemble) else planner
 
+    def begin_episode(self) -> None:
+        """Say that an episode begins, perhaps in another world."""
+        if isinstance(self.planner, EpisodicPlanner):
+            self.planner.begin_episode()
+
     @contextmanager
-    def foreseeing(self, states: Mapping[int, Vector]) -> Iterator[None]:
+    def prefetch(self, states: Mapping[int, Vector]) -> Iterator[None]:
         """Have the forecasts for states of several environments at hand in the body.
 
         Each is that of the planner that acts in the environment, if it can.
@@ -93,10 +98,10 @@ class Arbiter:
             self.strategy.lane = lane
             leader = self.leader(self.strategy)
             led.setdefault(id(leader), (leader, []))[1].append(state)
-        with ExitStack() as foreseen:
+        with ExitStack() as prefetched:
             for planner, own in led.values():
-                if len(own) > 1 and isinstance(planner, ForeseeingPlanner):
-                    foreseen.enter_context(planner.foreseeing(own))
+                if len(own) > 1 and isinstance(planner, PrefetchingPlanner):
+                    prefetched.enter_context(planner.prefetch(own))
             yield
 
     def decide(self, state: Vector, learner: Proposer) -> Decision:

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import Arrays, Saved, nested
 from serp._util.text import did_you_mean
-from serp.agent.protocols import ExperiencedPlanner, Planner, StatefulPlanner
+from serp.agent.protocols import (
+    EpisodicPlanner,
+    ExperiencedPlanner,
+    Planner,
+    StatefulPlanner,
+)
 from serp.errors import TaskError
 from serp.model.domain import Domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
@@ -102,6 +107,10 @@ class FilePlanner(AdvisedPlanner):
         choice = self._other.forecast(np.ascontiguousarray(state[self._fluents])).choice
         return self._actions[choice] if choice >= 0 else -1
 
+    def begin_episode(self) -> None:
+        """Say that an episode begins, perhaps in another world."""
+        self._other.begin_episode()
+
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         return self._other.state_dict()
@@ -148,6 +157,12 @@ class Ensemble:
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast of the best planner for a state `[F]`."""
         return self._members[self._best()].forecast(state)
+
+    def begin_episode(self) -> None:
+        """Say that an episode begins, perhaps in another world."""
+        for member in self._members:
+            if isinstance(member, EpisodicPlanner):
+                member.begin_episode()
 
     @property
     def visited(self) -> Visited | None:

@@ -37,7 +37,7 @@ from serp.planning.cells import (
     value_at,
 )
 from serp.planning.hash_table import key_slot
-from serp.planning.preference import compiled_joined, compiled_rank_of, hazard, marked
+from serp.planning.preference import compiled_joined, compiled_rank_of, marked, step_risk
 from serp.planning.value_iteration import best_rank
 from serp.settings import PlannerSettings
 
@@ -161,7 +161,7 @@ def expand_cells(model, rules, arrays, division, found, room):
                     if held == 0 and step & UNDEFINED:
                         graph.undefined[node] = 1
                     break
-                further = hazard(step, accepted)
+                further = step_risk(step, accepted)
                 step = marked(step, further)
                 flags = step if held == 0 else np.int64(compiled_joined(flags, step))
                 danger += (1.0 - danger) * further
@@ -186,7 +186,7 @@ def expand_cells(model, rules, arrays, division, found, room):
                 continue
             edge = count[_EDGES]
             count[_EDGES] = edge + 1
-            graph.action[edge], graph.flags[edge], graph.hazard[edge] = action, flags, danger
+            graph.action[edge], graph.flags[edge], graph.step_risk[edge] = action, flags, danger
             seen[edge], periods[edge], beyond[edge] = total, length, 0.0
             held_edges.weight[edge] = weight / discount
             held_edges.node[edge] = ENDED
@@ -370,7 +370,7 @@ def solve_cells(arrays, found, discount, worst, beyond):
         for edge in range(start, end):
             if np.int64(compiled_rank_of(graph.flags[edge])) > lowest:
                 continue
-            danger, weight = graph.hazard[edge], discount * held.weight[edge]
+            danger, weight = graph.step_risk[edge], discount * held.weight[edge]
             reward[edge_count] = held.reward[edge] + (
                 (1.0 - danger) * beyond * held.beyond[edge] + danger * worst * weight
             )
@@ -540,7 +540,7 @@ class CellGraph(ArrayGraph):
         rates = held.reward[:edges] / held.periods[:edges]
         # The reward of an end, or of what is unsafe, is not one that goes on.
         goes_on = (held.node[:edges] != ENDED) | (held.beyond[:edges] > 0.0)
-        goes_on &= arrays.hazard[:edges] == 0.0
+        goes_on &= arrays.step_risk[:edges] == 0.0
         least, middle, most, alike = 0.0, 0.0, 0.0, True
         if goes_on.any():
             least, middle, most = np.quantile(rates[goes_on], (0.0, 0.5, 1.0)).tolist()

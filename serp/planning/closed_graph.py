@@ -33,7 +33,7 @@ from serp.planning.array_graph import (
 from serp.planning.edges import Bound, FirstActions
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.hash_table import state_slot
-from serp.planning.preference import hazard, marked
+from serp.planning.preference import marked, step_risk
 from serp.settings import PlannerSettings
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -150,8 +150,8 @@ def expand(model, branches, rules, arrays, room, most):
                 continue
             edge = graph.counters[_EDGES]
             graph.counters[_EDGES] = edge + 1
-            danger = hazard(flags, accepted)
-            graph.action[edge], graph.hazard[edge], graph.reward[edge] = action, danger, 0.0
+            danger = step_risk(flags, accepted)
+            graph.action[edge], graph.step_risk[edge], graph.reward[edge] = action, danger, 0.0
             graph.flags[edge] = marked(flags, danger)
             graph.first_outcome[edge + 1] = graph.counters[_OUTCOMES]
             if branches == 0:
@@ -170,7 +170,7 @@ def expand(model, branches, rules, arrays, room, most):
 _AT = Counters()
 _FLAGS: Final = 2**53
 _OF_NODES: Final = ("layer", "undefined", "value", "risk", "steps", "inside")
-_OF_EDGES: Final = ("action", "flags", "reward", "hazard")
+_OF_EDGES: Final = ("action", "flags", "reward", "step_risk")
 _OF_OUTCOMES: Final = ("target", "chance")
 
 
@@ -228,7 +228,7 @@ def restored(
         "action": (edges, 0, actions - 1),
         "flags": (edges, 0, _FLAGS),
         "reward": (edges, None, 0.0),
-        "hazard": (edges, 0.0, 1.0),
+        "step_risk": (edges, 0.0, 1.0),
         "first_outcome": (edges + 1, 0, outcomes),
         "target": (outcomes, ENDED, nodes - 1),
         "chance": (outcomes, 0.0, 1.0),
@@ -450,5 +450,5 @@ class ClosedGraph(ArrayGraph):
         most = self._actions * OUTCOMES
         spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
         self._hold(restored(arrays, self._width, self._actions, spare, self._inert))
-        solution.mark_doomed(self._arrays_tuple)
+        solution.mark_dead_ends(self._arrays_tuple)
         self._measure()

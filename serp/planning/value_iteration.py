@@ -21,7 +21,7 @@ _TINY = 1e-9
 @cached_njit(nogil=True, forceinline=True)
 def risk_of(graph, edge, discount):
     """Return the discounted risk of an edge and what follows it."""
-    danger, following = graph.hazard[edge], 0.0
+    danger, following = graph.step_risk[edge], 0.0
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
         if graph.target[k] >= 0:
             following += graph.chance[k] * graph.risk[graph.target[k]]
@@ -44,7 +44,7 @@ def lasting_risk(graph, edge, node, discount):
 
     The best edge has the least, as it has of `risk_of`.
     """
-    danger, following, own = graph.hazard[edge], 0.0, 0.0
+    danger, following, own = graph.step_risk[edge], 0.0, 0.0
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
         target = graph.target[k]
         if target == node:
@@ -79,7 +79,7 @@ def lasting_value(graph, edge, node, discount):
 @cached_njit(nogil=True, forceinline=True)
 def steps_through(graph, edge):
     """Return the control periods before the first risk on an edge and what follows it."""
-    if graph.hazard[edge] > 0.0:
+    if graph.step_risk[edge] > 0.0:
         return np.int64(0)
     least = np.int64(SAFE)
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
@@ -101,11 +101,11 @@ def best_rank(graph, node):
 @cached_njit(nogil=True, forceinline=True)
 def certain(graph, edge):
     """Return whether damage is certain after an edge."""
-    if graph.hazard[edge] >= 1.0:
+    if graph.step_risk[edge] >= 1.0:
         return True
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
         target = graph.target[k]
-        if target < 0 or not graph.doomed[target]:
+        if target < 0 or not graph.dead_end[target]:
             return False
     return True
 
@@ -123,18 +123,18 @@ _NODES, _EXPANDED, _EDGES, _ = Counters()
 
 
 @cached_njit(nogil=True)
-def mark_doomed(arrays):
+def mark_dead_ends(arrays):
     """Mark the nodes at which every action of the best rank is certain to do damage."""
     graph = GraphArrays(*arrays)
     expanded = graph.counters[_EXPANDED]
     for node in range(graph.counters[_NODES]):
-        graph.doomed[node] = 0
+        graph.dead_end[node] = 0
     changed = True
     while changed:
         changed = False
         for k in range(expanded):
             node = expanded - 1 - k
-            if graph.doomed[node]:
+            if graph.dead_end[node]:
                 continue
             start, end = graph.first_edge[node], graph.first_edge[node + 1]
             lost = start < end or graph.undefined[node] != 0
@@ -143,7 +143,7 @@ def mark_doomed(arrays):
                 if np.int64(compiled_rank_of(graph.flags[edge])) == lowest:
                     lost = lost and certain(graph, edge)
             if lost:
-                graph.doomed[node] = 1
+                graph.dead_end[node] = 1
                 changed = True
 
 
@@ -151,7 +151,7 @@ def mark_doomed(arrays):
 def _accepted(graph, edge, node, danger, accepted):
     """Return whether the risk of an edge of the best rank, `danger`, counts as the least."""
     within = compiled_within_slack(danger, graph.risk[node] + ALIKE, accepted)
-    return within and not graph.doomed[node] and not certain(graph, edge)
+    return within and not graph.dead_end[node] and not certain(graph, edge)
 
 
 @cached_njit(nogil=True)
@@ -187,7 +187,7 @@ def solve(arrays, discount, accepted):
             graph.value[node] = 0.0
             graph.risk[node] = 1.0 if graph.undefined[node] else 0.0
             graph.steps[node] = 0 if graph.undefined[node] else SAFE
-    mark_doomed(arrays)
+    mark_dead_ends(arrays)
     if _solve_risks(graph, expanded, discount, allowed) and accepted > 0.0:
         _allow_accepted(graph, expanded, discount, accepted, allowed)
     _solve_values(graph, expanded, discount, allowed)
@@ -199,7 +199,7 @@ def _solve_risks(graph, expanded, discount, allowed):
     """Find the least risks, and leave only the edges that have them; return if there are any."""
     risky = False
     for edge in range(graph.counters[_EDGES]):
-        risky = risky or graph.hazard[edge] > 0.0
+        risky = risky or graph.step_risk[edge] > 0.0
     for node in range(expanded):
         risky = risky or graph.risk[node] > 0.0
     if not risky:

@@ -226,14 +226,12 @@ def planner_data(
     actions, fluents = len(model.actions), len(model.fluents)
     data: dict[str, Any] = {
         "depth": settings.depth,
-        "repeat": settings.repeat,
         "discount": settings.discount,
         "accepted_risk": settings.accepted_risk,
         "max_nodes": lookahead_nodes(settings, actions, fluents),
         "max_edges": edge_budget(fluents),
         "solved": False,
         "cells": False,
-        "favoured": False,
     }
     arrays: Arrays = {}
     if type(planner) is FarSightPlanner:
@@ -262,7 +260,6 @@ def _far_sight(planner: FarSightPlanner, arrays: Arrays) -> dict[str, bool]:
     return {
         "solved": bool(len(solved["states"])),
         "cells": bool(len(cells["value"])),
-        "favoured": planner.favours_cells,
     }
 
 

@@ -291,6 +291,7 @@ class Trainer(Closing):
                 limit=self.settings.training.episode_steps,
                 judge=self.judge,
             )
+            self.agent.arbiter.begin_episode()
             self._notice_unit(lane, lane.rollout.info, reset=True)
             return None
         self.under_way = self.env_steps + 1
@@ -323,7 +324,7 @@ class Trainer(Closing):
         """
         rollouts = [lane.rollout for lane in lanes if lane.rollout is not None]
         states = {lane.number: r.state for lane, r in zip(lanes, rollouts, strict=True)}
-        with self.agent.arbiter.foreseeing(states):
+        with self.agent.arbiter.prefetch(states):
             for k, (lane, rollout) in enumerate(zip(lanes, rollouts, strict=True)):
                 self.agent.turn_to(lane.number)
                 if self._pretrained:

@@ -46,7 +46,6 @@ def describe(
         "indifferent": plan.indifferent,
         "depth": plan.depth,
         "discount": planner.settings.discount,
-        "repeat": planner.settings.repeat,
         "control_period": planner.model.dt,
         "bound": plan.bound.name.lower(),
         "partial": plan.bound.partial,

@@ -135,14 +135,11 @@ class ChosenPlanner(MonitorReplanner):
             return f"{self._called} follows a plan of {length} to the goal."
         if plan.bound is Bound.EXHAUSTED:
             return f"{self._called} saw everything that can be reached, {discount}."
-        near, repeat = self.decided_by_graph(plan), self.settings.repeat
-        if plan.bound is Bound.NODES and not near:  # that of a closed graph
-            repeat = 1
-        each = f", each repeated for {repeat} control periods" if repeat > 1 else ""
+        near = self.decided_by_graph(plan)
         states = f": {plural(plan.nodes, 'state')}" if near else ""
         closes = not isinstance(self._planner, Lookahead)
         began = "could not follow all that can be reached, and " if closes else ""
-        ahead = f"{plural(plan.depth, 'action')}{each}{states}"
+        ahead = f"{plural(plan.depth, 'action')}{states}"
         saw = f"{self._called} {began}looked ahead {ahead}, {discount}."
         if plan.bound is Bound.CELLS:
             saw += " Values of cells stand for what lies beyond."
@@ -188,7 +185,6 @@ _FIXED: Final = {
     "planner_name": "--planner",
     "depth": "--depth",
     "discount": "--discount",
-    "repeat": "--repeat",
     "dt": "--dt",
     "settings": "--set",
 }

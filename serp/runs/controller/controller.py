@@ -193,9 +193,9 @@ class Controller:
         if ground < 0:
             return self._available[action]
         edge = search.edge(state, ground)
-        if edge.first_flags & (APPLICABLE | UNSAFE | RISKY) != APPLICABLE:
+        if edge.flags & (APPLICABLE | UNSAFE | RISKY) != APPLICABLE:
             return False
-        if edge.first_reward < self._r_min:
+        if edge.reward < self._r_min:
             return False
         return not self._looks_ahead or search.stays_safe(edge)
 

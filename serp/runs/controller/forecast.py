@@ -54,10 +54,11 @@ class Prospects(NamedTuple):
         first, columns = chosen[0], (self.value, self.path_risk, self.safe_steps)
         return all(column[k] == column[first] for column in columns for k in chosen)
 
-    def sees_costs_alone(self, periods: float) -> bool:
-        """Return whether it is indifferent but for what the first edge gives."""
+    @property
+    def sees_costs_alone(self) -> bool:
+        """Whether it is indifferent but for what the first step gives."""
         values = np.array(self.value)
-        rest = values - periods * np.array(self.reward)
+        rest = values - np.array(self.reward)
         largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
         if largest > 0.0:
             rest = np.round(rest / largest, 9)

@@ -12,31 +12,24 @@ from .step import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, TERMINAL, UNDEFINED,
 
 Step = Callable[[State, int], tuple[State, int]]
 LeafValues = Callable[[list[State]], list[float]]
-BITS = 0x1F
 
 
 class FollowedEdge(NamedTuple):
-    """One action, repeated `repeat` times or until it ends.
+    """One control period of an action.
 
     Attributes:
         target: The state reached; only where `flags` has APPLICABLE.
-        reward, weight: Discounted sum of rewards, and weight of what follows.
-        flags: Of all periods together, without the risk.
-        rank: Of the first period.
-        periods: Periods before the first risk.
-        risk: Probability of an unsafe period.
-        first_reward, first_flags: Of the first period.
+        reward: Its reward.
+        flags: Its flags.
+        risk: Probability that it is unsafe; 0 if that is accepted.
+        leaf: The value of the state reached, where that is a leaf that has one.
     """
 
     target: State
     reward: float
-    weight: float
     flags: int
-    rank: int
-    periods: int
     risk: float
-    first_reward: float
-    first_flags: int
+    leaf: float = 0.0
 
 
 EdgeLayer = list[list[FollowedEdge]]
@@ -49,7 +42,6 @@ class SearchLimits(NamedTuple):
 
     actions: int
     depth: int
-    repeat: int
     discount: float
     accepted_risk: float
     max_nodes: int
@@ -59,14 +51,9 @@ class SearchLimits(NamedTuple):
     def of(cls, data: Entry, actions: int) -> SearchLimits:
         """Return the limits of a planner for so many ground actions."""
         return cls(
-            actions, data["depth"].whole(1), data["repeat"].whole(1), data["discount"].number(),
+            actions, data["depth"].whole(1), data["discount"].number(),
             data["accepted_risk"].number(), data["max_nodes"].whole(1), data["max_edges"].whole(1),
         )  # fmt: skip
-
-    @property
-    def periods(self) -> float:
-        """Discounted number of control periods of an edge."""
-        return float(sum(self.discount**k for k in range(self.repeat)))
 
     @property
     def tree(self) -> int:
@@ -76,13 +63,13 @@ class SearchLimits(NamedTuple):
             nodes += layer
             layer *= self.actions
             if nodes > self.max_nodes or nodes * self.actions > self.max_edges:
-                return self.repeat * (self.max_edges + 1)
-        return self.repeat * nodes * self.actions
+                return self.max_edges + 1
+        return nodes * self.actions
 
     @property
     def unbounded(self) -> bool:
         """Whether the whole tree fits into the budgets, so that no part of it can be left out."""
-        return self.tree <= self.repeat * self.max_edges
+        return self.tree <= self.max_edges
 
 
 class PathSearch:
@@ -98,30 +85,11 @@ class PathSearch:
         """Follow an edge of the planning graph."""
         out, flags = self._step(state, action)
         reward = out.pop()
-        risk = self._hazard(flags)
+        risk = self._step_risk(flags)
         flags = self._marked(flags, risk)
-        first_reward, first_flags, rank = reward, flags, rank_of(flags)
-        discount = self._limits.discount
-        weight, periods = discount, 0 if risk > 0.0 else 1
-        for _ in range(self._limits.repeat - 1):
-            if not flags & APPLICABLE or flags & TERMINAL:
-                break
-            then, again = self._step(out, action)
-            if not again & APPLICABLE:
-                break
-            out = then
-            further = self._hazard(again)
-            flags = (flags | self._marked(again, further)) & 0xFF
-            risk += (1.0 - risk) * further
-            if risk == 0.0:
-                periods += 1
-            reward += weight * out.pop()
-            weight *= discount
-        return FollowedEdge(
-            out, reward, weight, flags & BITS, rank, periods, risk, first_reward, first_flags
-        )
+        return FollowedEdge(out, reward, flags, risk)
 
-    def _hazard(self, flags: int) -> float:
+    def _step_risk(self, flags: int) -> float:
         if flags & UNSAFE:
             return 1.0
         risk = (flags >> RISK_SHIFT) * RISK_UNIT
@@ -227,17 +195,18 @@ class PathSearch:
                         undefined = undefined or bool(edge.flags & UNDEFINED)
                         of_actions.append((-math.inf, 1.0, -1))
                         continue
-                    total, danger, safe = edge.reward, edge.risk, SAFE
+                    total = edge.reward + self._limits.discount * edge.leaf
+                    danger, safe = edge.risk, SAFE
                     child = targets[action]
                     if 0 <= child < len(below):
                         next_risk, next_steps, next_value = below[child]
-                        total += edge.weight * next_value
+                        total += self._limits.discount * next_value
                         danger += (1.0 - danger) * next_risk
-                        safe = next_steps if next_steps == SAFE else next_steps + edge.periods
+                        safe = next_steps if next_steps == SAFE else next_steps + 1
                     if edge.risk > 0.0:
-                        safe = edge.periods
+                        safe = 0
                     of_actions.append((total, danger, safe))
-                    score = -edge.rank, -danger, safe, total
+                    score = -rank_of(edge.flags), -danger, safe, total
                     if chosen < 0 or score > best:
                         chosen, best, top = action, score, (danger, safe, total)
                     chance = chance or 0.0 < danger < 1.0
@@ -252,8 +221,8 @@ class PathSearch:
                         [value for value, _, _ in of_actions],
                         [risk for _, risk, _ in of_actions],
                         [steps for _, _, steps in of_actions],
-                        [edge.first_reward if edge.flags & APPLICABLE else 0.0 for edge in edges],
-                        [edge.first_flags for edge in edges],
+                        [edge.reward if edge.flags & APPLICABLE else 0.0 for edge in edges],
+                        [edge.flags for edge in edges],
                         complete,
                     )
             below = here
@@ -265,9 +234,10 @@ class PathSearch:
         """Let accepted risks count as the least; return the best action and its path."""
         most, least, steps = of_actions[safest]
         chosen = safest
+        rank = rank_of(edges[safest].flags)
         for action, edge in enumerate(edges):
             value, danger, _ = of_actions[action]
-            same = edge.flags & APPLICABLE and edge.rank == edges[safest].rank
+            same = edge.flags & APPLICABLE and rank_of(edge.flags) == rank
             if same and danger < 1.0 and danger <= least + self._limits.accepted_risk:
                 of_actions[action] = value, least, steps
                 if value > most or (value == most and action < chosen):
@@ -294,7 +264,7 @@ def _distinct(edges: list[list[FollowedEdge]]) -> tuple[list[State], list[list[i
 
 
 def _with_values(edges: EdgeLayer, leaves: LeafValues) -> EdgeLayer:
-    """Return edges whose rewards include the value of the states that they lead to."""
+    """Return edges with the values of the states that they lead to."""
     ends = [
         (k, a)
         for k, of_node in enumerate(edges)
@@ -304,6 +274,5 @@ def _with_values(edges: EdgeLayer, leaves: LeafValues) -> EdgeLayer:
     values = leaves([edges[k][a].target for k, a in ends])
     valued = [of_node.copy() for of_node in edges]
     for (k, a), value in zip(ends, values, strict=True):
-        edge = edges[k][a]
-        valued[k][a] = edge._replace(reward=edge.reward + edge.weight * value)
+        valued[k][a] = edges[k][a]._replace(leaf=value)
     return valued

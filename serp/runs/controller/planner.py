@@ -65,13 +65,12 @@ class FrozenPlanner:
         actions: EnvironmentActions,
         learns: bool,
     ) -> None:
-        self._search, self._periods = search, limits.periods
+        self._search = search
         self._actions, self._learns = actions, learns
         self._solved: SolvedStates | None = None
         if data["solved"].truth():
             self._solved = SolvedStates(arrays, width, limits.actions)
         self._cells = CellTable(arrays, width) if data["cells"].truth() else None
-        self._favoured = data["favoured"].truth()
 
     @property
     def has_solved(self) -> bool:
@@ -91,10 +90,9 @@ class FrozenPlanner:
         cells = self._cells
         if cells is None:
             return self._search(state, None)
-        if not self._favoured:
-            found = self._search(state, None)
-            if not found.sees_costs_alone(self._periods):
-                return found
+        found = self._search(state, None)
+        if not found.sees_costs_alone:
+            return found
         found = self._search(state, cells.values)
         if self._learns and found.complete and found.choice >= 0:
             safe = found.safe_steps[found.choice] == SAFE

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
 
 
-_USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
+_USED = ("name", "depth", "discount", "max_nodes", "accepted_risk")
 """The settings of one decision."""
 
 
@@ -60,8 +60,6 @@ _USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
                    "[default: the task's, else 5]")  # fmt: skip
 @click.option("--discount", type=click.FloatRange(0, 1, min_open=True), metavar="X",
               help="Weight of a reward one control period later.")  # fmt: skip
-@click.option("--repeat", type=click.IntRange(min=1), metavar="N",
-              help="Control periods that an action is repeated for in the lookahead.")  # fmt: skip
 @click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
               help="Control period.  [default: the task's, else 1]")  # fmt: skip
 @click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), default=10.0,
@@ -165,10 +163,9 @@ def _planning(
 ) -> MakePlanner:
     """Return a function that makes the planner of a domain, as task, settings and options say."""
     from serp.settings import resolve
-    from serp.tasks.file_world import STEP_BY_STEP
     from serp.ui.planner import ChosenPlanner, chosen_planner
 
-    every = resolve("default", STEP_BY_STEP if task is None else task.settings, settings)
+    every = resolve("default", None if task is None else task.settings, settings)
     for section, values in settings.items():
         for name in values:
             if section != "planner" or name not in _USED:

@@ -97,7 +97,7 @@ def draw_plan(plan: Plan, planner: MonitorReplanner, rows: int = MAX_ROWS) -> Pl
         for k, action in enumerate(planner.model.actions)
         if forecast.applicable[k]
     }
-    layout = lay_out(plan.graph, planner.settings.discount**planner.settings.repeat, labels, rows)
+    layout = lay_out(plan.graph, planner.settings.discount, labels, rows)
     columns = [_MARGIN]
     for layer in range(1 + max((branch.layer for branch in layout.branches), default=-1)):
         longest = max(len(branch.label) for branch in layout.branches if branch.layer == layer)
@@ -319,8 +319,6 @@ def _foot(picture: PlanPicture, plan: Plan, planner: MonitorReplanner, wide: int
     sentences = []
     if plan.name is not None:
         actions = f"{plan.depth} action{'' if plan.depth == 1 else 's'}"
-        if settings.repeat > 1:
-            actions += f", each repeated for {settings.repeat} control periods"
         ended = ", ended by the limit on nodes" if plan.bound is Bound.NODES else ""
         sentences.append(f"Lookahead: {actions}; discount {settings.discount:g}{ended}.")
     if plan.path:

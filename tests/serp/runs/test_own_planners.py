@@ -72,14 +72,14 @@ def test_each_planner_foresees_the_environments_that_it_leads(
         foreseen.append([float(state[0]) for state in states])
         return nullcontext()
 
-    monkeypatch.setattr(Lookahead, "foreseeing", note)
+    monkeypatch.setattr(Lookahead, "prefetch", note)
     task = with_planners(tmp_path)
     changes = {"planner": {"name": "lookahead+rightwards+far-sight"}, "training": {"num_envs": 6}}
     with task.bind() as bound:
         agent = Agent(bound, resolve("default", task.settings, changes), 0)
         agent.strategy._leads = [Lead(k % 3, k > 3) for k in range(6)]  # type: ignore[attr-defined]
         states = {lane: np.array([lane + 0.5]) for lane in range(6)}
-        with agent.arbiter.foreseeing(states):
+        with agent.arbiter.prefetch(states):
             pass
     assert foreseen == [[0.5, 3.5], [2.5, 5.5]]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..forecast import SAFE, Prospects
-from ..lookahead import BITS, LeafValues, SearchLimits
+from ..lookahead import LeafValues, SearchLimits
 from ..step import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, TERMINAL, UNDEFINED, UNSAFE
 
 Rows = NDArray[np.float64]
@@ -27,13 +27,9 @@ class EdgeRows(NamedTuple):
 
     target: Rows
     reward: Rows
-    weight: Rows
     flags: Flags
-    rank: Flags
-    periods: Flags
     risk: Rows
-    first_reward: Rows
-    first_flags: Flags
+    leaf: Rows
 
     @property
     def goes_on(self) -> NDArray[np.bool_]:
@@ -60,7 +56,7 @@ class LayerSearch:
             _, layers, children, complete = self._kept
             if leaves is not None and len(layers) == self._limits.depth:
                 layers = [*layers[:-1], _with_values(layers[-1], leaves)]
-            return _best(layers, children, complete, self._limits.accepted_risk)
+            return _best(layers, children, complete, self._limits)
 
     def _expanded(self, state: list[float]) -> ExpandedRows:
         limits = self._limits
@@ -87,39 +83,18 @@ class LayerSearch:
 
     def _followed(self, layer: Rows) -> EdgeRows:
         """Follow all actions from all states of a layer."""
-        discount, count, actions = self._limits.discount, layer.shape[1], self._limits.actions
+        count, actions = layer.shape[1], self._limits.actions
         bounds = np.arange(actions + 1) * count
         out, flags = self._step(np.tile(layer, (1, actions)), bounds.tolist())
-        risk = self._hazard(flags)
-        flags = _marked(flags, risk)
-        first_reward, first_flags = out[-1].copy(), flags.copy()
-        rank = np.where(flags & UNSAFE, 2, np.where(flags & RISKY, 1, 0))
-        reward, weight = first_reward.copy(), np.full(len(flags), discount)
-        periods = np.where(risk > 0.0, 0, 1)
-        action = np.repeat(np.arange(actions), count)
-        for _ in range(self._limits.repeat - 1):
-            going = np.flatnonzero((flags & (APPLICABLE | TERMINAL)) == APPLICABLE)
-            if not len(going):
-                break
-            within = np.searchsorted(action[going], np.arange(actions + 1)).tolist()
-            then, again = self._step(out[:-1, going], within)
-            applicable = again & APPLICABLE != 0
-            going, then, again = going[applicable], then[:, applicable], again[applicable]
-            out[:-1, going] = then[:-1]
-            further = self._hazard(again)
-            flags[going] = (flags[going] | _marked(again, further)) & 0xFF
-            risk[going] += (1.0 - risk[going]) * further
-            periods[going] += risk[going] == 0.0
-            reward[going] += weight[going] * then[-1]
-            weight[going] *= discount
+        risk = self._step_risk(flags)
 
         def by_action(row: NDArray[Any]) -> NDArray[Any]:
             return row.reshape(actions, count)
 
-        rows = reward, weight, flags & BITS, rank, periods, risk, first_reward, first_flags
-        return EdgeRows(out[:-1].reshape(len(layer), actions, count), *map(by_action, rows))
+        rows = map(by_action, (out[-1], _marked(flags, risk), risk, np.zeros(len(flags))))
+        return EdgeRows(out[:-1].reshape(len(layer), actions, count), *rows)
 
-    def _hazard(self, flags: Flags) -> Rows:
+    def _step_risk(self, flags: Flags) -> Rows:
         risk = (flags >> RISK_SHIFT) * RISK_UNIT
         risk = np.where(risk > self._limits.accepted_risk, risk, 0.0)
         return np.where(flags & UNSAFE, 1.0, risk)
@@ -143,38 +118,40 @@ def _distinct(edges: EdgeRows, known: Flags) -> Rows:
 
 
 def _with_values(edges: EdgeRows, leaves: LeafValues) -> EdgeRows:
-    """Return edges whose rewards include the value of the states that they lead to."""
+    """Return edges with the values of the states that they lead to."""
     goes_on = edges.goes_on
     action, node = np.nonzero(goes_on)
-    reward = edges.reward.copy()
-    values = np.array(leaves(edges.target[:, action, node].T.tolist()))
-    reward[goes_on] += edges.weight[goes_on] * values
-    return edges._replace(reward=reward)
+    leaf = np.zeros_like(edges.reward)
+    leaf[goes_on] = leaves(edges.target[:, action, node].T.tolist())
+    return edges._replace(leaf=leaf)
 
 
 def _best(
-    layers: list[EdgeRows], children: list[Flags], complete: bool, accepted: float
+    layers: list[EdgeRows], children: list[Flags], complete: bool, limits: SearchLimits
 ) -> Prospects:
     """Find the best path of every first action, from the last layer to the first."""
+    discount, accepted = limits.discount, limits.accepted_risk
     value = risk = np.zeros(1)
     steps = np.full(1, SAFE)
     below = 0
     for edges, targets in zip(reversed(layers), reversed(children), strict=True):
         applicable = edges.flags & APPLICABLE != 0
-        total, danger, safe = edges.reward, edges.risk, np.full(edges.flags.shape, SAFE)
+        total = edges.reward + discount * edges.leaf
+        danger, safe = edges.risk, np.full(edges.flags.shape, SAFE)
+        rank = np.where(edges.flags & UNSAFE, 2, np.where(edges.flags & RISKY, 1, 0))
         if below:
             follows = (targets >= 0) & (targets < below)
             child = np.where(follows, targets, 0)
-            total = np.where(follows, total + edges.weight * value[child], total)
+            total = np.where(follows, total + discount * value[child], total)
             danger = np.where(follows, danger + (1.0 - danger) * risk[child], danger)
-            later = np.where(steps[child] == SAFE, SAFE, steps[child] + edges.periods)
+            later = np.where(steps[child] == SAFE, SAFE, steps[child] + 1)
             safe = np.where(follows, later, safe)
-        safe = np.where(edges.risk > 0.0, edges.periods, safe)
+        safe = np.where(edges.risk > 0.0, 0, safe)
         count = edges.flags.shape[1]
         chosen = np.full(count, -1)
         best = [np.zeros(count) for _ in range(4)]
         for action in range(len(edges.flags)):
-            score = -edges.rank[action], -danger[action], safe[action], total[action]
+            score = -rank[action], -danger[action], safe[action], total[action]
             better, equal = np.zeros(count, np.bool_), np.ones(count, np.bool_)
             for one, other in zip(score, best, strict=True):
                 better |= equal & (one > other)
@@ -183,7 +160,7 @@ def _best(
             chosen = np.where(better, action, chosen)
             best = [np.where(better, one, other) for one, other in zip(score, best, strict=True)]
         if accepted > 0.0:
-            counts = applicable & (-edges.rank == best[0]) & (danger < 1.0)
+            counts = applicable & (-rank == best[0]) & (danger < 1.0)
             counts &= danger <= -best[1] + accepted
             danger, safe = np.where(counts, -best[1], danger), np.where(counts, best[2], safe)
             worth = np.where(counts, total, -np.inf)
@@ -203,7 +180,7 @@ def _best(
         np.where(known, total[:, 0], -np.inf).tolist(),
         np.where(known, danger[:, 0], 1.0).tolist(),
         np.where(known, safe[:, 0], -1).tolist(),
-        np.where(known, edges.first_reward[:, 0], 0.0).tolist(),
-        edges.first_flags[:, 0].tolist(),
+        np.where(known, edges.reward[:, 0], 0.0).tolist(),
+        edges.flags[:, 0].tolist(),
         complete,
     )
