@@ -262,15 +262,16 @@ _EVALUATIONS = 4
 
 
 @cached_njit(nogil=True)
-def _sweep(sources, edges, outcomes, values, backwards):
+def _sweep(sources, edges, outcomes, values, backwards, evaluates):
     """Find the values of all cells once, in one of two orders.
 
     Args:
         sources: `[n]` cells; `[n + 1]` where the edges of each begin.
         edges: Rewards and discounts of the edges, and where the outcomes of each begin.
         outcomes: Cells that they lead to and weights.
-        values: `[N]` values of the cells; `[N]` their best edges, written.
+        values: `[N]` values of the cells; `[n]` their best edges, written.
         backwards: Whether the last cell comes first.
+        evaluates: Whether only the best edges are followed.
 
     Returns:
         The largest change, and the largest absolute value.
@@ -285,7 +286,8 @@ def _sweep(sources, edges, outcomes, values, backwards):
         at = count - 1 - k if backwards else k
         node = node_of[at]
         most, chosen = -np.inf, np.int64(-1)
-        for edge in range(first_edge[at], first_edge[at + 1]):
+        start = best[at] if evaluates else first_edge[at]
+        for edge in range(start, start + 1 if evaluates else first_edge[at + 1]):
             total = reward[edge]
             for o in range(first_outcome[edge], first_outcome[edge + 1]):
                 total += chance[o] * value[target[o]]
@@ -295,23 +297,6 @@ def _sweep(sources, edges, outcomes, values, backwards):
         largest = max(largest, abs(most))
         value[node], best[at] = most, chosen
     return change, largest
-
-
-@cached_njit(nogil=True)
-def _evaluate(sources, edges, outcomes, values, backwards):
-    """Find the values of all cells once by their best edges; arguments as those of `_sweep`."""
-    node_of = sources[0]
-    reward, first_outcome = edges
-    target, chance = outcomes
-    value, best = values
-    count = node_of.shape[0]
-    for k in range(count):
-        at = count - 1 - k if backwards else k
-        edge = best[at]
-        total = reward[edge]
-        for o in range(first_outcome[edge], first_outcome[edge + 1]):
-            total += chance[o] * value[target[o]]
-        value[node_of[at]] = total
 
 
 @cached_njit(nogil=True)
@@ -390,11 +375,11 @@ def solve_cells(arrays, found, discount, worst, beyond):
     )
     values = (graph.value, np.empty(count, np.int64))
     for sweep in range(SWEEPS):
-        change, largest = _sweep(sources, edges, outcomes, values, sweep % 2 == 0)
+        change, largest = _sweep(sources, edges, outcomes, values, sweep % 2 == 0, False)
         if change <= PRECISION * largest:
             break
         for again in range(_EVALUATIONS):
-            _evaluate(sources, edges, outcomes, values, again % 2 == 0)
+            _sweep(sources, edges, outcomes, values, again % 2 == 0, True)
     return sweep
 
 

@@ -8,49 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.planning.hash_table import table_size
 from serp.settings import PlannerSettings
-
-
-class Rules(NamedTuple):
-    """Limits of a search, and its treatment of rewards and risks; see `PlannerSettings`."""
-
-    actions: int
-    depth: int
-    discount: float
-    accepted_risk: float
-    max_nodes: int = 1
-    max_edges: int = 1
-
-
-class Scratch(NamedTuple):
-    """Memory of one search: states, edges (`child` is -1 for none), best paths, hash table."""
-
-    states: NDArray[np.float64]
-    reward: NDArray[np.float64]
-    flags: NDArray[np.uint8]
-    risk: NDArray[np.float64]
-    child: NDArray[np.int32]
-    best_value: NDArray[np.float64]
-    best_risk: NDArray[np.float64]
-    best_steps: NDArray[np.int64]
-    table: NDArray[np.int32]
-
-    @classmethod
-    def allocate(cls, nodes: int, actions: int, width: int) -> Scratch:
-        """Allocate memory for searches that expand at most `nodes` nodes."""
-        edges = nodes * actions
-        return cls(
-            states=np.zeros((nodes + 2) * (width + 1)),
-            reward=np.zeros(edges),
-            flags=np.zeros(edges, np.uint8),
-            risk=np.zeros(edges),
-            child=np.zeros(edges, np.int32),
-            best_value=np.zeros(nodes),
-            best_risk=np.zeros(nodes),
-            best_steps=np.zeros(nodes, np.int64),
-            table=np.zeros(table_size(nodes), np.int32),
-        )
 
 
 class FirstActions(NamedTuple):
@@ -96,7 +54,7 @@ class Bound(IntEnum):
 
     @property
     def partial(self) -> bool:
-        """Whether returns are those of the steps in sight, and leave out what comes later."""
+        """Whether returns are partial: those of the lookahead, without what comes later."""
         return self in (Bound.DEPTH, Bound.NODES, Bound.TIME)
 
 

@@ -19,8 +19,6 @@ from serp.planning.cells import NO_CELLS, CellValues, value_at
 from serp.planning.edges import (
     Bound,
     FirstActions,
-    Rules,
-    Scratch,
     edge_budget,
     lookahead_nodes,
 )
@@ -50,29 +48,27 @@ _BITS, _RANK = 0x1F, 6
 def search(model, rules, leaves, state, scratch, found):
     """Expand the planning graph of one state and find the best path of every first action.
 
-    `model` is `TransitionModel.machine_code`. Rules, scratch and found (which is written) are
-    records of `serp.planning.edges` as plain tuples. So are `leaves`, a `CellValues`, the
-    values of the states that the last layer leads to; without any they are 0.
+    Where a budget ends the expansion, leaves are worth 0.
+
+    Args:
+        model: `TransitionModel.machine_code`.
+        rules: Actions, depth, discount, accepted risk, most nodes to expand, most edges.
+        leaves: Values of `CellValues`: those of the states that the last layer leads to; 0 without.
+        state: `[F]`.
+        scratch: Memory for N nodes and E edges: flat states; reward, flags, risk and child (-1 for
+            none) `[E]`; value, risk and steps of the best path `[N]`; hash table.
+        found: Values of `FirstActions`, written.
 
     Returns:
         Chosen action, layers expanded, bound, edges followed.
     """
-    room, first = Scratch(*scratch), FirstActions(*found)
-    return _search(model, Rules(*rules), CellValues(*leaves), state, room, first)
-
-
-@cached_njit(nogil=True)
-def _search(model, rules, leaves, state, scratch, found):
-    """Expand and evaluate the nodes; where a budget ends the expansion, leaves are worth 0."""
-    (
-        states, reward, flags, risk, child, best_value, best_risk, best_steps, table,
-    ) = scratch  # fmt: skip
+    actions, depth, discount, accepted, max_nodes, max_edges = rules
+    states, reward, flags, risk, child, best_value, best_risk, best_steps, table = scratch
+    value, path_risk, steps, first_reward, first_flags = found
+    values = CellValues(*leaves)
     address, data, dt = model
     theta = pointer_to(data, 0)
     value, path_risk, steps, first_reward, first_flags = found
-    actions, depth = rules.actions, rules.depth
-    max_nodes, max_edges = rules.max_nodes, rules.max_edges
-    accepted, discount = rules.accepted_risk, rules.discount
     width = state.shape[0]
     row = width + 1
     for i in range(width):
@@ -116,8 +112,8 @@ def _search(model, rules, leaves, state, scratch, found):
                 if not flags[e] & APPLICABLE or flags[e] & TERMINAL:
                     continue
                 if not keep:
-                    if leaves.value.shape[0] > 0:
-                        reward[e] += discount * value_at(leaves, states, slot * row)
+                    if values.value.shape[0] > 0:
+                        reward[e] += discount * value_at(values, states, slot * row)
                     continue
                 if stored > max_nodes:
                     continue  # the next layer is too large to be expanded: all its nodes are leaves
@@ -223,19 +219,18 @@ class Lookahead:
         self._width = len(model.fluents)
         self._actions = len(model.actions)
         nodes = lookahead_nodes(self.settings, self._actions, self._width)
-        self._rules = tuple(
-            Rules(
-                actions=self._actions,
-                depth=self.settings.depth,
-                discount=self.settings.discount,
-                accepted_risk=self.settings.accepted_risk,
-                max_nodes=nodes,
-                max_edges=edge_budget(self._width),
-            )
-        )
+        self._rules = (
+            self._actions, self.settings.depth, self.settings.discount,
+            self.settings.accepted_risk, nodes, edge_budget(self._width),
+        )  # fmt: skip
         self.followed = self._most = nodes * self._actions
-        self._memory = Scratch.allocate(nodes, self._actions, self._width)
-        self._scratch = tuple(self._memory)
+        edges = nodes * self._actions
+        self._best = np.zeros(nodes), np.zeros(nodes), np.zeros(nodes, np.int64)
+        self._scratch = (
+            np.zeros((nodes + 2) * (self._width + 1)), np.zeros(edges), np.zeros(edges, np.uint8),
+            np.zeros(edges), np.zeros(edges, np.int32), *self._best,
+            np.zeros(table_size(nodes), np.int32),
+        )  # fmt: skip
         self._others: list[Lookahead] = []
         self._prefetched: dict[bytes, tuple[CellValues, Forecast, int]] = {}
         """State → the leaves that were used, the forecast, and edges followed for it."""
@@ -246,11 +241,8 @@ class Lookahead:
         They are in the order in which they were found; those in which the task has ended are left
         out.
         """
-        found = self._memory
-        for risk, steps, value in zip(
-            found.best_risk[:count].tolist(), found.best_steps[:count].tolist(),
-            found.best_value[:count].tolist(), strict=True,
-        ):  # fmt: skip
+        columns = (column[:count].tolist() for column in self._best)
+        for value, risk, steps in zip(*columns, strict=True):
             yield path_score(0, risk, steps, value)
 
     @contextlib.contextmanager

@@ -222,52 +222,49 @@ class Plan:
     """One decision of the planner.
 
     Attributes:
-        action: Position of the chosen action, or None where none is applicable.
-        name: Its name, or None.
         path: The chosen path.
-        reward: Discounted sum of rewards along it.
-        safe: Whether every risk on it is accepted.
-        indifferent: Whether all safe actions have the same score: no difference is visible within
-            the lookahead, and the first action in the file was chosen.
-        depth: Layers that were expanded.
-        bound: What ended the expansion: depth, nodes, time, or nothing left to expand.
         forecast: The prediction for every first action.
         planning_graph: The planning graph of the lookahead.
     """
 
-    action: int | None
-    name: str | None
     path: tuple[PlannedStep, ...]
-    reward: float
-    safe: bool
-    indifferent: bool
-    depth: int
-    bound: Bound
     forecast: Forecast
     planning_graph: PlanningGraph = field(repr=False)
 
-    @classmethod
-    def of(
-        cls,
-        model: TransitionModel,
-        forecast: Forecast,
-        path: tuple[PlannedStep, ...],
-        graph: PlanningGraph,
-    ) -> Plan:
-        """Return the decision that a forecast for the root of a planning graph makes."""
-        chosen = forecast.choice if forecast.choice >= 0 else None
-        return cls(
-            action=chosen,
-            name=None if chosen is None else model.actions[chosen].name,
-            path=path,
-            reward=0.0 if chosen is None else float(forecast.value[chosen]),
-            safe=forecast.safe,
-            indifferent=forecast.indifferent,
-            depth=forecast.depth,
-            bound=forecast.bound,
-            forecast=forecast,
-            planning_graph=graph,
-        )
+    @property
+    def action(self) -> int | None:
+        """Position of the chosen action, or None where none is applicable."""
+        return self.forecast.choice if self.forecast.choice >= 0 else None
+
+    @property
+    def name(self) -> str | None:
+        """Its name, or None."""
+        return None if self.action is None else self.planning_graph.model.actions[self.action].name
+
+    @property
+    def reward(self) -> float:
+        """Discounted sum of rewards along the chosen path."""
+        return 0.0 if self.action is None else float(self.forecast.value[self.action])
+
+    @property
+    def safe(self) -> bool:
+        """Whether every risk on the chosen path is accepted."""
+        return self.forecast.safe
+
+    @property
+    def indifferent(self) -> bool:
+        """Whether all safe actions have the same score: the first in the file was chosen."""
+        return self.forecast.indifferent
+
+    @property
+    def depth(self) -> int:
+        """Layers that were expanded."""
+        return self.forecast.depth
+
+    @property
+    def bound(self) -> Bound:
+        """What ended the expansion."""
+        return self.forecast.bound
 
     @property
     def nodes(self) -> int:
@@ -360,4 +357,4 @@ class MonitorReplanner:
             )
             for e in graph.best_path
         )
-        return Plan.of(self.model, graph.forecast, path, graph)
+        return Plan(path, graph.forecast, graph)

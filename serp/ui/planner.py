@@ -87,7 +87,7 @@ class ChosenPlanner(MonitorReplanner):
             if _alike(found, near.forecast):
                 return near
             path = self._path(now, found.choice)
-            return Plan.of(self.model, found, path, near.planning_graph)
+            return Plan(path, found, near.planning_graph)
 
     @staticmethod
     def decided_by_graph(plan: Plan) -> bool:

@@ -56,7 +56,7 @@ from serp_adapters.domains import domain_file
 Row = dict[str, Any]
 ALONE: Final = ("baseline", "external")
 """Kinds of algorithms without a model; they train on the base task alone."""
-SHORT: Final[Changes] = {"planner": {"name": "lookahead", "depth": 1, "repeat": 1}}
+SHORT: Final[Changes] = {"planner": {"name": "lookahead", "depth": 1}}
 """For learners alone: their steps are forecast only to count what is unsafe."""
 
 

@@ -41,7 +41,6 @@ INDICES = ("others", "schemas", "kinds", "regression0.codes", "inert", "choice")
 AHEAD = {
     "arbiter": {"veto_horizon": "lookahead"},
     "adaptation": {"mode": "full"},
-    "planner": {"repeat": 2},
 }
 """The learner leads, the model is adapted, and the vetoes look ahead."""
 
