@@ -353,7 +353,9 @@ def look_up(arrays, node, rules, unit, found):
     start, end = graph.first_edge[node], graph.first_edge[node + 1]
     if start == end:
         return np.int64(-1)
-    scores = [_score(graph, edge, node, discount, unit) for edge in range(start, end)]
+    scores = [_score(graph, start, node, discount, unit)]
+    for edge in range(start + 1, end):
+        scores.append(_score(graph, edge, node, discount, unit))
     safest = chosen = 0
     for k in range(1, len(scores)):
         if scores[k] > scores[safest]:

@@ -243,9 +243,9 @@ def test_states_that_differ_in_what_was_spent_are_one(monkeypatch: pytest.Monkey
 
 @functools.cache
 def push_world() -> NewWorld:
-    """A room of 5 × 5 cells with two boxes, which lie elsewhere in every episode."""
+    """A room with two boxes, which lie elsewhere in every episode."""
     domain = (FILES_HERE / "push.pddl").read_text(encoding="utf-8")
-    return NewWorld(load_texts(Texts(domain, problem("push", 5, 2))), 5, 2)
+    return NewWorld(load_texts(Texts(domain, problem("push"))))
 
 
 def test_every_episode_of_a_puzzle_that_is_new_each_time_reaches_its_goal(

@@ -1,19 +1,15 @@
-; A van brings items to where the goal says, one at a time.
+; A van collects items in a field of places and brings them to the corner.
 (define (domain delivery)
-  (:requirements :typing)
-  (:types cell item direction)
-  (:constants north south west east - direction)
-  (:predicates (van ?c - cell) (at ?i - item ?c - cell) (in ?i - item) (empty)
-               (next ?a ?b - cell ?d - direction))
-  (:action drive
-    :parameters (?from ?to - cell ?d - direction)
-    :precondition (and (van ?from) (next ?from ?to ?d))
-    :effect (and (not (van ?from)) (van ?to)))
-  (:action load
-    :parameters (?i - item ?c - cell)
-    :precondition (and (van ?c) (at ?i ?c) (empty))
-    :effect (and (not (at ?i ?c)) (in ?i) (not (empty))))
-  (:action unload
-    :parameters (?i - item ?c - cell)
-    :precondition (and (van ?c) (in ?i))
-    :effect (and (at ?i ?c) (not (in ?i)) (empty))))
+  (:requirements :typing :fluents :conditional-effects)
+  (:types item)
+  (:predicates (in ?i - item) (delivered ?i - item))
+  (:functions (x) (y) (ix ?i - item) (iy ?i - item))
+  (:action east :parameters () :precondition (and (< (x) 4)) :effect (and (increase (x) 1)))
+  (:action west :parameters () :precondition (and (> (x) 0)) :effect (and (decrease (x) 1)))
+  (:action south :parameters () :precondition (and (< (y) 4)) :effect (and (increase (y) 1)))
+  (:action north :parameters () :precondition (and (> (y) 0)) :effect (and (decrease (y) 1)))
+  (:action load :parameters () :precondition (and)
+    :effect (and (forall (?i - item) (when (and (= (ix ?i) (x)) (= (iy ?i) (y)))
+      (and (in ?i) (assign (ix ?i) -1) (assign (iy ?i) -1))))))
+  (:action unload :parameters () :precondition (and (= (x) 0) (= (y) 0))
+    :effect (and (forall (?i - item) (when (and (in ?i)) (and (delivered ?i) (not (in ?i))))))))
