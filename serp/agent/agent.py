@@ -35,7 +35,6 @@ from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.preference import free_of_risk
 from serp.settings import Settings
-from serp.tasks.symmetry import TaskSymmetry, declared_symmetries, symmetry_group
 from serp.tasks.task import BoundTask, reward_source
 
 
@@ -94,16 +93,16 @@ class Agent:
         arbiter: The arbiter used in training.
         guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
         adaptation: The adaptation of the model.
-        symmetries: Declared symmetries that the learner uses.
-        notices: Messages for the user: symmetries that the domain file does not have, and a model
-            that cannot adapt.
-
-    Raises:
-        TaskError: The task declares a wrong symmetry.
+        notices: Messages for the user: a model that cannot adapt.
     """
 
     def __init__(
-        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
+        self,
+        task: BoundTask,
+        settings: Settings,
+        seed: int,
+        *,
+        baseline: bool = False,
     ) -> None:
         self.task = task
         self.settings = settings
@@ -145,20 +144,13 @@ class Agent:
             self.arbiter = Arbiter(
                 planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
             )
-        self.symmetries: tuple[TaskSymmetry, ...] = ()
-        self.notices: tuple[str, ...] = ()
-        group = None
-        if settings.learner.symmetry:
-            self.symmetries, self.notices = declared_symmetries(task)
-            group = symmetry_group(task, self.symmetries, settings.training.inputs)
-        if self.adaptation.notice is not None:
-            self.notices += (self.adaptation.notice,)
+        notice = self.adaptation.notice
+        self.notices: tuple[str, ...] = () if notice is None else (notice,)
         self.learner = make_learner(
             self._input_size(),
             task.actions.size,
             settings.learner,
             learner_seed,
-            group,
             imitates=strategy.imitates,
         )
         self._random = np.random.default_rng(random_seed)
@@ -218,9 +210,9 @@ class Agent:
             )
         return state, self._input(observation, state)
 
-    def turn_to(self, lane: int) -> None:
+    def turn_to(self, env_index: int) -> None:
         """Note from which of several environments, from 0, the next calls come."""
-        self.strategy.lane = self.arbiter.vetoes.lane = self.learner.lane = lane
+        self.strategy.env_index = self.arbiter.vetoes.env_index = self.learner.env_index = env_index
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""

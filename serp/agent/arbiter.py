@@ -94,8 +94,8 @@ class Arbiter:
             states: Environment, from 0 → state `[F]`.
         """
         led: dict[int, tuple[Planner, list[Vector]]] = {}
-        for lane, state in states.items():
-            self.strategy.lane = lane
+        for env_index, state in states.items():
+            self.strategy.env_index = env_index
             leader = self.leader(self.strategy)
             led.setdefault(id(leader), (leader, []))[1].append(state)
         with ExitStack() as prefetched:

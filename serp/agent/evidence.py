@@ -136,7 +136,7 @@ class Evidence(Strategy):
     @property
     def _lead(self) -> Lead:
         """Who leads the episode of the current environment."""
-        return self._leads[self.lane]
+        return self._leads[self.env_index]
 
     @property
     def best_planner(self) -> int:
@@ -220,7 +220,7 @@ class Evidence(Strategy):
                 for mean, variance in self._beliefs()[:-1]
             ]
             planner = drawn.index(max(drawn))
-        self._leads[self.lane] = Lead(planner, leads)
+        self._leads[self.env_index] = Lead(planner, leads)
 
     def forked(self, seed: np.random.SeedSequence) -> Evidence:
         """Return a copy that draws its own lead."""

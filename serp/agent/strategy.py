@@ -111,7 +111,7 @@ class Strategy:
         imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
             `imitation_weight`.
         chooses_planner: Whether it chooses among several planners (`planner.name` is `a+b`).
-        lane: Environment, from 0, that the next calls are about. Several environments play one
+        env_index: Environment, from 0, that the next calls are about. Several environments play one
             episode each at the same time; what belongs to an episode is kept for each of them.
     """
 
@@ -121,7 +121,7 @@ class Strategy:
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
-        self.lane = 0
+        self.env_index = 0
 
     @property
     def rho(self) -> float:

@@ -378,21 +378,6 @@ class ClosedGraph(ArrayGraph):
         states = self._arrays.states[: self.nodes * self._width]
         return float(np.abs(states).max(initial=0.0))
 
-    def table(self) -> Arrays:
-        """Return the forecast for each of the N states that have one, as arrays.
-
-        They are `states` `[N, F]`, `inert` (the columns that are 0 in them), `choice` `[N]`, and
-        what a `Forecast` has for every action, `[N, A]`.
-        """
-        nodes = np.flatnonzero(self._arrays.inside[: self.expanded])
-        states = self._arrays.states[: self.nodes * self._width].reshape(-1, self._width)[nodes]
-        found = [forecast for state in states if (forecast := self.forecast(state)) is not None]
-        columns = {
-            name: np.array([getattr(forecast, name) for forecast in found])
-            for name in ("choice", *FirstActions._fields)
-        }
-        return {"states": states.copy(), "inert": self._inert.copy(), **columns}
-
     def ends(self, state: Vector) -> bool:
         """Return whether the best policy leads from a state `[F]` to the end of the task.
 
@@ -437,14 +422,14 @@ class ClosedGraph(ArrayGraph):
         """Double the arrays that are nearly full; return whether there is memory for it."""
         old, spare = self._arrays, self._actions * OUTCOMES
         used = self.nodes + spare, self.edges + self._actions, int(old.counters[_OUTCOMES]) + spare
-        sizes = [
+        nodes, edges, outcomes = sizes = [
             2 * len(column) if count >= len(column) else len(column)
             for count, column in zip(used, (old.layer, old.action, old.target), strict=True)
         ]
         if np.dot(sizes, (8 * self._width + 60, 36, 12)) > MAX_BYTES:
             return False
         try:
-            self._hold(GraphArrays.allocate(*sizes, self._width, self._inert))
+            self._hold(GraphArrays.allocate(nodes, edges, outcomes, self._width, self._inert))
         except MemoryError:
             return False
         new = self._arrays

@@ -103,7 +103,7 @@ class RunLock:
         return "another process"
 
 
-FORMAT = 2
+FORMAT = 3
 """Raised where a run of before cannot be read any more."""
 CONFIG = "config.json"
 

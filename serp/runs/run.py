@@ -76,6 +76,8 @@ class RunMetadata(BaseModel):
     """Limit on the size of each grounded domain."""
     world: Annotated[WorldOptions | None, BeforeValidator(WorldOptions.from_dict)] = None
     """What the environment was made with, if it was made of the file itself."""
+    baseline: bool = False
+    """Whether the learner always acts and nothing is refused, see `serp.agent.agent.Agent`."""
 
 
 def begin_run(
@@ -87,6 +89,7 @@ def begin_run(
     seed: int,
     budget: Budget,
     begun: datetime.datetime,
+    baseline: bool = False,
 ) -> RunFolder:
     """Begin a run in a new or empty folder, and lock it for writing."""
     planners = {n: d for n, d in task.task.planners.items() if isinstance(d, Domain)}
@@ -98,6 +101,7 @@ def begin_run(
         "max_ground_schemas": task.domain.max_ground_schemas,
         "preset": preset,
         "seed": seed,
+        "baseline": baseline,
         "reward": task.rewarded_by,
         "learned_from": reward_source(task.rewarded_by, settings),
         "file_rewards": task.model.rewarding,
@@ -225,7 +229,7 @@ class Run:
         made = read_run_metadata(folder)
         # The agent needs the environment only while it is made.
         with self.task.bind() as bound:
-            agent = Agent(bound, made.settings, made.seed)
+            agent = Agent(bound, made.settings, made.seed, baseline=made.baseline)
         with reading(checkpoint) as saved:
             agent.load_state_dict(checkpoint.arrays, saved.part("agent")[1])
         return agent
@@ -363,7 +367,8 @@ class Run:
         """
         with self.task.bind(render_mode=render_mode) as task:
             with reading(self._checkpoint) as saved:
-                first = Saved("run", {}, Saved("run", {}, saved.part("lanes")[1]).part("0")[1])
+                environments = Saved("run", {}, saved.part("environments")[1])
+                first = Saved("run", {}, environments.part("0")[1])
                 task.restore_environment(first.part("environment")[1], statistics_only=True)
             yield task
 

@@ -168,7 +168,6 @@ _NOT_OF_TRAINING: Final = (
     "env_steps",
     "units",
     "checkpoint_seconds",
-    "slow_step_seconds",
     "tensorboard",
 )
 """Settings that a comparison does not read."""

@@ -31,11 +31,18 @@ from serp.runs.comparison.plan import ComparisonProtocol, EpisodeRow, Evaluation
 from serp.runs.evaluation import outcome_of
 from serp.runs.folder import versions
 from serp.runs.guarded_env import TaskEnv
-from serp.runs.rollout import Decide, Rollout, Watchdog, evaluation_seed, training_seed
+from serp.runs.rollout import (
+    SLOW_STEP_SECONDS,
+    Decide,
+    Rollout,
+    Watchdog,
+    evaluation_seed,
+    training_seed,
+)
 from serp.runs.trainer import Trainer
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
-from serp.tasks.checks import single
+from serp.tasks.environment import single
 from serp.tasks.task import BoundTask, Judge, Task
 
 
@@ -187,8 +194,8 @@ class _Own:
     def __init__(
         self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
     ) -> None:
-        self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "baseline")
-        self._trainer = Trainer(task, settings, seed, agent=self.agent)
+        self._trainer = Trainer(task, settings, seed, baseline=algorithm.kind == "baseline")
+        self.agent = self._trainer.agent
         self._trainer.prepare()  # loading compiled code does not count as training
         self.characteristics: Mapping[str, str] = characteristics_of(
             algorithm, settings, self._trainer.judge.source
@@ -363,7 +370,7 @@ class _Trial:
         self._log = Log(bound.task.counters)
         self._watchdog = Watchdog(
             bound,
-            contestant.agent.settings.training.slow_step_seconds,
+            SLOW_STEP_SECONDS,
             lambda: self._log.env_steps + 1,
             lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
         )

@@ -117,7 +117,7 @@ def test_settings_are_the_same_when_it_is_continued(tmp_path: Path) -> None:
     task, name = walk(tmp_path), "dqn:x"
     asked: dict[str, Any] = {
         "settings": {
-            "training": {"slow_step_seconds": float("inf")}, "learner": {"hidden": [8, 8]},
+            "learner": {"hidden": [8, 8]},
         },
         "algorithms": ["dqn", name],
         "changed": {name: {"learner": {"epsilon_start": 0.0}}},

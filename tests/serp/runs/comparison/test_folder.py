@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import pytest
@@ -63,7 +62,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
         algorithms={"serp": {}, "serp:x": {"arbiter": {"r_min": None, "rho": 0.5}}},
         trials=(Trial("serp", "walk", 3),),
         protocol=PROTOCOL,
-        changes={"training": {"slow_step_seconds": math.inf}, "learner": {"hidden": (8, 8)}},
+        changes={"learner": {"hidden": (8, 8)}},
         threshold=None,
         max_ground_schemas=70,
     )

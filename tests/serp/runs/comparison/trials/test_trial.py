@@ -46,16 +46,16 @@ def found(measured: Measured) -> Any:
     return episodes_of(measured), measured.evaluations, measured.characteristics
 
 
-def test_a_step_that_hangs_is_a_notice(tmp_path: Path) -> None:
+def test_a_step_that_hangs_is_a_notice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Slow(Walk):
         def step(self, action: int) -> Any:
             if self.made == 4:
                 time.sleep(0.2)
             return super().step(action)
 
-    changes = {"training": {"slow_step_seconds": 0.05}}
+    monkeypatch.setattr("serp.runs.comparison.trial.SLOW_STEP_SECONDS", 0.05)
     with pytest.warns(Notice, match=r"0.05 s: step with action .*, env step 5\. "):
-        measured(tmp_path, "mrp", task=walk(tmp_path, Slow), changes=changes)
+        measured(tmp_path, "mrp", task=walk(tmp_path, Slow))
 
 
 @pytest.mark.parametrize("algorithm", OWN)

@@ -9,8 +9,7 @@ from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.settings import resolve
 from serp.tasks.task import Task
-from serp.ui.studio.reading import Surroundings, Version
-from serp.ui.studio.shown_state import ShownState
+from serp.ui.studio.view import ShownState, Surroundings, Version
 
 if TYPE_CHECKING:
     from serp.authoring.scenarios.checking import Result
@@ -18,15 +17,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Expectations:
-    """Scenarios as they are edited, and what they are about.
-
-    Attributes:
-        source: The scenarios.
-        version: The domain and its problem.
-        surroundings: Control period.
-        task: The task; None for a file alone.
-    """
+class EditedScenarios:
+    """Scenarios as they are edited, with the texts and the task that they are about."""
 
     source: Source
     version: Version
@@ -44,7 +36,7 @@ class Expectations:
         return list(self._file().run(recorded_values))
 
     def with_state(self, title: str, shown: ShownState) -> str:
-        """Return the text with a state in it, as a scenario of what holds there.
+        """Return the text with one more scenario: what holds in a state.
 
         Raises:
             SerpError: A text is wrong, or nothing can be expected there.
@@ -54,9 +46,8 @@ class Expectations:
         file = self._file()
         model = file.decider.model
         values = {name: float(value) for name, value in model.values(shown.state(model)).items()}
-        title = " ".join(title.split())
         remark = " ".join(shown.origin.split()) or "set by hand"
-        return add_situation(file, title, values, remark)
+        return add_situation(file, " ".join(title.split()), values, remark)
 
     def _file(self) -> ScenarioFile:
         from serp.authoring.scenarios.files import ScenarioFile

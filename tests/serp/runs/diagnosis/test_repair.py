@@ -67,10 +67,26 @@ def test_numbers_change_where_they_stand_and_nowhere_else() -> None:
     assert repaired.changes == (CARTS[: CARTS.index("0.5)")].count("\n") + 1,)
 
 
-def test_what_may_be_nothing_is_written_as_nothing() -> None:
-    domain = from_text(CARTS)
-    nothing = repair(domain, found(parameter(domain.model, 0, -0.02, error=0.01)))
-    assert "(increase (v ?c) 0)" in nothing.text and "observed -0.020 +/- 0.010" in nothing.text
+@pytest.mark.parametrize(
+    ("effect", "number", "text"),
+    [
+        ("(increase (f) 1)", -0.5, "(decrease (f) 0.5)"),
+        ("(Decrease (f) 1)", -0.5, "(increase (f) 0.5)"),
+        ("(decrease (f) -1)", 0.5, "(decrease (f) 0.5)"),
+        ("(increase (f) (* (g) 3))", -5.0, "(decrease (f) (* (g) 5))"),
+        ("(increase (f) (/ (g) 3))", -5.0, "(decrease (f) (/ (g) 5))"),
+        ("(increase (f) (+ (g) 3))", -5.0, "(increase (f) (+ (g) -5))"),
+        ("(assign (f) 3)", -5.0, "(assign (f) -5)"),
+        ("(scale-up (f) 3)", -5.0, "(scale-up (f) -5)"),
+        ("(increase (f) 1)", -1e-9, "(increase (f) 0)"),  # its sign is uncertain
+    ],
+)
+def test_signs_go_into_the_word_where_that_means_the_same(
+    effect: str, number: float, text: str
+) -> None:
+    domain = from_text(f"""(define (domain d) (:functions (f) (g))
+      (:action a :parameters () :precondition (and) :effect {effect}))""")
+    assert text in repair(domain, found(parameter(domain.model, 0, number, error=1e-9))).text
 
 
 def test_an_assignment_takes_in_what_was_missing() -> None:
@@ -94,6 +110,88 @@ def test_an_assignment_takes_in_what_was_missing() -> None:
         ),
     )
     assert "(decrease (v ?c) 0.50)" in falling.text
+
+
+SHAPES = {
+    "an and": ":effect (and (increase (f) 1.0))",
+    "an and over lines": ":effect (and\n      (increase (f) 1.0)\n      (increase (f) 2.0))",
+    "comments behind": ":effect (and\n      (increase (f) 1.0) ; one\n      ; two (\n    )",
+    "an empty and": ":effect (and)",
+    "nothing": ":effect ()",
+    "one effect": ":effect (increase (f) 1.0)",
+    "no effect": "",
+    "a comment behind the brackets": ":effect (and\n      (increase (f) 1.0))  ; one",
+    "a comment in front": ":effect (and  ; none\n      (increase (f) 1.0))  ; one",
+    "a comment behind one line": ":effect (and (increase (f) 1.0))  ; one",
+    "a comment behind one effect": ":effect (increase (f) 1.0)  ; one",
+    "a comment behind nothing": ":effect (and)  ; none",
+}
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES.keys())
+def test_effects_fit_into_actions_of_any_shape(shape: str, newline: str) -> None:
+    text = f"""; before
+(define (domain d)
+  (:predicates (unsafe))
+  (:functions (f) (g))
+  (:action a
+    :parameters ()
+    :precondition (and (< (f) 9.0))
+    {shape}
+  )
+)
+; after
+""".replace("\n", newline)
+    domain = from_text(text)
+    findings = found(
+        MissingEffect("a", None, "g", (EffectTerm(0.5, 0.01, ("f",)),), 10, 1.0),
+        MissingEffect("a", None, "f", (EffectTerm(-2.0, 0.01, ()),), 10, 1.0),
+        MissingEffect("", None, "f", (EffectTerm(3.0, 0.01, ("g",)),), 10, 1.0),
+    )
+    repaired = repair(domain, findings)
+    new = written(domain, repaired).model
+    old = domain.model
+    state = {"f": 4.0, "g": 2.0}
+    after, before = (
+        model.values(model.replace(dt=0.1).step(model.state(state), "a").state)
+        for model in (new, old)
+    )
+    assert after["g"] == pytest.approx(4.0)
+    assert after["f"] == pytest.approx(before["f"] - 2.0 + 0.1 * 3.0 * 4.0)
+    assert (newline == "\r\n") == ("\r\n" in repaired.text)
+    assert repaired.text.count("\n") == repaired.text.count(newline)
+    assert all(len(line) <= 100 for line in repaired.text.splitlines())
+    assert kept(text, repaired.text)
+    for line in repaired.text.splitlines():  # each comment is where it was
+        if "; one" in line:
+            assert "(increase (f) 1.0)" in line
+
+
+@pytest.mark.parametrize(
+    ("listed", "needed"),
+    [
+        ("", "(:requirements :strips :numeric-fluents :time)"),
+        ("(:requirements :strips)", "(:requirements :strips :numeric-fluents :time)"),
+        ("(:requirements :strips :fluents)", "(:requirements :strips :fluents :time)"),
+        ("(:requirements :hybrid)", "(:requirements :hybrid)"),
+    ],
+)
+@pytest.mark.parametrize("schema", ["process", "event"])
+def test_a_process_follows_the_last_one_and_its_requirements_are_declared(
+    schema: str, listed: str, needed: str
+) -> None:
+    process = f"(:{schema} p :parameters () :precondition (and) :effect (and))  ; slow"
+    domain = from_text(f"""(define (domain d)
+  {listed}
+  (:functions (f))
+  (:action a :parameters () :precondition (and) :effect (and))  ; fast
+  {process}
+)""")
+    effect = MissingEffect("", None, "f", (EffectTerm(2.0, 0.01, ()),), 10, 1.0)
+    text = repair(domain, found(effect)).text
+    assert needed in text
+    assert f"; {'slow' if schema == 'process' else 'fast'}\n\n  (:process f-changes\n" in text
 
 
 def test_processes_have_new_names_and_typed_parameters() -> None:

@@ -1,21 +1,19 @@
-"""Converts observations of an environment to checked vectors."""
+"""What an environment takes and gives: actions, observations, and the answers of its methods."""
 
 from __future__ import annotations
 
 import copy
-import inspect
 import math
 import reprlib
-import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from numbers import Real
 from typing import Any, Final
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp.errors import TaskError
+from serp.errors import EnvironmentFailure
 
 MOST_COMBINATIONS: Final = 4096
 """Each is an output of the learner's network, and a column of every forecast."""
@@ -84,15 +82,14 @@ class Observations:
     """
 
     def __init__(self, space: Any) -> None:
-        leaves = [(path, leaf, _flattened(leaf)) for path, leaf in _leaf_spaces(space, "")]
-        if other := [(path, type(leaf).__name__) for path, leaf, flat in leaves if flat is None]:
-            named = ", ".join(f"`{path}` ({kind})" for path, kind in other)
+        sizes = {path: _flat_size(leaf) for path, leaf in _leaf_spaces(space, "")}
+        if odd := [path for path, size in sizes.items() if size is None]:
+            named = ", ".join(f"`{path}`" for path in odd if path) or f"observations of {space}"
             raise ValueError(
-                f"{named if other[0][0] else f'observations of {space}'} cannot be flattened to a "
-                "vector of numbers" + _without({path for path, _ in other}, space)
+                f"{named} cannot be flattened to a vector of numbers{_without(odd, space)}"
             )
         self.space: spaces.Space[Any] = space
-        self.size = sum(flat for _, _, flat in leaves if flat is not None)
+        self.size = sum(size or 0 for size in sizes.values())
 
     def read(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a new float64 vector `[size]`.
@@ -108,10 +105,6 @@ class Observations:
             raise ValueError(f"{self.name(first)} is {vector[first]}")
         return vector
 
-    def raw(self, vector: NDArray[np.float64]) -> Any:
-        """Return the observation of the space for a flat vector."""
-        return spaces.unflatten(self.space, vector)
-
     def name(self, index: int) -> str:
         """Return the name of the entry at a position of the vector."""
         for path, leaf in _leaf_spaces(self.space, ""):
@@ -122,7 +115,7 @@ class Observations:
         raise IndexError(index)
 
 
-def _flattened(leaf: Any) -> int | None:
+def _flat_size(leaf: Any) -> int | None:
     """Return how many numbers a part has when it is flattened; None where it cannot be."""
     try:
         flat = spaces.flatten_space(leaf)
@@ -202,109 +195,87 @@ def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]
 
 
 def _named(path: str, value: Any) -> str:
-    part = f"`{path}` is " if path else ""
-    return f"{part}{reprlib.repr(value)} ({type(value).__name__})"
+    return (f"`{path}` is " if path else "") + _shown(value)
 
 
-FAR = 1e9
-"""Replaces an infinite bound of a space."""
-_MORE: Final = ("info", "env")
-"""What a grounding may take beside the observation, by the names of its parameters."""
+def _shown(value: Any) -> str:
+    return f"{reprlib.repr(value)} ({type(value).__name__})"
 
 
-class Grounding:
-    """The grounding function of a task, called with what its parameters name.
+# Answers of `reset` and `step`: an EnvironmentFailure says what was returned and what is expected.
 
-    Attributes:
-        takes: Which of `info` and `env` the function takes beside the observation.
 
-    Raises:
-        TaskError: The function cannot be called with an observation and these.
+def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    """Return observation, reward, terminated, truncated and info, copied.
+
+    The reward must be finite; reward, terminated and truncated may be arrays of one element.
     """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
-        try:
-            signature = inspect.signature(function)
-        except (TypeError, ValueError):  # some callables written in C have no signature
-            self.takes: tuple[str, ...] = ()
-            return
-        self.takes = tuple(name for name in _MORE if name in list(signature.parameters)[1:])
-        try:
-            signature.bind(None, **dict.fromkeys(self.takes))
-        except TypeError as error:
-            raise TaskError(
-                f"ground{signature} cannot be called: {error}; let it take the observation, and "
-                "beside it what it needs of `info` and `env`: ground(observation, info, env)"
-            ) from None
-
-    def __call__(
-        self,
-        observation: Any,
-        info: Mapping[str, Any] | None = None,
-        env: gym.Env[Any, Any] | None = None,
-    ) -> Any:
-        """Return what the function returns for an observation and what came with it."""
-        if not self.takes:
-            return self._function(observation)
-        given = {"info": info, "env": env}
-        return self._function(observation, **{name: given[name] for name in self.takes})
-
-    def missing(self, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None) -> str | None:
-        """Return the name of what the function takes and is not given; None for none."""
-        given = {"info": info, "env": env}
-        return next((name for name in self.takes if given[name] is None), None)
-
-    def on_samples(self, space: spaces.Space[Any], count: int) -> Iterator[Any]:
-        """Yield the results on sampled observations, except those on which the function fails.
-
-        An environment need not give every observation of its space. Nothing is yielded for a
-        function that takes more than the observation, of which there are no samples.
-        """
-        if self.takes:
-            return
-        for observation in samples(space, count):
-            try:
-                with warnings.catch_warnings(), np.errstate(all="ignore"):
-                    warnings.simplefilter("ignore")
-                    given = self(observation)
-            except Exception:
-                continue
-            yield given
+    wanted = "the five values (observation, reward, terminated, truncated, info)"
+    raw, reward, terminated, truncated, info = _parts(answer, 5, wanted)
+    return (
+        _copied(raw),
+        _number(reward, "the reward"),
+        _truth(terminated, "terminated"),
+        _truth(truncated, "truncated"),
+        _info(info),
+    )
 
 
-def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
-    """Yield observations of a space; of a box first its centre and bounds, then random points.
+def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
+    """Return observation and info, copied."""
+    raw, info = _parts(answer, 2, "the two values (observation, info)")
+    return _copied(raw), _info(info)
 
-    The space's random generator is not used. Equal calls yield equal observations, `count` of them
-    random.
-    """
-    if isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating):
-        low = np.clip(space.low.astype(np.float64), -FAR, FAR)
-        high = np.clip(space.high.astype(np.float64), -FAR, FAR)
-        for point in _of_box(low, high, count):
-            yield np.clip(point.astype(space.dtype), space.low, space.high)
-        return
+
+def _parts(answer: Any, count: int, wanted: str) -> tuple[Any, ...]:
+    if isinstance(answer, tuple | list) and len(answer) == count:
+        return tuple(answer)
+    returned = _shown(answer)
+    if isinstance(answer, tuple | list):
+        returned = f"{len(answer)} values"
+    raise EnvironmentFailure(f"it returned {returned}, not {wanted}")
+
+
+def _copied(raw: Any) -> Any:
+    """Return a copy of an observation, because environments reuse their buffers."""
+    return copy.deepcopy(raw) if isinstance(raw, np.ndarray | Mapping | tuple | list) else raw
+
+
+def _number(value: Any, what: str) -> float:
+    element = single(value)
+    if not isinstance(element, Real):
+        advice = ""
+        if getattr(element, "shape", ()):
+            advice = "; weigh its parts in a wrapper, such as gymnasium.wrappers.TransformReward"
+        raise EnvironmentFailure(f"{what} is {_shown(value)}, not one number{advice}")
     try:
-        own = copy.deepcopy(space)
-        own.seed(0)
-        for _ in range(count):
-            yield own.sample()
-    except Exception:  # a custom space that cannot be sampled
-        return
+        number = float(element)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise EnvironmentFailure(f"{what} is {number}, not a finite number")
+    return number
 
 
-def _of_box(
-    low: NDArray[np.float64], high: NDArray[np.float64], count: int
-) -> Iterator[NDArray[np.float64]]:
-    middle = (low + high) / 2
-    yield from (middle, low, high)
-    if low.size <= count:
-        for index in np.ndindex(low.shape):
-            for bound in (low, high):
-                point = middle.copy()
-                point[index] = bound[index]
-                yield point
-    random = np.random.default_rng(0)
-    for _ in range(count):
-        yield random.uniform(low, high)
+def _truth(value: Any, what: str) -> bool:
+    element = single(value)
+    if isinstance(element, Real) and element in (0, 1):
+        return bool(element)
+    raise EnvironmentFailure(f"{what} is {_shown(value)}, not True or False")
+
+
+def _info(value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise EnvironmentFailure(f"info is {_shown(value)}, not a dictionary")
+    return dict(value)
+
+
+def single(value: Any) -> Any:
+    """Return the only element of an array, a tensor or a NumPy scalar; else the value itself."""
+    if isinstance(value, bool | int | float) or not hasattr(value, "__array__"):
+        return value
+    try:
+        array = np.asarray(value)
+    except Exception:  # a tensor with a gradient refuses, and others may raise anything
+        return value
+    return array.item() if array.size == 1 else value

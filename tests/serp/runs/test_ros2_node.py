@@ -11,11 +11,10 @@ from typing import Any
 import pytest
 
 import serp
-import serp.runs.controller
 from serp.runs.evaluation import play
 from tests.serp.runs.runs import without_pictures
 
-NODE = Path(__file__).parents[4] / "docs" / "examples" / "ros2" / "policy_node.py"
+NODE = Path(__file__).parents[3] / "docs" / "examples" / "ros2" / "policy_node.py"
 
 
 class StubNode:
@@ -67,7 +66,6 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> None:
         module = ModuleType(name)
         vars(module).update(contents)
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setitem(sys.modules, "controller", serp.runs.controller)
 
 
 @without_pictures()
