@@ -14,7 +14,6 @@ from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
-from serp.agent.own_planners import own_planners
 from serp.agent.protocols import (
     ExperiencedPlanner,
     LearnerProposer,
@@ -23,11 +22,11 @@ from serp.agent.protocols import (
     StatefulPlanner,
     undisturbed,
 )
-from serp.agent.registry import find_learner, find_strategy, make_planner, planner_names
+from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
-from serp.errors import EnvironmentFailure, SettingsError, TaskError
+from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
@@ -109,12 +108,6 @@ class Agent:
         # Wrong names are refused before anything is compiled.
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
         make_learner = find_learner(settings.learner.name)
-        several = len(planner_names(settings.planner.name)) > 1 and not baseline
-        if several and not make_strategy.chooses_planner:
-            raise SettingsError(
-                f"planner.name: the strategy `{settings.guide.strategy}` does not choose among "
-                f"several planners (`{settings.planner.name}`); set guide.strategy=evidence"
-            )
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)
         strategy_seed, learner_seed, random_seed, adaptation_seed = seeds
@@ -122,9 +115,7 @@ class Agent:
         model = self.adaptation.model
         actions = task.actions.over(model)
         strategy = make_strategy(settings, strategy_seed)
-        planner = make_planner(
-            model, settings.planner, own_planners(task.task.planners), lambda: strategy.best_planner
-        )
+        planner = make_planner(model, settings.planner, task.task.planners)
         if isinstance(planner, ExperiencedPlanner):
             planner.visited = self.adaptation.experience
         horizon = settings.planner.depth

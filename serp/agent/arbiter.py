@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import ClassVar
 
-from serp._util.saved_state import Saved
+from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
-from serp.agent.own_planners import Ensemble
 from serp.agent.protocols import EpisodicPlanner, Planner, PrefetchingPlanner, Proposer
 from serp.agent.refusals import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.agent.strategy import Mixture, Situation, Strategy
@@ -21,7 +20,7 @@ from serp.settings import ArbiterSettings, Settings
 from serp.tasks.action_map import ActionForecast, ActionMap
 
 
-class Arbiter:
+class Arbiter(Declared):
     """Executes what a strategy proposes, except for refused actions.
 
     Guarantee, under every strategy and whatever was learned: no action that the file as written
@@ -33,8 +32,7 @@ class Arbiter:
     guarantee needs a `VetoPolicy`; with `NoVeto` it does not hold.
 
     Args:
-        planner: Makes the forecasts, usually a `Lookahead`; of an `Ensemble` the strategy says
-            which member makes them.
+        planner: Makes the forecasts, usually a `Lookahead`.
         actions: The map between ground and environment actions.
         settings: See `ArbiterSettings`.
         strategy: Makes the proposals; by default Algorithm 1 with these settings.
@@ -42,6 +40,8 @@ class Arbiter:
         exploration_bonus: Returns a forecast whose choice has been tried less often, to be used in
             training; by default the same forecast.
     """
+
+    STATE: ClassVar[Mapping[str, Reader]] = {"strategy": part, "vetoes": part}
 
     def __init__(
         self,
@@ -74,39 +74,24 @@ class Arbiter:
         """Return the planner's forecast for a state `[F]`, by environment action."""
         return self.actions.project(self.planner.forecast(state))
 
-    def leader(self, strategy: Strategy) -> Planner:
-        """Return the planner that acts in this episode of training."""
-        planner = self.planner
-        return planner.led_by(strategy.planner) if isinstance(planner, Ensemble) else planner
-
     def begin_episode(self) -> None:
         """Say that an episode begins, perhaps in another world."""
         if isinstance(self.planner, EpisodicPlanner):
             self.planner.begin_episode()
 
     @contextmanager
-    def prefetch(self, states: Mapping[int, Vector]) -> Iterator[None]:
-        """Have the forecasts for states of several environments at hand in the body.
-
-        Each is that of the planner that acts in the environment, if it can.
-
-        Args:
-            states: Environment, from 0 → state `[F]`.
-        """
-        led: dict[int, tuple[Planner, list[Vector]]] = {}
-        for env_index, state in states.items():
-            self.strategy.env_index = env_index
-            leader = self.leader(self.strategy)
-            led.setdefault(id(leader), (leader, []))[1].append(state)
-        with ExitStack() as prefetched:
-            for planner, own in led.values():
-                if len(own) > 1 and isinstance(planner, PrefetchingPlanner):
-                    prefetched.enter_context(planner.prefetch(own))
+    def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
+        """Have the forecasts for several states at hand in the body, if the planner can."""
+        planner = self.planner
+        if len(states) > 1 and isinstance(planner, PrefetchingPlanner):
+            with planner.prefetch(states):
+                yield
+        else:
             yield
 
     def decide(self, state: Vector, learner: Proposer) -> Decision:
         """Decide on the action in a monitored state `[F]`, as in training."""
-        planned = self.leader(self.strategy).forecast(state)
+        planned = self.planner.forecast(state)
         situation = self._situation(self.actions.project(planned))
         proposal = self.strategy.propose(situation, learner)
         preferred = planned if proposal is not None else self._exploration_bonus(planned)
@@ -125,7 +110,7 @@ class Arbiter:
 
     def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
         """Decide as in training by a given strategy, without the exploration bonus."""
-        planned = self.leader(strategy).forecast(state)
+        planned = self.planner.forecast(state)
         situation = self._situation(self.actions.project(planned))
         return self._follow(situation, strategy.propose(situation, learner))
 
@@ -248,18 +233,6 @@ class Arbiter:
             )
         steps = int(decision.forecast.safe_steps[shown])
         return f"{name}: {unsafe_ahead(steps)}"
-
-    # State -------------------------------------------------------------------------------------
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"strategy": self.strategy.state_dict(), "vetoes": self.vetoes.state_dict()}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
-        saved = Saved("arbiter", {}, meta)
-        self.strategy.load_state_dict(saved.part("strategy")[1])
-        self.vetoes.load_state_dict(saved.part("vetoes")[1])
 
 
 def _proposer(proposal: Proposal) -> Actor:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from serp._util.saved_state import Saved
+from serp._util.saved_state import Declared, Reader, probability, random
 from serp._util.text import measured, percent, plural
 from serp.agent.protocols import Mask, Proposer
 from serp.learning.dqn import Proposal
@@ -40,22 +40,13 @@ class LeadEvidence(NamedTuple):
     """The evidence on which the lead of an episode is given to planner or learner.
 
     Attributes:
-        planner, learner: What their episodes are worth; None for one that has not led any. Of
-            several planners it is the best one.
+        planner, learner: What their episodes are worth; None for one that has not led any.
         learner_better: Probability that the learner's are worth more.
-        planners: Name and worth of each of several planners; empty where there is one.
     """
 
     planner: Worth | None
     learner: Worth | None
     learner_better: float
-    planners: tuple[tuple[str, Worth | None], ...] = ()
-
-    @property
-    def leads(self) -> tuple[tuple[str, Worth | None], ...]:
-        """Name and worth of each planner, and of the learner."""
-        named = tuple((f"planner {name}", worth) for name, worth in self.planners)
-        return (*(named or (("planner", self.planner),)), ("learner", self.learner))
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -63,9 +54,6 @@ class LeadEvidence(NamedTuple):
             "planner": None if self.planner is None else self.planner._asdict(),
             "learner": None if self.learner is None else self.learner._asdict(),
             "learner_better": self.learner_better,
-            "planners": {
-                name: None if worth is None else worth._asdict() for name, worth in self.planners
-            },
             "sentence": str(self),
         }
 
@@ -75,7 +63,7 @@ class LeadEvidence(NamedTuple):
             if worth is None
             else f"an episode that the {name} leads is worth {worth} "
             f"({plural(worth.episodes, 'episode')})"
-            for name, worth in self.leads
+            for name, worth in (("planner", self.planner), ("learner", self.learner))
         ]
         better = f"the learner is better with a probability of {percent(self.learner_better)}"
         return "; ".join([*said, better])
@@ -96,7 +84,7 @@ class Situation(NamedTuple):
     admissible: Mask
 
 
-class Strategy:
+class Strategy(Declared):
     """A rule for who proposes; in this base class it is always the learner.
 
     A strategy proposes; `serp.Arbiter` decides, so that the vetoes hold under every strategy. A
@@ -110,14 +98,12 @@ class Strategy:
         reads: Settings that only this strategy reads, such as `arbiter.rho_unit`.
         imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
             `imitation_weight`.
-        chooses_planner: Whether it chooses among several planners (`planner.name` is `a+b`).
         env_index: Environment, from 0, that the next calls are about. Several environments play one
             episode each at the same time; what belongs to an episode is kept for each of them.
     """
 
     reads: ClassVar[tuple[str, ...]] = ()
     imitates: ClassVar[bool] = False
-    chooses_planner: ClassVar[bool] = False
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
@@ -127,16 +113,6 @@ class Strategy:
     def rho(self) -> float:
         """The probability that the learner makes the next proposal."""
         return 1.0
-
-    @property
-    def planner(self) -> int:
-        """Position of the planner that acts in this episode of training."""
-        return 0
-
-    @property
-    def best_planner(self) -> int:
-        """Position of the planner that is best by what is known."""
-        return 0
 
     @property
     def choice(self) -> str:
@@ -184,17 +160,6 @@ class Strategy:
     def end_episode(self, return_: float, length: int) -> None:
         """Handle the end of an episode of training."""
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
-
 
 class Mixture(Strategy):
     """The planner acts with probability 1 - ρ, else the learner (paper, Algorithm 1).
@@ -203,6 +168,7 @@ class Mixture(Strategy):
     """
 
     reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit")
+    STATE: ClassVar[Mapping[str, Reader]] = {"_rho": probability, "_random": random}
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
@@ -235,13 +201,3 @@ class Mixture(Strategy):
         """Increase ρ if this is the unit by which it grows."""
         if unit == self._settings.arbiter.rho_unit:
             self._rho = min(1.0, self._rho + self._settings.arbiter.rho_increment)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly."""
-        return {"rho": self._rho, "random": self._random.bit_generator.state}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        saved = Saved("strategy", {}, meta)
-        self._rho = saved.real("rho", 0.0, 1.0)
-        self._random.bit_generator.state = saved.generator_state("random", self._random)

@@ -23,7 +23,6 @@ from serp._util.files import cannot_write, json_text, read_json, read_regular, w
 from serp._util.saved_state import Saved
 from serp.agent.agent import Agent
 from serp.agent.decision import Decision
-from serp.agent.registry import planner_names
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
 from serp.model.domain import load_domain
@@ -68,10 +67,10 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
         raise RunError(f"{folder} exists and is not empty; give the name of a new folder")
     agent = run.agent
-    own = sorted(set(planner_names(agent.settings.planner.name)) & set(run.task.planners))
-    if own:
+    planner = agent.settings.planner.name
+    if planner in run.task.planners:
         raise RunError(
-            f"the run's planner `{own[0]}` is a part of its task and cannot be exported; train "
+            f"the run's planner `{planner}` is a part of its task and cannot be exported; train "
             "with an installed planner, such as planner.name=far-sight"
         )
     with run.environment() as task:

@@ -329,8 +329,7 @@ class Trainer(Closing):
     def _decide(self, environments: list[RolloutEnv]) -> None:
         """Decide in environments whose episode goes on, and begin to execute the decisions."""
         rollouts = {env: env.rollout for env in environments if env.rollout is not None}
-        states = {env.index: rollout.state for env, rollout in rollouts.items()}
-        with self.agent.arbiter.prefetch(states):
+        with self.agent.arbiter.prefetch([rollout.state for rollout in rollouts.values()]):
             for env, rollout in rollouts.items():
                 self.agent.turn_to(env.index)
                 if self._pretrained:
@@ -398,7 +397,7 @@ class Trainer(Closing):
         self.agent.load_state_dict(arrays, saved.part("agent")[1])
         for name in ("episode", "env_steps", "units"):
             setattr(self, name, saved.whole(name))
-        self.tally = DecisionCounts.from_saved(saved.part("tally")[1])
+        self.tally.load_state_dict(saved.part("tally")[1])
         self.recent.clear()
         self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
         self._pretrained = saved.truth("pretrained")

@@ -195,8 +195,7 @@ class Task:
         world: The options of an environment that `serp.file_task` made of the file; None for any
             other. A run with them needs no task to be opened again.
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
-            value) → name of a ground action, None for no advice; or another domain file,
-            or a loaded domain.
+            value) → name of a ground action, None for no advice.
         draw: Draws a state, for `serp studio`: fluent → value, and returned an `svg` element as
             text. Colours may be the page's, such as `var(--ink)`, which is light in the dark.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
@@ -213,16 +212,16 @@ class Task:
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)
     world: WorldOptions | None = None
-    planners: Mapping[str, Advise | str | Path | Domain] = field(default_factory=dict)
+    planners: Mapping[str, Advise] = field(default_factory=dict)
     draw: Draw | None = None
     counters: Sequence[str] = ()
     description: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.planners, Mapping):
+        planners = self.planners
+        if not isinstance(planners, Mapping) or not all(map(callable, planners.values())):
             raise TaskError(
-                "task: planners must be a mapping {name: function or domain file}, not "
-                f"{self.planners!r}"
+                f"task: planners must be a mapping {{name: function}}, not {planners!r}"
             )
 
     @property
@@ -250,27 +249,13 @@ class Task:
         return load_domain(self.domain, self.problem, observed=not self.closed)
 
     def loaded(self) -> Task:
-        """Return the task with all of its files loaded, those of its planners, too.
-
-        So it is the same on another machine, and after an edit. The planners' files share the limit
-        on the size of the task's own domain.
+        """Return the task with its files loaded: the same on another machine, and after an edit.
 
         Raises:
             DomainError: A file is missing or wrong.
             TaskError: `domain` or `problem` is not the name of a file.
         """
-        domain = self.load()
-        limit = domain.max_ground_schemas
-
-        def loaded(planner: Advise | str | Path | Domain) -> Advise | Domain:
-            if isinstance(planner, str | os.PathLike):
-                return load_domain(planner, observed=True, max_ground_schemas=limit)
-            if isinstance(planner, Domain) and planner.max_ground_schemas != limit:
-                return dataclasses.replace(planner, max_ground_schemas=limit)
-            return planner
-
-        planners = {name: loaded(planner) for name, planner in self.planners.items()}
-        return dataclasses.replace(self, domain=domain, problem=None, planners=planners)
+        return dataclasses.replace(self, domain=self.load(), problem=None)
 
     def bind(self, *, render_mode: str | None = None) -> BoundTask:
         """Make an environment and check that it fits domain, grounding and actions.

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from serp.authoring.scenarios.checking import Result
+from serp.authoring.scenarios.files import ScenarioFile, add_situation, recorded_values
 from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.settings import resolve
 from serp.tasks.task import Task
 from serp.ui.studio.view import ShownState, Surroundings, Version
 
-if TYPE_CHECKING:
-    from serp.authoring.scenarios.checking import Result
-    from serp.authoring.scenarios.files import ScenarioFile
-
 
 @dataclass(frozen=True)
 class EditedScenarios:
-    """Scenarios as they are edited, with the texts and the task that they are about."""
+    """Scenarios as they are edited, with the texts and the task that they are about.
+
+    A wrong text is a SerpError.
+    """
 
     source: Source
     version: Version
@@ -26,23 +26,11 @@ class EditedScenarios:
     task: Task | None
 
     def run(self) -> list[Result]:
-        """Check all scenarios as `serp test` does; this may take some seconds.
-
-        Raises:
-            SerpError: A text is wrong.
-        """
-        from serp.authoring.scenarios.files import recorded_values
-
+        """Check all scenarios as `serp test` does; this may take some seconds."""
         return list(self._file().run(recorded_values))
 
     def with_state(self, title: str, shown: ShownState) -> str:
-        """Return the text with one more scenario: what holds in a state.
-
-        Raises:
-            SerpError: A text is wrong, or nothing can be expected there.
-        """
-        from serp.authoring.scenarios.files import add_situation
-
+        """Return the text with one more scenario: what holds in a state."""
         file = self._file()
         model = file.decider.model
         values = {name: float(value) for name, value in model.values(shown.state(model)).items()}
@@ -50,8 +38,6 @@ class EditedScenarios:
         return add_situation(file, " ".join(title.split()), values, remark)
 
     def _file(self) -> ScenarioFile:
-        from serp.authoring.scenarios.files import ScenarioFile
-
         task = self.task
         observed = task is not None and not task.closed
         domain = Domain.parse(*self.version.sources(), observed=observed)

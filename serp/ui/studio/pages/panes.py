@@ -6,11 +6,12 @@ import contextlib
 import json
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from nicegui import run, ui
 
 from serp._util.text import plural
+from serp.authoring.scenarios.checking import Result
 from serp.errors import RunError, SerpError, with_notes
 from serp.runs.folder import METRICS
 from serp.runs.tables import read_metrics
@@ -19,9 +20,6 @@ from serp.ui.report.recorded_steps import curve_arrays
 from serp.ui.studio.pages.editor import EditorPane
 from serp.ui.studio.pages.live import Live, busy, button
 from serp.ui.studio.session import SCENARIOS, Session
-
-if TYPE_CHECKING:
-    from serp.authoring.scenarios.checking import Result
 
 _SECONDS: Final = 1.5
 """Time between two looks at what a training has written."""
