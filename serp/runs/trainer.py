@@ -313,6 +313,7 @@ class Trainer(Closing):
             limit=self.settings.training.episode_steps,
             judge=self.judge,
         )
+        self.agent.arbiter.begin_episode()
         self._notice_unit(env, env.rollout.info, reset=True)
 
     def _perceive_of(self, task: BoundTask | RemoteTask) -> Perceive:
@@ -396,7 +397,7 @@ class Trainer(Closing):
         self.agent.load_state_dict(arrays, saved.part("agent")[1])
         for name in ("episode", "env_steps", "units"):
             setattr(self, name, saved.whole(name))
-        self.tally = DecisionCounts.from_saved(saved.part("tally")[1])
+        self.tally.load_state_dict(saved.part("tally")[1])
         self.recent.clear()
         self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
         self._pretrained = saved.truth("pretrained")
