@@ -22,7 +22,7 @@ def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None)
 own_task_option = click.option(
     "--task", metavar="FILE.py|MODULE:FUNCTION", expose_value=False, callback=_remember,
     help="A task that is not installed: a Python file, FILE.py:FUNCTION or MODULE:FUNCTION that "
-         "gives a serp.Task.")  # fmt: skip
+         "gives a serp.Task. A command that needs no environment ignores it.")  # fmt: skip
 
 max_ground_schemas_option = click.option(
     "--max-ground-schemas", type=click.IntRange(min=1), metavar="N",

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from serp.authoring.lint.conditions import threshold
-from serp.authoring.lint.subject import SCHEMAS, LintSubject, values_of
+from serp.authoring.lint.subject import SCHEMAS, LintSubject
 from serp.model import ground as g
 from serp.model.ground import linear
 from serp.pddl import syntax as x
-from serp.pddl.reader import Group, Node, Word
 from serp.pddl.slips import written
 from serp.pddl.source import DomainWarning, Edit, Fix, Place
 from serp.pddl.syntax import Change
@@ -291,16 +290,15 @@ def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
     Actions that do nothing, or cost something only, are described by their names: nobody has
     measured what they do.
     """
-    known: dict[tuple[object, ...], str] = {}
+    known: dict[tuple[str, str], str] = {}
     schemas = subject.domain.syntax.schemas
     telling = {s.name for s in schemas if s.kind is not x.Kind.ACTION or _changes_something(s)}
     for section in subject.sections(*SCHEMAS):
         name = section.items[1].place.text.lower() if len(section.items) > 1 else ""
         if name not in telling:
             continue
-        values = values_of(section)
-        key = (section.head, *(_sorted(values.get(k)) for k in values), *values)
-        first = known.setdefault(key, name)
+        rest = " ".join(written(item).lower() for item in section.items[2:])
+        first = known.setdefault((section.head, rest), name)
         if first != name:
             kind = section.head[1:]
             yield DomainWarning(
@@ -316,14 +314,6 @@ def _changes_something(schema: x.Schema) -> bool:
         or isinstance(effect, x.SetPredicate)
         for effect in x.nested_effects(schema.effects)
     )
-
-
-def _sorted(node: Node | None) -> object:
-    """Return a form without places; the order under `and` and `or` does not count."""
-    if not isinstance(node, Group):
-        return "" if node is None else node.text
-    items = [item.text if isinstance(item, Word) else written(item).lower() for item in node.items]
-    return tuple([*items[:1], *sorted(items[1:])] if node.head in ("and", "or") else items)
 
 
 RULES = {
