@@ -63,7 +63,7 @@ class Scratch(NamedTuple):
 
 
 class FirstActions(NamedTuple):
-    """Results of a search for every first action, `[A]`; see `serp.Forecast`."""
+    """Results of a search for every first action, `[A]`; see `serp.planning.forecast.Forecast`."""
 
     value: NDArray[np.float64]
     path_risk: NDArray[np.float64]
