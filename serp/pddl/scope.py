@@ -139,11 +139,11 @@ def parse_arguments(
 ) -> tuple[x.SchemaTerm, ...]:
     """Parse the arguments of a predicate or function."""
     what = "function" if declaration.numeric else "predicate"
-    found = len(group.items) - 1
-    if found != len(declaration.parameters):
+    count = len(group.items) - 1
+    if count != len(declaration.parameters):
         wanted = plural(len(declaration.parameters), "argument")
-        problem = f"{what} `{declaration.name}` takes {wanted}, found {found}"
-        one_more = found == len(declaration.parameters) + 1
+        problem = f"{what} `{declaration.name}` takes {wanted}, found {count}"
+        one_more = count == len(declaration.parameters) + 1
         if one_more and not declaration.numeric and (slip := slips.truth_behind(group, problem)):
             raise slip
         raise DomainError(

@@ -62,6 +62,13 @@ def line_end(text: str, position: int) -> int:
     return end - 1 if end > position and text[end - 1] == "\r" else end
 
 
+def indent_at(text: str, position: int) -> str:
+    """Return the white space with which the line of a position begins."""
+    start = line_start(text, position)
+    line = text[start : line_end(text, start)]
+    return line[: len(line) - len(line.lstrip())]
+
+
 def newline_of(text: str) -> str:
     """Return the line break that a text uses."""
     return "\r\n" if "\r\n" in text else "\n"

@@ -149,8 +149,8 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
             else:
                 sign = 0 if number is None else _sign(effect.change, number)
                 changes[effect.target].append(_Change(sign, limits, effect.place))
-    for fluent, found in changes.items():
-        (sign, *others) = {change.sign for change in found}
+    for fluent, ways in changes.items():
+        (sign, *others) = {change.sign for change in ways}
         if not sign or others:
             continue
         name = subject.anywhere.fluents[fluent].name
@@ -163,7 +163,7 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
                     limit.place,
                     advice="is a sign, or the comparison, the wrong way round?",
                 )
-        for change in found:
+        for change in ways:
             operators = {limit.operator for limit in change.limits}
             if not operators or not operators.issubset(behind) or stops[fluent]:
                 continue
@@ -183,8 +183,8 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
 
 
 def _limits(comparisons: Iterator[g.Compare] | list[g.Compare], theta: list[float]) -> list[_Limit]:
-    found = ((comparison, threshold(comparison, theta)) for comparison in comparisons)
-    return [_Limit(*limit, comparison.place) for comparison, limit in found if limit is not None]
+    pairs = ((comparison, threshold(comparison, theta)) for comparison in comparisons)
+    return [_Limit(*limit, comparison.place) for comparison, limit in pairs if limit is not None]
 
 
 def _conjuncts(test: g.Test) -> tuple[g.Test, ...]:

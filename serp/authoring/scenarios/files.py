@@ -45,8 +45,8 @@ def recorded_values(of: StepOfRun) -> dict[str, float]:
     Raises:
         RunError: There is no such run, recording or step.
     """
-    recording, found = recorded_step(Path(of.run), of.step, of.episode)
-    return dict(zip(recording.layout.fluents, found.state.tolist(), strict=True))
+    recording, stored = recorded_step(Path(of.run), of.step, of.episode)
+    return dict(zip(recording.layout.fluents, stored.state.tolist(), strict=True))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.pddl.source import Edit, edited, line_end, line_start
+from serp.pddl.source import Edit, edited, indent_at, line_end, line_start
 
 TEXTS = st.text("ab \n\r", max_size=40)
 
@@ -41,3 +41,5 @@ def test_lines_are_found(text: str, data: st.DataObject) -> None:
     assert "\n" not in text[start:at]
     assert start == 0 or text[start - 1] == "\n"
     assert "\n" not in text[at:end]
+    indent = indent_at(text, at)
+    assert not indent.strip() and text[start:].startswith(indent)
