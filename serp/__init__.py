@@ -13,10 +13,6 @@ __version__ = "0.2.0.dev0"
 
 _NAMES = {
     "serp.agent.arbiter": ("Arbiter",),
-    "serp.agent.protocols": (
-        "Learner",
-        "Planner",
-    ),
     "serp.agent.strategy": ("Strategy",),
     "serp.errors": (
         "RunError",

@@ -27,9 +27,9 @@ class Planner(Protocol):
     """A planner forecasts the consequences of each ground action; `serp.Lookahead` is one.
 
     A function that takes a `serp.TransitionModel` and the `planner` section of the settings, and
-    returns a planner, is found by name through the entry-point group `serp.planners`. A forecast depends on nothing
-    but the state, the model, what a `StatefulPlanner` saves and, of an `ExperiencedPlanner`, the
-    visited states.
+    returns a planner, is found by name through the entry-point group `serp.planners`. A forecast
+    depends on nothing but the state, the model, what a `StatefulPlanner` saves and, of an
+    `ExperiencedPlanner`, the visited states.
     """
 
     def forecast(self, state: Vector) -> Forecast:
