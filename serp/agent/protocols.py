@@ -71,10 +71,18 @@ class ExperiencedPlanner(Planner, Protocol):
 
 
 @runtime_checkable
-class ForeseeingPlanner(Planner, Protocol):
+class EpisodicPlanner(Planner, Protocol):
+    """A planner that may search anew in every episode."""
+
+    def begin_episode(self) -> None:
+        """Say that an episode begins, perhaps in another world."""
+
+
+@runtime_checkable
+class PrefetchingPlanner(Planner, Protocol):
     """A planner that computes its forecasts for several states at the same time."""
 
-    def foreseeing(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
+    def prefetch(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
         """Have the forecasts for these states at hand in the body, where they are asked for."""
 
 

@@ -42,7 +42,7 @@ class PlannerFirst(serp.Strategy):
 
 def one_step(model: serp.TransitionModel, settings: Any) -> serp.Lookahead:
     """Return a planner that looks one action ahead, whatever the settings say."""
-    return serp.Lookahead(model, settings.replace(depth=1, repeat=1))
+    return serp.Lookahead(model, settings.replace(depth=1))
 
 
 class Table:
