@@ -278,7 +278,7 @@ Changes = Mapping[str, Mapping[str, Any]]
 class Settings(BaseModel):
     """All settings, by section; immutable.
 
-    `serp.Settings()` has the defaults; `serp.Settings(planner=serp.PlannerSettings(depth=3))`
+    `serp.Settings()` has the defaults; `serp.Settings(planner=PlannerSettings(depth=3))`
     differs in one of them.
 
     Raises:

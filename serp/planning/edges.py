@@ -12,7 +12,7 @@ from serp.settings import PlannerSettings
 
 
 class FirstActions(NamedTuple):
-    """Results of a search for every first action, `[A]`; see `serp.Forecast`."""
+    """Results of a search for every first action, `[A]`; see `serp.planning.forecast.Forecast`."""
 
     value: NDArray[np.float64]
     path_risk: NDArray[np.float64]

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import serp
+from serp.settings import LearnerSettings
 from serp.ui.main import serp as group
 from tests.docs.pages import EXAMPLES
 from tests.serp.runs.runs import without_pictures
@@ -108,7 +109,7 @@ def test_the_learner_of_the_extension_learns_and_continues_exactly() -> None:
             chosen.append(action)
         return chosen
 
-    settings = serp.LearnerSettings(epsilon_end=0.2, epsilon_steps=200)
+    settings = LearnerSettings(epsilon_end=0.2, epsilon_steps=200)
     learner = extension.Table(1, 2, settings, 0)
     walked(learner, 400)
     again = extension.Table(1, 2, settings, 9)
