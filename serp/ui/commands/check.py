@@ -296,8 +296,7 @@ def _print(checks: Iterator[_CheckedDomain]) -> int:
     if len(results) > 1:
         warnings = sum(f.severity == "warning" for check in results for f in check.findings)
         console.print(
-            f"\n{plural(len(results), 'domain')}: {len(results) - wrong} right, {wrong} wrong, "
-            f"{plural(warnings, 'warning')}"
+            f"\n{plural(len(results), 'domain')}: {wrong} wrong, {plural(warnings, 'warning')}"
         )
     return MISTAKE if wrong else DONE
 
