@@ -60,7 +60,7 @@ def test_a_planner_is_chosen_by_its_name(run: Run, folder: Path) -> None:
         "(define (problem p) (:domain edge) (:init (= (x) 0)) (:goal (and (>= (x) 8))))"
     )
     near, far, same = (
-        planned(run, "--domain", "hall.pddl", "--depth", "4", *planner)
+        planned(run, "--domain", "hall.pddl", "--depth", "2", *planner)
         for planner in (("--planner", "lookahead"), ("--planner", "far-sight"), ())
     )
     assert same == far and [action["beyond"] for action in near["actions"]] == [
