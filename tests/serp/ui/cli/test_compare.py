@@ -12,7 +12,6 @@ import pytest
 from click.testing import CliRunner
 
 from serp.runs.comparison import workers
-from serp.runs.comparison.algorithms import OWN
 from serp.ui.root import serp
 from tests.serp.ui.cli.conftest import Run
 
@@ -46,13 +45,6 @@ def trials(folder: str | Path) -> list[tuple[str, str, int]]:
     return [tuple(trial) for trial in plan(folder)["trials"]]
 
 
-def test_the_algorithms_are_listed_external_ones_too(run: Run) -> None:
-    lines = run("compare", "--list").stdout.splitlines()
-    names = [line.split()[0] for line in lines if line.strip()]
-    assert {*OWN, "ppo", "sb3-dqn"} <= set(names)
-    assert any(line.startswith("ppo") and "external" in line for line in lines)
-
-
 def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
     result = run(*COMPARE, "--algorithms=serp,dqn", "--out=my comparison")
     assert "algorithm" in result.stdout
@@ -66,21 +58,6 @@ def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
         assert (Path("my comparison") / name).stat().st_size > 0
     assert plan("my comparison")["protocol"]["env_steps"] == 60
     assert "serp compare" in Path("my comparison/report.md").read_text()
-
-
-def test_the_next_command_names_a_task_that_is_not_installed(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    task = "serp_adapters.cartpole:task"
-    result = run("compare", f"--task={task}", *TINY, "--algorithms=mrp", "--out=c")
-    assert f"serp compare --task {task} --out c --seeds 10" in result.stdout
-
-
-def test_a_comparison_without_a_name_gets_one(run: Run) -> None:
-    out = run(*COMPARE, "--algorithms=mrp", "--quiet").stdout.strip()
-    assert Path(out).parent == Path("runs")
-    assert Path(out).name.startswith("compare-cartpole-")
-    assert trials(out) == [("mrp", "cartpole", 0)]
 
 
 def asked(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str, Any]:

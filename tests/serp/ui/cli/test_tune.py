@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -47,16 +46,3 @@ def test_ctrl_c_keeps_what_is_complete_and_says_how_to_go_on(
     # The training that ran was finished, and with it its trial.
     assert "stopped after 1 of 2 trials, which are in sqlite:///s.db" in stopped.stderr
     assert "[2/2]" in run(*TUNE).stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--vary=planner.depth=2..3"], "give --domain (`serp list` names the tasks) or --task"),
-        (["--domain=cartpole"], "Missing option '--vary'"),
-        (["--domain=cartpole", "--vary=a.b", "--vary=a.b=1,2"], "a setting is given twice"),
-    ],
-)
-def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
-    assert message in run("tune", *arguments, expect=2).stderr
-    assert list(Path().iterdir()) == []
