@@ -6,9 +6,9 @@ import contextlib
 import datetime
 import warnings
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import gymnasium as gym
 import numpy as np
@@ -299,6 +299,24 @@ class RunLog:
                 wall_time=working_time() - self._clock,
             )
             self._folder.metrics.append(row)
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """Exclude the body from the time of training."""
+        begun = working_time()
+        try:
+            yield
+        finally:
+            self._clock += working_time() - begun
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Close the files, without results if `close` was not called."""
+        if self._folder is not None:
+            with self._folder, self._recorder or contextlib.nullcontext():
+                self._folder = None
 
     def close(self, agent: Agent) -> None:
         """Write the results; a second call does nothing."""
