@@ -22,7 +22,7 @@ _NAMES = {
     "serp.runs.diagnosis.diagnosis": ("Diagnosis", "diagnose"),
     "serp.runs.diagnosis.repair": ("repair",),
     "serp.errors": ("RunError", "SerpError", "SettingsError", "TaskError"),
-    "serp.runs.policy_export": ("export_policy",),
+    "serp.runs.policy": ("Policy", "export_policy"),
     "serp.learning.dqn": ("DQN", "Proposal"),
     "serp.model.domain": ("Domain", "load_domain"),
     "serp.model.transition_model": ("TransitionModel",),
@@ -42,7 +42,6 @@ _NAMES = {
         "Settings",
         "TrainingSettings",
     ),
-    "serp.tasks.symmetry": ("Symmetry",),
     "serp.tasks.registry": ("load_task",),
     "serp.tasks.task": ("Task",),
     "serp.tasks.file_world": ("file_task",),
@@ -87,7 +86,8 @@ if TYPE_CHECKING:
     from serp.runs.diagnosis.diagnosis import diagnose as diagnose
     from serp.runs.diagnosis.repair import repair as repair
     from serp.runs.guarded_env import GuardedEnv as GuardedEnv
-    from serp.runs.policy_export import export_policy as export_policy
+    from serp.runs.policy import Policy as Policy
+    from serp.runs.policy import export_policy as export_policy
     from serp.runs.recording import Recording as Recording
     from serp.runs.recording import StoredStep as StoredStep
     from serp.runs.run import Run as Run
@@ -105,7 +105,6 @@ if TYPE_CHECKING:
     from serp.settings import TrainingSettings as TrainingSettings
     from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
-    from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
 
 

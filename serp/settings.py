@@ -7,76 +7,12 @@ from collections.abc import ItemsView, Mapping
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from pydantic_core import ErrorDetails
 
 from serp._util.numbers import COUNTED, SIZE
 from serp._util.text import did_you_mean
 from serp.errors import SettingsError
-
-_SECTIONS: Final = {"correction": "adaptation"}
-_SETTINGS: Final = {
-    ("adaptation", "tries"): "min_visits",
-}
-_BY_EVIDENCE: Final = "the strategy `evidence` decides on lead and imitation by returns"
-_REMOVED: Final = {
-    ("planner", "leaf_value"): "the planner `far-sight` values the leaves by itself",
-    ("arbiter", "rho_max"): "ρ grows to 1; `arbiter.rho_increment=0` keeps it as it is",
-    ("arbiter", "surety"): _BY_EVIDENCE,
-    ("arbiter", "broken_promises"): "three failures, and one in 1,000 steps, are tolerated",
-    ("arbiter", "after_veto"): "after a veto the planner acts",
-    ("arbiter", "exploration_slack"): "exploration is among the actions that no veto refuses",
-    ("arbiter", "indifferent"): _BY_EVIDENCE,
-    ("arbiter", "imitation"): _BY_EVIDENCE,
-    ("adaptation", "nonlinear"): "random features are used where they have predicted better",
-    **dict.fromkeys(
-        (
-            ("guide", "jump_stages"),
-            ("guide", "jump_tolerance"),
-            ("guide", "restrict_slack"),
-            ("guide", "imitation_steps"),
-            ("guide", "margin"),
-        ),
-        "the strategies that read it are gone; `evidence` and `mixture` remain",
-    ),
-    ("learner", "imitation_weight"): _BY_EVIDENCE,
-    ("learner", "protected_share"): "batches are drawn from all samples alike",
-}
-_VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}
-
-
-def refuse_old_section(section: Any, values: Any) -> None:
-    """Refuse the former name of a section, naming its settings as well.
-
-    Raises:
-        SettingsError: The section was renamed.
-    """
-    if not isinstance(section, str) or section not in _SECTIONS:
-        return
-    new = _SECTIONS[section]
-    text = f"section `{section}` is now called `{new}`"
-    for setting in values if isinstance(values, Mapping) else ():
-        name = _SETTINGS.get((new, setting), setting)
-        text += f", `{section}.{setting}` is `{new}.{name}`"
-    raise SettingsError(text)
-
-
-def refuse_old_names(section: str, setting: Any, value: Any) -> None:
-    """Refuse a former setting, and the former name of a setting or of its value.
-
-    Raises:
-        SettingsError: It was renamed or removed.
-    """
-    instead = _REMOVED.get((section, setting)) if isinstance(setting, str) else None
-    if instead is not None:
-        raise SettingsError(f"setting `{section}.{setting}` was removed: {instead}")
-    name = _SETTINGS.get((section, setting)) if isinstance(setting, str) else None
-    if name is not None:
-        raise SettingsError(f"setting `{section}.{setting}` is now called `{section}.{name}`")
-    word = _VALUES.get((section, setting, value)) if isinstance(value, str) else None
-    if word is not None:
-        raise SettingsError(f"{section}.{setting}: `{value}` is now called `{word}`")
-
 
 _INFINITIES = {math.inf: "inf", -math.inf: "-inf"}
 """JSON has no infinity: infinities are written as these strings."""
@@ -272,9 +208,6 @@ class LearnerSettings(Section):
     """LayerNorm (arXiv 1607.06450) in every hidden layer, before its ReLU."""
     members: Size = 1
     """Networks of the ensemble. Each learns from separate batches; Q is their mean."""
-    symmetry: bool = False
-    """Use the task's symmetries, if it has any: every sample drawn is mirrored at random, and Q is
-    averaged over the mirror images of its input."""
     learning_rate: Positive = 0.001
     """Step size of Adam."""
     discount: Annotated[float, Field(ge=0, lt=1)] = 0.99
@@ -283,26 +216,15 @@ class LearnerSettings(Section):
     """Samples in one gradient update of one network."""
     updates_per_step: Nonnegative = 1.0
     """Gradient updates per env step; 0.5 is one in every second step."""
-    target_period: PositiveCount | None = 200
-    """Gradient updates between two copies of the network to the target network. None: never."""
-    target_polyak: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Polyak averaging: move the target network towards the network by this fraction after every
-    gradient update. None: never. At most one of `target_period` and `target_polyak` is given;
-    with neither there is no target network, as in the paper's equation 3."""
-    double: bool = True
-    """Double DQN (arXiv 1509.06461): the network chooses the next action, the target network
-    estimates its value. No effect without a target network."""
+    target_polyak: Annotated[float, Field(gt=0, le=1)] | None = 0.005
+    """Fraction by which the target network moves towards the network after every gradient update.
+    The network chooses the next action, the target network estimates its value (double DQN, arXiv
+    1509.06461). None: there is no target network, as in the paper's equation 3."""
     n_step: Annotated[int, Field(ge=1, le=10_000)] = 3
     """n of n-step returns: rewards summed before the estimated value of a later state."""
-    clip_targets: bool = True
-    """Clip estimated values to the range of possible returns."""
-    mask_targets: bool = True
-    """The value of the next state is that of its best admissible action. False: of its best
-    action, as in the paper's equation 3."""
-    loss: Literal["mse", "huber"] = "mse"
-    """Loss of one sample: squared error (paper, equation 2), or the Huber loss with threshold 1."""
-    reward_scale: Positive = 1.0
-    """Factor on rewards; Q-values are in the scaled unit."""
+    guarded_targets: bool = True
+    """The value of the next state is that of its best admissible action, clipped to the range of
+    possible returns. False: of its best action, as in the paper's equation 3."""
     gradient_clip: Positive | None = 10.0
     """Largest Euclidean norm of the gradient of one network. None: unlimited."""
     epsilon_start: Probability = 1.0
@@ -315,22 +237,6 @@ class LearnerSettings(Section):
     """Samples in the replay buffer; the oldest is overwritten."""
     learning_starts: Count = 200
     """Env steps before the first gradient update."""
-    pretrain_updates: Count = 0
-    """Gradient updates on the initial data D₀ before training (Algorithm 1, line 1)."""
-
-    @model_validator(mode="after")
-    def _consistent(self) -> LearnerSettings:
-        if self.target_period is not None and self.target_polyak is not None:
-            raise ValueError(
-                f"target_polyak is {self.target_polyak!r}, but must be none while "
-                f"target_period is {self.target_period}"
-            )
-        return self
-
-    @property
-    def has_target(self) -> bool:
-        """Whether there is a target network."""
-        return self.target_period is not None or self.target_polyak is not None
 
 
 class TrainingSettings(Section):
@@ -348,7 +254,7 @@ class TrainingSettings(Section):
     episode is running in any of them."""
     random_steps: Count = 0
     """Size of D₀ in env steps: actions are drawn uniformly (vetoes apply), and the learner is
-    pretrained on them before Algorithm 1 starts."""
+    pretrained on them, by as many gradient updates, before Algorithm 1 starts."""
     env_steps: PositiveCount = 20_000
     """Default budget of a training in env steps."""
     units: PositiveCount | None = None
@@ -360,15 +266,12 @@ class TrainingSettings(Section):
     checkpoint_seconds: Annotated[float, Field(ge=0)] = 15.0
     """Longest time between two checkpoints. They are written between episodes, more often where
     writing takes little time."""
-    slow_step_seconds: Annotated[float, Field(gt=0)] = 30.0
-    """A step or reset of the environment that takes longer is reported while it lasts, once per
-    run. Infinity: never."""
     record: bool = True
     """Whether to record every step: state, decision, and all that was predicted. `serp why` needs
     it."""
-    tensorboard: bool | Literal["steps"] = False
-    """Whether to write TensorBoard events as well (extra `tensorboard`): `true` for every episode,
-    `steps` for every env step, too, which takes about 0.15 ms more per step."""
+    tensorboard: bool = False
+    """Whether to write the metrics of every episode as TensorBoard events, too (extra
+    `tensorboard`)."""
 
 
 Changes = Mapping[str, Mapping[str, Any]]
@@ -414,7 +317,6 @@ class Settings(BaseModel):
         """
         sections: dict[str, Section] = {}
         for name, values in entries(changes, "settings", '{"planner": {"depth": 5}}'):
-            refuse_old_section(name, values)
             if name not in Settings.model_fields:
                 known = did_you_mean(str(name), Settings.model_fields)
                 raise SettingsError(f"there is no section `{name}`; {known}")
@@ -422,8 +324,6 @@ class Settings(BaseModel):
             first, value = next(iter(section))
             example = f"{{{first!r}: {value!r}}}"
             changed = dict(entries(values, f"settings: section `{name}`", example))
-            for setting, value in changed.items():
-                refuse_old_names(name, setting, value)
             sections[name] = section.replace(**{str(key): v for key, v in changed.items()})
         return self.model_copy(update=sections)
 
@@ -475,17 +375,12 @@ PRESETS: Final[Mapping[str, Changes]] = {
             "discount": 0.9,
             "epsilon_start": 0.3,
             "epsilon_end": 0.3,
-            "loss": "mse",
-            "double": False,
             "n_step": 1,
-            "clip_targets": False,
-            "target_period": None,
+            "guarded_targets": False,
             "target_polyak": None,
             "gradient_clip": None,
-            "mask_targets": False,
             # D keeps every sample: up to 1,000 episodes of 500 steps.
             "buffer_size": 500_000,
-            "pretrain_updates": 500,
         },
         "training": {"random_steps": 500},
     },
@@ -496,12 +391,9 @@ PRESETS: Final[Mapping[str, Changes]] = {
         "adaptation": {"mode": "full", "min_visits": 4},
         "guide": {"strategy": "evidence"},
         "learner": {
-            "symmetry": True,
             "members": 3,
             "layer_norm": True,
             "batch_size": 32,
-            "target_period": None,
-            "target_polyak": 0.005,
             # The learner begins with what the planner does.
             "epsilon_start": 0.1,
             "epsilon_end": 0.02,

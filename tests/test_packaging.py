@@ -197,7 +197,6 @@ def test_planning_and_learning_need_no_extra_and_what_needs_one_says_which(tmp_p
         "repair run",
     )
     needs = {
-        "check": "check cartpole --portable",  # says so, and checks the rest
         "plots": "diagnose run --svg diagnosis.svg",
         "minigrid": "plan --domain four-rooms --observe",
         "box2d": "plan --domain lunar-lander",
@@ -214,7 +213,7 @@ def test_planning_and_learning_need_no_extra_and_what_needs_one_says_which(tmp_p
     shown = done.stdout
     assert "Traceback" not in shown, shown
     parts = re.split(r"^status (\d)\n", shown, flags=re.M)
-    assert parts[1::2] == ["0"] * (len(free) + 1) + ["1"] * len(needs), shown
+    assert parts[1::2] == ["0"] * len(free) + ["1"] * (len(needs) + 1), shown
     for extra, said in zip([*needs, "soccer"], parts[2 * len(free) :: 2], strict=False):
         assert f"pip install 'serp[{extra}]'" in said
     assert "soccer: not checked" in shown

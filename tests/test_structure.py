@@ -31,8 +31,6 @@ ROOMS = (
     "ui",
 )
 """Rooms of `serp` from the bottom up: a room imports from itself and from the rooms before it."""
-CONTROLLER = PACKAGES["serp"] / "runs" / "controller"
-"""Imports nothing else of `serp`: robots have it without the rest."""
 MOST_PARAMETERS = 10
 CIRCLES = [{"serp.tasks.task"}]
 """Files that import one another and are known: `Task.bind` returns a `BoundTask`."""
@@ -53,17 +51,7 @@ def imports(path: Path) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield imported_from(path, node)
-
-
-def imported_from(path: Path, node: ast.ImportFrom) -> str:
-    """Exports copy the controller, so its modules, and no others, import one another relatively."""
-    if not node.level:
-        return str(node.module)
-    assert path.is_relative_to(CONTROLLER), path
-    *above, _ = path.relative_to(ROOT).parts
-    assert len(above) - node.level > 0, path
-    return ".".join([*above[: len(above) - node.level + 1], str(node.module)])
+            yield node.module
 
 
 @pytest.mark.parametrize(
@@ -118,8 +106,7 @@ def imported_files(path: Path) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            module = imported_from(path, node)
-            yield from (module, *(f"{module}.{alias.name}" for alias in node.names))
+            yield from (node.module, *(f"{node.module}.{alias.name}" for alias in node.names))
 
 
 def test_no_class_name_occurs_twice_in_serp() -> None:

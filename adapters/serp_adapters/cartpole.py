@@ -42,13 +42,6 @@ def task() -> serp.Task:
         dt=CONTROL_PERIOD,
         # A fall costs more than any step can gain, so this threshold refuses falls alone.
         settings={"*": {"arbiter": {"r_min": -0.5}}},
-        symmetries=(
-            serp.Symmetry(
-                flip=("cart-position", "cart-velocity", "pole-angle", "pole-velocity"),
-                actions={"push-left": "push-right"},
-                observation_signs=(-1, -1, -1, -1),
-            ),
-        ),
         draw=draw,
         description="keep a pole upright on a cart that can be pushed left or right",
     )

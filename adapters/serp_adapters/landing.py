@@ -23,13 +23,6 @@ def task() -> serp.Task:
         dt=CONTROL_PERIOD,
         # No step costs half as much as a crash, so this threshold refuses crashes alone.
         settings={"*": {"arbiter": {"r_min": -5.0}}},
-        symmetries=(
-            serp.Symmetry(
-                flip=("offset", "sideways"),
-                actions={"push-left": "push-right"},
-                observation_signs=(-1, 1, -1, 1),
-            ),
-        ),
         counters=("landed", "crashed", "lost"),
         description="land softly on a pad, after a fall through thick air",
     )

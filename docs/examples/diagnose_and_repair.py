@@ -7,8 +7,8 @@ import serp
 run = serp.plan_and_learn("cartpole-no-gravity", env_steps=600, out="runs/forgetful", quiet=True)
 
 diagnosis = serp.diagnose("runs/forgetful")
-for remark in diagnosis.matter:
-    print(f"{diagnosis.share(remark):.0%}", remark.text)
+for remark in diagnosis.remarks:
+    print(f"{remark.share:.0%}", remark.text)
 for sentence in diagnosis.unexplained:
     print("not explained:", sentence)
 

@@ -11,10 +11,10 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-import threadpoolctl
-import torch
+if TYPE_CHECKING:
+    import threadpoolctl
 
 _SAFE: Final = "PYTHONSAFEPATH"
 _OURS: Final = "serp"
@@ -72,19 +72,18 @@ def _end_with_parent() -> None:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit torch and BLAS to one thread: in small networks more threads are slower."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with threadpoolctl.threadpool_limits(1):
-            yield
-    finally:
-        torch.set_num_threads(threads)
+    """Limit BLAS to one thread: in small networks more threads are slower."""
+    import threadpoolctl
+
+    with threadpoolctl.threadpool_limits(1):
+        yield
 
 
 @functools.cache
 def _libraries() -> threadpoolctl.ThreadpoolController:
     """Return the libraries that are loaded when this is first called; to find them takes 2 ms."""
+    import threadpoolctl
+
     return threadpoolctl.ThreadpoolController()
 
 

@@ -141,15 +141,6 @@ def markdown_text(text: object) -> str:
     return re.sub(r"^(\d*)([-+.)](?= |$)|[-=]+$)", r"\1\\\2", line)
 
 
-def sentence(text: object) -> str:
-    """Return text as `plain` does, but with names between backticks as code."""
-    return re.sub(
-        r"\\`(?! )((?:[\w ()?.-]|\\_)+)(?<! )\\`",
-        lambda name: "`" + name[1].replace("\\_", "_") + "`",
-        markdown_text(text),
-    )
-
-
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:
     """Return a table of Markdown cells; the first `left` columns are text, the others numbers."""
     marks = ["---"] * left + ["---:"] * (len(head) - left)

@@ -14,7 +14,6 @@ from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
-from serp.agent.own_planners import own_planners
 from serp.agent.protocols import (
     ExperiencedPlanner,
     LearnerProposer,
@@ -23,11 +22,11 @@ from serp.agent.protocols import (
     StatefulPlanner,
     undisturbed,
 )
-from serp.agent.registry import find_learner, find_strategy, make_planner, planner_names
+from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
-from serp.errors import EnvironmentFailure, SettingsError, TaskError
+from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
@@ -35,7 +34,6 @@ from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.preference import free_of_risk
 from serp.settings import Settings
-from serp.tasks.symmetry import TaskSymmetry, declared_symmetries, symmetry_group
 from serp.tasks.task import BoundTask, reward_source
 
 
@@ -94,28 +92,22 @@ class Agent:
         arbiter: The arbiter used in training.
         guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
         adaptation: The adaptation of the model.
-        symmetries: Declared symmetries that the learner uses.
-        notices: Messages for the user: symmetries that the domain file does not have, and a model
-            that cannot adapt.
-
-    Raises:
-        TaskError: The task declares a wrong symmetry.
+        notices: Messages for the user: a model that cannot adapt.
     """
 
     def __init__(
-        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
+        self,
+        task: BoundTask,
+        settings: Settings,
+        seed: int,
+        *,
+        baseline: bool = False,
     ) -> None:
         self.task = task
         self.settings = settings
         # Wrong names are refused before anything is compiled.
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
         make_learner = find_learner(settings.learner.name)
-        several = len(planner_names(settings.planner.name)) > 1 and not baseline
-        if several and not make_strategy.chooses_planner:
-            raise SettingsError(
-                f"planner.name: the strategy `{settings.guide.strategy}` does not choose among "
-                f"several planners (`{settings.planner.name}`); set guide.strategy=evidence"
-            )
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)
         strategy_seed, learner_seed, random_seed, adaptation_seed = seeds
@@ -123,9 +115,7 @@ class Agent:
         model = self.adaptation.model
         actions = task.actions.over(model)
         strategy = make_strategy(settings, strategy_seed)
-        planner = make_planner(
-            model, settings.planner, own_planners(task.task.planners), lambda: strategy.best_planner
-        )
+        planner = make_planner(model, settings.planner, task.task.planners)
         if isinstance(planner, ExperiencedPlanner):
             planner.visited = self.adaptation.experience
         horizon = settings.planner.depth * settings.planner.repeat
@@ -145,20 +135,13 @@ class Agent:
             self.arbiter = Arbiter(
                 planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
             )
-        self.symmetries: tuple[TaskSymmetry, ...] = ()
-        self.notices: tuple[str, ...] = ()
-        group = None
-        if settings.learner.symmetry:
-            self.symmetries, self.notices = declared_symmetries(task)
-            group = symmetry_group(task, self.symmetries, settings.training.inputs)
-        if self.adaptation.notice is not None:
-            self.notices += (self.adaptation.notice,)
+        notice = self.adaptation.notice
+        self.notices: tuple[str, ...] = () if notice is None else (notice,)
         self.learner = make_learner(
             self._input_size(),
             task.actions.size,
             settings.learner,
             learner_seed,
-            group,
             imitates=strategy.imitates,
         )
         self._random = np.random.default_rng(random_seed)
@@ -218,9 +201,9 @@ class Agent:
             )
         return state, self._input(observation, state)
 
-    def turn_to(self, lane: int) -> None:
+    def turn_to(self, env_index: int) -> None:
         """Note from which of several environments, from 0, the next calls come."""
-        self.strategy.lane = self.arbiter.vetoes.lane = self.learner.lane = lane
+        self.strategy.env_index = self.arbiter.vetoes.env_index = self.learner.env_index = env_index
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""

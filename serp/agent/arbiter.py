@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from serp._util.saved_state import Saved
 from serp.agent.decision import Actor, Decision, Reason
-from serp.agent.own_planners import Ensemble
 from serp.agent.protocols import ForeseeingPlanner, Planner, Proposer
 from serp.agent.refusals import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.agent.strategy import Mixture, Situation, Strategy
@@ -33,8 +32,7 @@ class Arbiter:
     guarantee needs a `VetoPolicy`; with `NoVeto` it does not hold.
 
     Args:
-        planner: Makes the forecasts, usually a `Lookahead`; of an `Ensemble` the strategy says
-            which member makes them.
+        planner: Makes the forecasts, usually a `Lookahead`.
         actions: The map between ground and environment actions.
         settings: See `ArbiterSettings`.
         strategy: Makes the proposals; by default Algorithm 1 with these settings.
@@ -74,34 +72,19 @@ class Arbiter:
         """Return the planner's forecast for a state `[F]`, by environment action."""
         return self.actions.project(self.planner.forecast(state))
 
-    def leader(self, strategy: Strategy) -> Planner:
-        """Return the planner that acts in this episode of training."""
-        planner = self.planner
-        return planner.led_by(strategy.planner) if isinstance(planner, Ensemble) else planner
-
     @contextmanager
-    def foreseeing(self, states: Mapping[int, Vector]) -> Iterator[None]:
-        """Have the forecasts for states of several environments at hand in the body.
-
-        Each is that of the planner that acts in the environment, if it can.
-
-        Args:
-            states: Environment, from 0 → state `[F]`.
-        """
-        led: dict[int, tuple[Planner, list[Vector]]] = {}
-        for lane, state in states.items():
-            self.strategy.lane = lane
-            leader = self.leader(self.strategy)
-            led.setdefault(id(leader), (leader, []))[1].append(state)
-        with ExitStack() as foreseen:
-            for planner, own in led.values():
-                if len(own) > 1 and isinstance(planner, ForeseeingPlanner):
-                    foreseen.enter_context(planner.foreseeing(own))
+    def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
+        """Have the forecasts for several states at hand in the body, if the planner can."""
+        planner = self.planner
+        if len(states) > 1 and isinstance(planner, ForeseeingPlanner):
+            with planner.foreseeing(states):
+                yield
+        else:
             yield
 
     def decide(self, state: Vector, learner: Proposer) -> Decision:
         """Decide on the action in a monitored state `[F]`, as in training."""
-        planned = self.leader(self.strategy).forecast(state)
+        planned = self.planner.forecast(state)
         situation = self._situation(self.actions.project(planned))
         proposal = self.strategy.propose(situation, learner)
         preferred = planned if proposal is not None else self._exploration_bonus(planned)
@@ -120,7 +103,7 @@ class Arbiter:
 
     def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
         """Decide as in training by a given strategy, without the exploration bonus."""
-        planned = self.leader(strategy).forecast(state)
+        planned = self.planner.forecast(state)
         situation = self._situation(self.actions.project(planned))
         return self._follow(situation, strategy.propose(situation, learner))
 

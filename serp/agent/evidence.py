@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 from scipy import special
 
 from serp._util.saved_state import Saved
 from serp.agent.protocols import Proposer
-from serp.agent.registry import planner_names
 from serp.agent.strategy import LeadEvidence, Seed, Situation, Strategy, Worth
 from serp.learning.dqn import Proposal
 from serp.settings import Settings
@@ -66,13 +65,6 @@ class Returns:
         self.squares = saved.real("squares", 0.0)
 
 
-class Lead(NamedTuple):
-    """Who leads an episode: the learner, else the planner at a position."""
-
-    planner: int
-    learner: bool
-
-
 class Evidence(Strategy):
     """Planner or learner leads a whole episode: the learner with the probability that it is better.
 
@@ -84,21 +76,15 @@ class Evidence(Strategy):
     planner leads, the learner acts, and explores, where all plans have the same value. It does not
     explore where it leads: its returns would say nothing of its trained policy. The trained policy
     is the lead that is more probably the better one.
-
-    Of several planners, the one leads whose draw from what its episodes are believed to be worth is
-    the largest (Thompson sampling); the trained policy is that of the largest mean.
     """
 
     imitates = True
-    chooses_planner = True
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
-        self.names = planner_names(settings.planner.name)
-        self.planners = [Returns() for _ in self.names]
-        self.learner = Returns()
-        self._leads = [Lead(0, False)] * settings.training.num_envs
-        """Who leads the current episode of each environment."""
+        self.planner, self.learner = Returns(), Returns()
+        self._leads = [False] * settings.training.num_envs
+        """Whether the learner leads the current episode of each environment."""
         self._worst, self._best = math.inf, -math.inf
         self._steps = 0
         self._rho = 0.0
@@ -116,32 +102,15 @@ class Evidence(Strategy):
 
     def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's choice, to be imitated where it leads and has a reason."""
-        return -1 if self._lead.learner or forecast.indifferent else forecast.choice
+        return -1 if self._leads[self.env_index] or forecast.indifferent else forecast.choice
 
     @property
     def evidence(self) -> LeadEvidence:
         """What the two leads are worth."""
-        *planners, learner = self._beliefs()
-        worths = [self._worth(*pair) for pair in zip(self.planners, planners, strict=True)]
-        named = tuple(zip(self.names, worths, strict=True)) if len(worths) > 1 else ()
+        planner, learner = self._beliefs()
         return LeadEvidence(
-            worths[_best(planners)], self._worth(self.learner, learner), self._rho, named
+            self._worth(self.planner, planner), self._worth(self.learner, learner), self._rho
         )
-
-    @property
-    def planner(self) -> int:
-        """Position of the planner that leads this episode, or would if the learner did not."""
-        return self._lead.planner
-
-    @property
-    def _lead(self) -> Lead:
-        """Who leads the episode of the current environment."""
-        return self._leads[self.lane]
-
-    @property
-    def best_planner(self) -> int:
-        """Position of the planner whose episodes are believed to be worth most."""
-        return _best(self._beliefs()[:-1])
 
     def _worth(self, led: Returns, belief: Belief) -> Worth | None:
         if not led.episodes:
@@ -155,8 +124,7 @@ class Evidence(Strategy):
         """In words: what `propose_greedily` returns."""
         if self._rho > 0.5:
             return "the learner's choice"
-        whose = f" {self.names[self.best_planner]}" if len(self.names) > 1 else ""
-        return f"the planner{whose}'s choice, the learner's where all plans are worth the same"
+        return "the planner's choice, the learner's where all plans are worth the same"
 
     @property
     def turns(self) -> str:
@@ -169,34 +137,34 @@ class Evidence(Strategy):
         return self._best - self._worst
 
     @property
-    def _leads_so_far(self) -> list[Returns]:
-        """The returns of each planner, and of the learner."""
-        return [*self.planners, self.learner]
+    def _both(self) -> tuple[Returns, Returns]:
+        """The returns of the planner, and of the learner."""
+        return self.planner, self.learner
 
     def _beliefs(self) -> list[Belief]:
-        """Return mean and variance of the expected return of each planner, and of the learner.
+        """Return mean and variance of the expected return of the planner, and of the learner.
 
         The unit is the range of all returns, from 0 for the worst to 1 for the best. The prior has
         mean 0 and variance 1, and the range counts as one return's evidence on how much they vary.
         """
         span = self._span or 1.0
-        squares = sum(led.squares for led in self._leads_so_far) / span / span
+        squares = sum(led.squares for led in self._both) / span / span
         noise = (squares + 1.0 / 12.0) / self._freedom
 
         def belief(led: Returns) -> Belief:
             share = led.count / (led.count + noise)
             return share * (led.mean - self._worst) / span, 1.0 - share
 
-        return [belief(led) for led in self._leads_so_far]
+        return [belief(led) for led in self._both]
 
     @property
     def _freedom(self) -> float:
         """Degrees of freedom: returns that say how much returns vary."""
-        return sum(led.count for led in self._leads_so_far) + 1.0
+        return sum(led.count for led in self._both) + 1.0
 
     @property
     def _episodes(self) -> int:
-        return sum(led.episodes for led in self._leads_so_far)
+        return sum(led.episodes for led in self._both)
 
     def _probability(self) -> float:
         """Return the probability that the learner's lead is better."""
@@ -207,20 +175,12 @@ class Evidence(Strategy):
             # All returns are equal. By Laplace's rule of succession the next one differs with
             # probability 1 / (n + 2), and is better as probably as worse.
             return 0.5 / (episodes + 2.0)
-        *planners, (other, more) = self._beliefs()
-        mean, variance = planners[_best(planners)]
+        (mean, variance), (other, more) = self._beliefs()
         return float(special.stdtr(self._freedom, (other - mean) / math.sqrt(variance + more)))
 
     def _draw(self) -> None:
         """Draw who leads the next episode."""
-        leads, planner = bool(self._random.random() < self._rho), 0
-        if len(self.planners) > 1:
-            drawn = [
-                mean + math.sqrt(variance) * self._random.standard_t(self._freedom)
-                for mean, variance in self._beliefs()[:-1]
-            ]
-            planner = drawn.index(max(drawn))
-        self._leads[self.lane] = Lead(planner, leads)
+        self._leads[self.env_index] = bool(self._random.random() < self._rho)
 
     def forked(self, seed: np.random.SeedSequence) -> Evidence:
         """Return a copy that draws its own lead."""
@@ -232,7 +192,7 @@ class Evidence(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
-        if self._lead.learner:
+        if self._leads[self.env_index]:
             return learner.propose_greedily()
         return learner.propose(situation.admissible) if situation.forecast.indifferent else None
 
@@ -248,22 +208,21 @@ class Evidence(Strategy):
             self._steps += length
             before = self._episodes
             kept = (before / (before + 1)) ** _FORGETTING
-            for led in self._leads_so_far:
+            for led in self._both:
                 led.fade(kept)
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)
-            (self.learner if self._lead.learner else self.planners[self.planner]).add(return_)
+            (self.learner if self._leads[self.env_index] else self.planner).add(return_)
             self._rho = self._probability()
         self._draw()
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
         return {
-            "planners": {str(k): vars(led).copy() for k, led in enumerate(self.planners)},
+            "planner": vars(self.planner).copy(),
             "learner": vars(self.learner).copy(),
-            "planner": [lead.planner for lead in self._leads],
             "range": [self._worst, self._best] if self._worst <= self._best else None,
             "steps": self._steps,
-            "leads": [lead.learner for lead in self._leads],
+            "leads": self._leads.copy(),
             "random": self._random.bit_generator.state,
         }
 
@@ -280,23 +239,10 @@ class Evidence(Strategy):
             if self._worst > self._best:
                 raise saved.wrong("range is empty")
         self._steps = saved.whole("steps")
-        planners = Saved("planners", {}, saved.part("planners")[1])
-        for k, led in enumerate(self.planners):
-            part = Saved("planner", {}, planners.part(str(k))[1])
-            led.load(part, self._worst, self._best)
-        learner = Saved("learner", {}, saved.part("learner")[1])
-        self.learner.load(learner, self._worst, self._best)
-        count = len(self._leads)
-        leading = saved.wholes("planner", count, 0, len(self.planners) - 1)
-        leads = zip(leading, saved.truths("leads", count), strict=True)
-        self._leads = [Lead(planner, learner) for planner, learner in leads]
+        for name, led in (("planner", self.planner), ("learner", self.learner)):
+            led.load(Saved(name, {}, saved.part(name)[1]), self._worst, self._best)
+        self._leads = saved.truths("leads", len(self._leads))
         if (self._episodes > 0) != (meta.get("range") is not None):
             raise saved.wrong("range is that of no episode, or of none")
         self._random.bit_generator.state = saved.generator_state("random", self._random)
         self._rho = self._probability()
-
-
-def _best(beliefs: Sequence[Belief]) -> int:
-    """Return the position of the largest mean, the first of equal ones."""
-    means = [mean for mean, _ in beliefs]
-    return means.index(max(means))

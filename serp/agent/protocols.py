@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.learning.dqn import Proposal
-from serp.learning.symmetry_group import SymmetryGroup
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.cell_graph import Visited
 from serp.planning.forecast import Forecast
@@ -96,26 +95,24 @@ class Learner(Protocol):
     """A learner of the values of E environment actions; `serp.DQN` is one.
 
     A function that makes one is found by name through the entry-point group `serp.learners`; it
-    takes the arguments of `serp.DQN`. Values are in units of reward × `reward_scale`.
+    takes the arguments of `serp.DQN`.
 
     Attributes:
         input_size: Length of an input, F.
         action_count: Number of environment actions, E.
         settings: The settings.
-        symmetry: The symmetries in use; None for none.
         imitates: Whether it can imitate the planner.
         imitation_weight: Weight of the imitation loss in the next updates.
-        lane: Environment, from 0, that the next env steps to remember come from. Those of one
+        env_index: Environment, from 0, that the next env steps to remember come from. Those of one
             environment are consecutive.
     """
 
     input_size: int
     action_count: int
     settings: LearnerSettings
-    symmetry: SymmetryGroup | None
     imitates: bool
     imitation_weight: float
-    lane: int
+    env_index: int
 
     @property
     def updates(self) -> int:
@@ -159,8 +156,8 @@ class Learner(Protocol):
     def learn(self) -> float | None:
         """Make the updates of one env step; return their mean loss, None for none."""
 
-    def pretrain(self, updates: int | None = None) -> float | None:
-        """Make updates on the initial data; by default as many as the settings say."""
+    def pretrain(self, updates: int) -> float | None:
+        """Make gradient updates on the initial data D₀; return their mean loss, None for none."""
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
@@ -178,7 +175,6 @@ class MakeLearner(Protocol):
         action_count: int,
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
-        symmetry: SymmetryGroup | None = None,
         imitates: bool = False,
     ) -> Learner:
         """Return a learner; equal seeds give equal bits."""

@@ -8,7 +8,7 @@ A package adds one by declaring it; serp needs no change::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -17,6 +17,7 @@ from serp.errors import SettingsError
 from serp.model.transition_model import TransitionModel
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.lookahead import Lookahead
+from serp.planning.plan_follower import Advise, advised_by
 from serp.settings import PlannerSettings
 
 if TYPE_CHECKING:
@@ -65,16 +66,8 @@ def find_strategy(name: str) -> type[Strategy]:
     return found
 
 
-def planner_names(name: str) -> tuple[str, ...]:
-    """Return the planners that `planner.name` names: `a+b` are two."""
-    return tuple(part.strip() for part in name.split("+"))
-
-
 def make_planner(
-    model: TransitionModel,
-    settings: PlannerSettings,
-    own: Mapping[str, MakePlanner] | None = None,
-    best: Callable[[], int] = lambda: 0,
+    model: TransitionModel, settings: PlannerSettings, own: Mapping[str, Advise] | None = None
 ) -> Planner:
     """Return the planner that `planner.name` names, or raise a SettingsError.
 
@@ -83,21 +76,11 @@ def make_planner(
     Args:
         model: The transition model.
         settings: The settings of the planner.
-        own: Planners that the task brings along, by name.
-        best: Of several planners, the position of the one that is best by what is known.
+        own: `serp.Task.planners`: functions of the fluents' values, by name.
     """
-    makers = own or {}
-    members = [
-        (makers.get(name) or cast("MakePlanner", _load(PLANNERS, name)))(
-            model, settings.replace(name=name)
-        )
-        for name in planner_names(settings.name)
-    ]
-    if len(members) == 1:
-        return members[0]
-    from serp.agent.own_planners import Ensemble
-
-    return Ensemble(members, best)
+    if own and settings.name in own:
+        return advised_by(own[settings.name], model, settings)
+    return cast("MakePlanner", _load(PLANNERS, settings.name))(model, settings)
 
 
 def find_learner(name: str) -> MakeLearner:
@@ -110,12 +93,8 @@ def refuse_unknown_names(settings: Settings, own: Collection[str] = ()) -> None:
 
     Nothing is imported for that. `own` are the names of the planners that the task brings along.
     """
-    names = planner_names(settings.planner.name)
-    for k, name in enumerate(names):
-        if name in names[:k]:
-            raise SettingsError(f"planner.name: `{name}` is named twice")
-        if name not in own:
-            _entry(PLANNERS, name, own)
+    if settings.planner.name not in own:
+        _entry(PLANNERS, settings.planner.name, own)
     _entry(STRATEGIES, settings.guide.strategy)
     _entry(LEARNERS, settings.learner.name)
 

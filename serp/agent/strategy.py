@@ -40,22 +40,13 @@ class LeadEvidence(NamedTuple):
     """The evidence on which the lead of an episode is given to planner or learner.
 
     Attributes:
-        planner, learner: What their episodes are worth; None for one that has not led any. Of
-            several planners it is the best one.
+        planner, learner: What their episodes are worth; None for one that has not led any.
         learner_better: Probability that the learner's are worth more.
-        planners: Name and worth of each of several planners; empty where there is one.
     """
 
     planner: Worth | None
     learner: Worth | None
     learner_better: float
-    planners: tuple[tuple[str, Worth | None], ...] = ()
-
-    @property
-    def leads(self) -> tuple[tuple[str, Worth | None], ...]:
-        """Name and worth of each planner, and of the learner."""
-        named = tuple((f"planner {name}", worth) for name, worth in self.planners)
-        return (*(named or (("planner", self.planner),)), ("learner", self.learner))
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -63,9 +54,6 @@ class LeadEvidence(NamedTuple):
             "planner": None if self.planner is None else self.planner._asdict(),
             "learner": None if self.learner is None else self.learner._asdict(),
             "learner_better": self.learner_better,
-            "planners": {
-                name: None if worth is None else worth._asdict() for name, worth in self.planners
-            },
             "sentence": str(self),
         }
 
@@ -75,7 +63,7 @@ class LeadEvidence(NamedTuple):
             if worth is None
             else f"an episode that the {name} leads is worth {worth} "
             f"({plural(worth.episodes, 'episode')})"
-            for name, worth in self.leads
+            for name, worth in (("planner", self.planner), ("learner", self.learner))
         ]
         better = f"the learner is better with a probability of {percent(self.learner_better)}"
         return "; ".join([*said, better])
@@ -110,33 +98,21 @@ class Strategy:
         reads: Settings that only this strategy reads, such as `arbiter.rho_unit`.
         imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
             `imitation_weight`.
-        chooses_planner: Whether it chooses among several planners (`planner.name` is `a+b`).
-        lane: Environment, from 0, that the next calls are about. Several environments play one
+        env_index: Environment, from 0, that the next calls are about. Several environments play one
             episode each at the same time; what belongs to an episode is kept for each of them.
     """
 
     reads: ClassVar[tuple[str, ...]] = ()
     imitates: ClassVar[bool] = False
-    chooses_planner: ClassVar[bool] = False
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
-        self.lane = 0
+        self.env_index = 0
 
     @property
     def rho(self) -> float:
         """The probability that the learner makes the next proposal."""
         return 1.0
-
-    @property
-    def planner(self) -> int:
-        """Position of the planner that acts in this episode of training."""
-        return 0
-
-    @property
-    def best_planner(self) -> int:
-        """Position of the planner that is best by what is known."""
-        return 0
 
     @property
     def choice(self) -> str:

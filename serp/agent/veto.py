@@ -45,15 +45,17 @@ class LookaheadReliability:
         """Whether vetoes use the lookahead beyond the next step."""
         return self.failures <= _TOLERATED + _PER_STEP * self.steps
 
-    def observe(self, predicted_safe: bool | None, unsafe: bool, last: bool, lane: int = 0) -> bool:
+    def observe(
+        self, predicted_safe: bool | None, unsafe: bool, last: bool, env_index: int = 0
+    ) -> bool:
         """Process an env step; return whether the lookahead failed.
 
         `predicted_safe` is None for an action that the model does not know, which invalidates
-        earlier predictions; `unsafe` is what was observed; `last` the end of the episode; `lane`
-        the environment.
+        earlier predictions; `unsafe` is what was observed; `last` the end of the episode;
+        `env_index` the environment.
         """
         self.steps += 1
-        since = self._since.pop(lane, None)
+        since = self._since.pop(env_index, None)
         if predicted_safe is None:
             since = None
         elif predicted_safe:
@@ -63,12 +65,12 @@ class LookaheadReliability:
         failed = unsafe and since is not None and since < self._horizon
         self.failures += failed
         if since is not None and not (failed or last):
-            self._since[lane] = since
+            self._since[env_index] = since
         return failed
 
-    def cut_off(self, lane: int = 0) -> None:
+    def cut_off(self, env_index: int = 0) -> None:
         """Note that the episode of an environment goes on no further."""
-        self._since.pop(lane, None)
+        self._since.pop(env_index, None)
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
@@ -99,7 +101,7 @@ class VetoPolicy:
 
     Attributes:
         available: `[E]` actions that the model does not know and that may be executed.
-        lane: Environment, from 0, that the next observed step comes from.
+        env_index: Environment, from 0, that the next observed step comes from.
     """
 
     def __init__(self, actions: ActionMap, settings: ArbiterSettings, horizon: int = 1) -> None:
@@ -107,7 +109,7 @@ class VetoPolicy:
         self._settings = settings
         self._reliability = LookaheadReliability(horizon)
         self.available: Mask = ~actions.modelled & (settings.unmodelled == "allow")
-        self.lane = 0
+        self.env_index = 0
 
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` which actions are not refused."""
@@ -158,11 +160,13 @@ class VetoPolicy:
         decision = step.decision
         known = bool(self._actions.modelled[decision.action])
         safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
-        return self._reliability.observe(safe if known else None, step.unsafe, step.last, self.lane)
+        return self._reliability.observe(
+            safe if known else None, step.unsafe, step.last, self.env_index
+        )
 
     def cut_off(self) -> None:
         """Treat the step observed last as the last one of its episode."""
-        self._reliability.cut_off(self.lane)
+        self._reliability.cut_off(self.env_index)
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
@@ -184,7 +188,7 @@ class NoVeto:
 
     Attributes:
         available: `[E]` actions that the model does not know.
-        lane: As in `VetoPolicy`; it does not matter.
+        env_index: As in `VetoPolicy`; it does not matter.
     """
 
     lookahead_reliable = False
@@ -192,7 +196,7 @@ class NoVeto:
 
     def __init__(self, actions: ActionMap) -> None:
         self.available: Mask = ~actions.modelled
-        self.lane = 0
+        self.env_index = 0
 
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` True."""

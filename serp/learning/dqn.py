@@ -26,7 +26,6 @@ from serp.learning.network import MeanQ
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
 from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
-from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
 
 
@@ -89,11 +88,9 @@ class DQN:
         action_count: Actions, A ≥ 1.
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
-        symmetry: Symmetries of inputs and actions, used if `settings.symmetry` is set.
         imitates: Whether samples hold actions to be imitated.
 
     Attributes:
-        symmetry: The symmetries in use; None if there are none.
         imitates: As given.
         learning: The networks and their gradient updates.
         replay: The replay memory.
@@ -107,33 +104,31 @@ class DQN:
         action_count: int,
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
-        symmetry: SymmetryGroup | None = None,
         imitates: bool = False,
     ) -> None:
         self.imitates = imitates
         self.imitation_weight = 0.0
-        self.symmetry = symmetry if settings.symmetry and symmetry and len(symmetry) > 1 else None
         self.input_size = input_size
         self.action_count = action_count
         self.settings = settings
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng, self.symmetry)
+        self.replay = ReplayBuffer(spec, settings, sample_rng)
         self._bounds = ReturnBounds(settings.discount)
         self._explore_rng = explore_rng
-        self._mean_q = MeanQ(self.learning.online, self.symmetry)
+        self._mean_q = MeanQ(self.learning.online)
         self.env_steps = 0
         self._learn_calls = 0
 
     @property
-    def lane(self) -> int:
+    def env_index(self) -> int:
         """Environment, from 0, that the next env steps to remember come from."""
-        return self.replay.lane
+        return self.replay.env_index
 
-    @lane.setter
-    def lane(self, lane: int) -> None:
-        self.replay.lane = lane
+    @env_index.setter
+    def env_index(self, env_index: int) -> None:
+        self.replay.env_index = env_index
 
     @property
     def updates(self) -> int:
@@ -156,7 +151,7 @@ class DQN:
             x: One input ``[F]`` or a batch ``[B, F]``.
 
         Returns:
-            ``[A]`` or ``[B, A]``, float32, in units of reward × `reward_scale`; a new array.
+            ``[A]`` or ``[B, A]``, float32; a new array.
 
         Raises:
             ValueError: The input has another shape.
@@ -209,20 +204,19 @@ class DQN:
         Raises:
             LearningFailure: The return of such rewards may exceed float32.
         """
-        scaled = float(reward) * self.settings.reward_scale
-        largest = abs(scaled) / (1.0 - self.settings.discount)
+        reward = float(reward)
+        largest = abs(reward) / (1.0 - self.settings.discount)
         if not largest <= FLOAT32_MAX:
             raise LearningFailure(
-                f"learner: rewards such as {reward:g} add up to a return of {largest:g} in units "
-                f"of Q, more than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards, "
-                "or set a smaller learner.reward_scale"
+                f"learner: rewards such as {reward:g} add up to a return of {largest:g}, more "
+                f"than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards."
             )
-        allowed = next_allowed if self.settings.mask_targets else None
+        allowed = next_allowed if self.settings.guarded_targets else None
         self.replay.add(
-            observation, action, scaled, next_observation, terminated, truncated,
+            observation, action, reward, next_observation, terminated, truncated,
             allowed, imitated,
         )  # fmt: skip
-        self._bounds.observe(scaled, terminated)
+        self._bounds.observe(reward, terminated)
         self.env_steps += 1
 
     def learn(self) -> float | None:
@@ -238,18 +232,15 @@ class DQN:
         self._learn_calls += 1
         return self._train(int(self._learn_calls * self.settings.updates_per_step) - done)
 
-    def pretrain(self, updates: int | None = None) -> float | None:
+    def pretrain(self, updates: int) -> float | None:
         """Do gradient updates on the samples so far (Algorithm 1, line 1); return their mean loss.
-
-        Args:
-            updates: Their number; None: `settings.pretrain_updates`.
 
         Raises:
             LearningFailure: The loss is not finite.
         """
         if not self.replay.size:
             return None
-        return self._train(self.settings.pretrain_updates if updates is None else updates)
+        return self._train(updates)
 
     def _train(self, updates: int) -> float | None:
         if updates <= 0:
@@ -260,16 +251,13 @@ class DQN:
     def _update(self) -> float:
         batch = self.replay.sample()
         bounds = (-math.inf, math.inf)
-        if self.settings.clip_targets:
+        if self.settings.guarded_targets:
             bounds = (self._bounds.lower, self._bounds.upper)
         return self.learning.update(batch, bounds, self.imitation_weight, self.env_steps)
 
     def as_onnx(self) -> bytes:
-        """Return the network as ONNX, with the symmetries as a part of it.
-
-        See `serp.learning.onnx_export.network_as_onnx`.
-        """
-        return network_as_onnx(self.learning.online, self.symmetry)
+        """Return the network as ONNX; see `serp.learning.onnx_export.network_as_onnx`."""
+        return network_as_onnx(self.learning.online)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

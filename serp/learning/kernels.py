@@ -15,10 +15,12 @@ NaN and infinities keep their meaning.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from serp._util.compilation import cached_njit
 
@@ -29,6 +31,14 @@ NORM_EPSILON = 1e-5  # torch.nn.LayerNorm's
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _NORM_EPSILON = np.float32(NORM_EPSILON)
+
+
+def aligned_zeros(*shape: int) -> npt.NDArray[np.float32]:
+    """Return zeros aligned to 64 bytes, so that results do not depend on addresses."""
+    count = math.prod(shape)
+    memory = np.zeros(count + 16, np.float32)
+    start = -memory.ctypes.data % 64 // 4
+    return memory[start : start + count].reshape(shape)
 
 
 def compiled(function: _F) -> _F:

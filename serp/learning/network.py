@@ -1,13 +1,12 @@
 """The Q-network: a small dense network, its forward pass and its hand-written backward pass.
 
-All parameters are stored in one flat float32 torch tensor, so that the optimiser, the copy to a
-target network and a checkpoint are single operations. The arithmetic runs on NumPy views of that
-memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, in preallocated
-buffers. For networks of this size that is several times faster than torch's autograd, in which
-calls cost more than arithmetic.
+All parameters are stored in one flat float32 array, so that the optimiser, the copy to a target
+network and a checkpoint are single operations. The arithmetic is NumPy's matrix products and the
+compiled loops of `serp.learning.kernels`, in preallocated buffers. For networks of this size that
+is several times faster than automatic differentiation, in which calls cost more than arithmetic.
 
 Threads: OpenBLAS uses one thread up to 64 × 64 × 64; the caller sets the number of NumPy's threads
-(OPENBLAS_NUM_THREADS in the environment) and of torch's, which only copies here.
+(OPENBLAS_NUM_THREADS in the environment).
 
 Determinism: equal parameters, inputs of equal shape and an equal number of BLAS threads give equal
 bits on one kind of machine. A single row and the same row in a batch agree only to float32
@@ -19,16 +18,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
 from serp.learning import kernels
-from serp.learning.kernels import compiled
+from serp.learning.kernels import aligned_zeros
 from serp.learning.replay import type_F32
-from serp.learning.symmetry_group import SymmetryGroup
 
 _NO_FLOOR = np.float32(-math.inf)
 _RELU_FLOOR = np.float32(0.0)
@@ -51,7 +47,7 @@ class _DenseLayer:
         self.end = self.bias + (3 if normalized else 1) * outputs
         self.inputs, self.outputs, self.normalized = inputs, outputs, normalized
         self.weight, self.weight_gradient = (
-            _squeezed(flat[:, start : self.bias].view(-1, inputs, outputs).numpy())
+            _squeezed(flat[:, start : self.bias].reshape(-1, inputs, outputs))
             for flat in (network.parameters, network.gradient)
         )
         self.transposed = self.weight.swapaxes(-1, -2)
@@ -62,9 +58,7 @@ class _Buffers:
 
     def __init__(self, members: int, batch: int, layer: _DenseLayer) -> None:
         def zeros(*shape: int) -> type_F32:
-            # torch aligns memory to 64 bytes, so that results do not depend on addresses.
-            array: type_F32 = torch.zeros(members, batch, *shape).numpy()
-            return array
+            return aligned_zeros(members, batch, *shape)
 
         self.z = zeros(layer.outputs)  # before LayerNorm and ReLU
         self.h = zeros(layer.outputs) if layer.normalized else self.z  # after them
@@ -103,9 +97,9 @@ class QNetwork:
             None: all parameters are 0 (a target network).
 
     Attributes:
-        parameters: float32 tensor ``[E, P]``: member by member, layer by layer the weights
+        parameters: float32 ``[E, P]``: member by member, layer by layer the weights
             ``[inputs, outputs]``, the bias and, under LayerNorm, gain and shift.
-        gradient: float32 tensor ``[E, P]``, written by `backward`.
+        gradient: float32 ``[E, P]``, written by `backward`.
         layers: The location of each layer.
     """
 
@@ -122,10 +116,8 @@ class QNetwork:
         count = sum((n + 1) * m for n, m in pairwise(sizes))
         if layer_norm:
             count += 2 * sum(sizes[1:-1])
-        self.parameters = torch.zeros(members, count)
-        self.gradient = torch.zeros(members, count)
-        self._flat: type_F32 = self.parameters.numpy()
-        self._flat_gradient: type_F32 = self.gradient.numpy()
+        self.parameters = aligned_zeros(members, count)
+        self.gradient = aligned_zeros(members, count)
         self.layers: list[_DenseLayer] = []
         start = 0
         for i, (inputs, outputs) in enumerate(pairwise(self.sizes)):
@@ -141,9 +133,9 @@ class QNetwork:
             gain, shift = layer.bias + layer.outputs, layer.bias + 2 * layer.outputs
             values = rng.random((self.members, gain - layer.start), np.float32)
             scale = np.float32(1.0 / math.sqrt(layer.inputs))
-            self._flat[:, layer.start : gain] = (2 * values - 1) * scale
+            self.parameters[:, layer.start : gain] = (2 * values - 1) * scale
             if layer.normalized:
-                self._flat[:, gain:shift] = 1.0
+                self.parameters[:, gain:shift] = 1.0
 
     def forward(self, inputs: type_F32, work: Workspace) -> type_F32:
         """Compute the Q-values of a batch.
@@ -163,16 +155,16 @@ class QNetwork:
         for layer, here in zip(self.layers, work._layers, strict=True):
             np.matmul(below, layer.weight, out=here.flat_z)
             if layer.normalized:
-                kernels.normalize(here.z, here.h, here.inverse, self._flat, layer.bias)
+                kernels.normalize(here.z, here.h, here.inverse, self.parameters, layer.bias)
             else:
                 floor = _NO_FLOOR if layer is self.layers[-1] else _RELU_FLOOR
-                kernels.add_bias(here.z, self._flat, layer.bias, floor)
+                kernels.add_bias(here.z, self.parameters, layer.bias, floor)
             below = here.flat_h
         return work.q
 
     def backward(self, work: Workspace) -> None:
         """Write the gradient of a loss into `gradient`; `work` is that of the last `forward`."""
-        flat = self._flat_gradient
+        flat = self.gradient
         kernels.add_bias_backward(work.q_gradient, flat, self.layers[-1].bias)
         for i in range(len(self.layers) - 1, 0, -1):
             layer, here = self.layers[i], work._layers[i]
@@ -181,7 +173,7 @@ class QNetwork:
             np.matmul(here.flat_d, layer.transposed, out=below.flat_d)
             if lower.normalized:
                 kernels.normalize_backward(
-                    below.d, below.h, below.z, below.inverse, self._flat, flat, lower.bias
+                    below.d, below.h, below.z, below.inverse, self.parameters, flat, lower.bias
                 )
             else:
                 kernels.relu_backward(below.d, below.h, flat, lower.bias)
@@ -195,74 +187,24 @@ def _squeezed(array: type_F32) -> type_F32:
 
 
 class MeanQ:
-    """Computes Q of a network, averaged over a group; None: no averaging."""
+    """Computes Q of a network, the mean over its members."""
 
-    def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
+    def __init__(self, network: QNetwork) -> None:
         self._network = network
-        self._input_size, self._action_count = network.sizes[0], network.sizes[-1]
-        self._group = symmetry or SymmetryGroup(self._input_size, self._action_count)
-        self._images = self._group.averaged
-        self._single = Workspace(network, self._images)
+        self._single = Workspace(network, 1)
         self._many = Workspace(network, 0)
 
     def of(self, x: npt.NDArray[np.floating]) -> type_F32:
         """Return Q of every action; see `DQN.q_values`."""
-        if x.ndim not in (1, 2) or x.shape[-1] != self._input_size:
+        size = self._network.sizes[0]
+        if x.ndim not in (1, 2) or x.shape[-1] != size:
             raise ValueError(
-                f"an input must have shape ({self._input_size},) or (batch, {self._input_size}), "
-                f"not {x.shape}"
+                f"an input must have shape ({size},) or (batch, {size}), not {x.shape}"
             )
         rows = np.atleast_2d(x)
-        of_each = self._of_each(rows)
-        q: type_F32
-        if self._images > 1:
-            q = np.empty((len(rows), self._action_count), np.float32)
-            _mean_over_images(of_each, self._group.actions, q)
-        else:
-            q = of_each[0].copy() if self._network.members == 1 else of_each.mean(axis=0)
+        if len(rows) != 1 and self._many.batch != len(rows):
+            self._many = Workspace(self._network, len(rows))
+        work = self._single if len(rows) == 1 else self._many
+        of_each = self._network.forward(rows.astype(np.float32, copy=False), work)
+        q: type_F32 = of_each[0].copy() if self._network.members == 1 else of_each.mean(axis=0)
         return q if x.ndim == 2 else q[0]
-
-    def _of_each(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q ``[E, K · B, A]`` by each member of each of K images of B inputs."""
-        rows = self._images * len(x)
-        if len(x) != 1 and self._many.batch != rows:
-            self._many = Workspace(self._network, rows)
-        work = self._single if len(x) == 1 else self._many
-        inputs = x.astype(np.float32, copy=False)
-        if self._images > 1:
-            images: type_F32 = np.empty((rows, self._input_size), np.float32)
-            _all_images(
-                np.ascontiguousarray(inputs), self._group.columns, self._group.signs, images
-            )
-            inputs = images
-        return self._network.forward(inputs, work)
-
-
-@compiled
-def _all_images(x: Any, columns: Any, signs: Any, out: Any) -> None:
-    """Compute the images of inputs under K elements of a symmetry group, element by element.
-
-    x is ``[B, F]``, and out ``[K · B, F]`` is written.
-    """
-    batch, width = x.shape
-    for r in range(len(out)):
-        g, i = r // batch, r % batch
-        for j in range(width):
-            out[r, j] = signs[g, j] * x[i, columns[g, j]]
-
-
-@compiled
-def _mean_over_images(q: Any, images: Any, out: Any) -> None:
-    """Write the mean of q ``[E, K · B, A]`` over members and images to out ``[B, A]``."""
-    members, rows, actions = q.shape
-    batch = len(out)
-    share = np.float32(1.0) / np.float32(members * (rows // batch))
-    out[:, :] = np.float32(0.0)
-    for e in range(members):
-        for r in range(rows):
-            g, i = r // batch, r % batch
-            for k in range(actions):
-                out[i, k] += q[e, r, images[g, k]]
-    for i in range(batch):
-        for k in range(actions):
-            out[i, k] *= share

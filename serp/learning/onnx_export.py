@@ -10,7 +10,6 @@ import numpy.typing as npt
 from serp.errors import needs_extra
 from serp.learning import kernels
 from serp.learning.network import QNetwork
-from serp.learning.symmetry_group import SymmetryGroup
 
 _OPSET: Final = 17
 """The first with LayerNormalization."""
@@ -18,18 +17,18 @@ _IR_VERSION: Final = 8
 """The version of the format that belongs to it, which older onnxruntimes read, too."""
 
 
-def network_as_onnx(network: QNetwork, symmetry: SymmetryGroup | None = None) -> bytes:
+def network_as_onnx(network: QNetwork) -> bytes:
     """Return a network as ONNX: `x` float32 ``[F]`` → `q` float32 ``[A]``.
 
-    Q is the mean over members and mirror images, as of `DQN.q_values`. Both agree to float32
-    accuracy: sums are added in another order.
+    Q is the mean over members, as of `DQN.q_values`. Both agree to float32 accuracy: sums are added
+    in another order.
 
     Raises:
         MissingExtra: onnx is not installed.
     """
     with needs_extra("export", "the export of a network"):
         import onnx
-    writer = _OnnxWriter(network, symmetry)
+    writer = _OnnxWriter(network)
     graph = writer.graph()
     model = onnx.helper.make_model(
         graph,
@@ -43,29 +42,21 @@ def network_as_onnx(network: QNetwork, symmetry: SymmetryGroup | None = None) ->
 
 
 class _OnnxWriter:
-    """Writes the nodes of one network; E members, K mirror images."""
+    """Writes the nodes of one network of E members."""
 
-    def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
+    def __init__(self, network: QNetwork) -> None:
         self._network = network
-        self._group = symmetry or SymmetryGroup(network.sizes[0], network.sizes[-1])
         self._nodes: list[Any] = []
         self._constants: list[Any] = []
 
     def graph(self) -> Any:
         import onnx
 
-        group, sizes = self._group, self._network.sizes
-        images = group.averaged
-        columns = self._constant("columns", group.columns[:images])
-        signs = self._constant("signs", group.signs[:images])
-        h = self._node("Mul", self._node("Gather", "x", columns), signs)  # [K, F]
+        sizes = self._network.sizes
+        h = self._node("Unsqueeze", "x", self._constant("row", np.zeros(1, np.int64)))  # [1, F]
         for k in range(len(self._network.layers)):
-            h = self._layer(k, h)  # [E, K, outputs]
-        actions = np.broadcast_to(
-            group.actions[:images], (self._network.members, images, sizes[-1])
-        )
-        of_images = self._node("GatherElements", h, self._constant("actions", actions), axis=2)
-        self._node("ReduceMean", of_images, axes=[0, 1], keepdims=0, output="q")
+            h = self._layer(k, h)  # [E, 1, outputs]
+        self._node("ReduceMean", h, axes=[0, 1], keepdims=0, output="q")
         return onnx.helper.make_graph(
             self._nodes,
             "learner",
@@ -76,7 +67,7 @@ class _OnnxWriter:
 
     def _layer(self, k: int, below: str) -> str:
         layer = self._network.layers[k]
-        flat = self._network.parameters.numpy()
+        flat = self._network.parameters
         weight = flat[:, layer.start : layer.bias].reshape(-1, layer.inputs, layer.outputs)
         vectors = flat[:, layer.bias : layer.end].reshape(len(flat), -1, 1, layer.outputs)
         z = self._node("MatMul", below, self._constant(f"weight{k}", weight))

@@ -6,11 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-import torch
 
 from serp.errors import LearningFailure
-from serp.learning.kernels import compiled
+from serp.learning.kernels import aligned_zeros, compiled
 from serp.learning.network import QNetwork, Workspace
 from serp.learning.replay import Samples, type_F32
 from serp.settings import LearnerSettings
@@ -26,7 +24,7 @@ class Adam:
     size instead: less arithmetic with the same result.
 
     Args:
-        parameters: Contiguous float32 tensor ``[members, P]``, changed by `step`.
+        parameters: Contiguous float32 ``[members, P]``, changed by `step`.
         gradient: Likewise, read by `step`.
         learning_rate: The step size α > 0.
         largest_norm: Each member's gradient is scaled down to this Euclidean norm; None: never.
@@ -40,20 +38,18 @@ class Adam:
 
     def __init__(
         self,
-        parameters: torch.Tensor,
-        gradient: torch.Tensor,
+        parameters: type_F32,
+        gradient: type_F32,
         learning_rate: float,
         largest_norm: float | None = None,
-        average: torch.Tensor | None = None,
+        average: type_F32 | None = None,
         share: float = 0.0,
     ) -> None:
-        self._parameters: npt.NDArray[np.float32] = parameters.numpy()
-        self._gradient: npt.NDArray[np.float32] = gradient.numpy()
-        self.first: npt.NDArray[np.float32] = torch.zeros_like(parameters).numpy()
-        self.second: npt.NDArray[np.float32] = torch.zeros_like(parameters).numpy()
+        self._parameters, self._gradient = parameters, gradient
+        self.first, self.second = (aligned_zeros(*parameters.shape) for _ in range(2))
         self._learning_rate = learning_rate
         self._largest_norm = np.float32(math.inf if largest_norm is None else largest_norm)
-        self._average = self.first[:, :0] if average is None else average.numpy()
+        self._average = self.first[:, :0] if average is None else average
         self._share = np.float32(share)
         self.steps = 0
 
@@ -95,7 +91,6 @@ def _adam(
 
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
-_HALF = np.float32(0.5)
 _TWO = np.float32(2.0)
 
 
@@ -113,9 +108,7 @@ class TDGradient:
     ) -> None:
         self._online = online
         self._target = target
-        self._huber = settings.loss == "huber"
-        apart = target is not online
-        self._chooses = settings.double and apart
+        self._chooses = target is not online
         self._work = Workspace(online, settings.batch_size)
         self._next_work = Workspace(online, settings.batch_size)
         self._choice_work = Workspace(online, settings.batch_size if self._chooses else 0)
@@ -139,7 +132,7 @@ class TDGradient:
             imitation = batch.imitated, np.float32(unit), np.float32(imitation_weight * unit)
         loss: float = td_gradient(
             self._values, (batch.action, batch.reward, batch.discount, batch.forbidden),
-            (np.float32(bounds[0]), np.float32(bounds[1])), self._huber, imitation,
+            (np.float32(bounds[0]), np.float32(bounds[1])), imitation,
             self._work.q_gradient,
         )  # fmt: skip
         self._online.backward(self._work)
@@ -173,9 +166,7 @@ def _within(value: Any, lower: Any, upper: Any) -> Any:
 
 
 @compiled
-def td_gradient(
-    values: Any, batch: Any, bounds: Any, huber: bool, imitation: Any, q_gradient: Any
-) -> float:
+def td_gradient(values: Any, batch: Any, bounds: Any, imitation: Any, q_gradient: Any) -> float:
     """Write the gradient of each member's mean loss; return the mean loss over members and batch.
 
     The target of a sample is reward + discount × next_q[best], with best the action of largest
@@ -188,7 +179,6 @@ def td_gradient(
             choice_q, which selects the next action.
         batch: Action, reward, discount and forbidden of `Samples`.
         bounds: Smallest and largest possible value of a state.
-        huber: The Huber loss with threshold 1 instead of the squared error.
         imitation: Imitated of `Samples`, margin and weight; None: the loop is compiled without it.
         q_gradient: ``[E, B, A]``, written.
     """
@@ -213,13 +203,8 @@ def td_gradient(
             chosen = action[e, i]
             error = q[e, i, chosen] - (reward[e, i] + discount[e, i] * value)
             q_gradient[e, i, :] = _ZERO
-            if huber:
-                clipped = min(max(error, -_ONE), _ONE)
-                loss += clipped * (error - _HALF * clipped)
-                q_gradient[e, i, chosen] = clipped * share
-            else:
-                loss += error * error
-                q_gradient[e, i, chosen] = _TWO * error * share
+            loss += error * error
+            q_gradient[e, i, chosen] = _TWO * error * share
             if imitation is not None:
                 said = imitated[e, i]
                 if weight <= _ZERO or said < 0:
@@ -254,23 +239,21 @@ class QLearning:
         settings: LearnerSettings,
         rng: np.random.Generator,
     ) -> None:
-        self._period = settings.target_period
         self.updates = 0
         sizes = (input_size, *settings.hidden, action_count)
         norm, members = settings.layer_norm, settings.members
         self.online = QNetwork(sizes, layer_norm=norm, members=members, rng=rng)
         # Without a target network the network itself values the next state (paper, equation 3).
         self.target = self.online
-        if settings.has_target:
+        if settings.target_polyak is not None:
             self.target = QNetwork(sizes, layer_norm=norm, members=members)
-            self.target.parameters.copy_(self.online.parameters)
-        follows = settings.target_polyak is not None
+            self.target.parameters[:] = self.online.parameters
         self.optimizer = Adam(
             self.online.parameters,
             self.online.gradient,
             settings.learning_rate,
             settings.gradient_clip,
-            self.target.parameters if follows else None,
+            None if self.target is self.online else self.target.parameters,
             settings.target_polyak or 0.0,
         )
         self._td = TDGradient(self.online, self.target, settings)
@@ -297,18 +280,16 @@ class QLearning:
         """Move the network against its gradient; the target network follows."""
         self.optimizer.step()
         self.updates += 1
-        if self._period is not None and self.updates % self._period == 0:
-            self.target.parameters.copy_(self.online.parameters)
 
     def arrays(self) -> dict[str, type_F32]:
         """Return all arrays that a gradient update changes: name → view."""
         arrays: dict[str, type_F32] = {
-            "parameters": self.online.parameters.numpy(),
+            "parameters": self.online.parameters,
             "adam_first": self.optimizer.first,
             "adam_second": self.optimizer.second,
         }
         if self.target is not self.online:
-            arrays["target"] = self.target.parameters.numpy()
+            arrays["target"] = self.target.parameters
         return arrays
 
     def not_finite(self) -> str | None:

@@ -15,8 +15,6 @@ import numpy.typing as npt
 
 from serp._util.saved_state import LARGEST, Saved
 from serp.errors import RunError
-from serp.learning.kernels import compiled
-from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
 
 type_F32 = npt.NDArray[np.float32]
@@ -160,17 +158,13 @@ class Sampler:
         spec: SampleSpec,
         shape: tuple[int, int],
         rng: np.random.Generator,
-        symmetry: SymmetryGroup | None,
     ) -> None:
         self.rng = rng
-        self._group = symmetry or SymmetryGroup(spec.input_size, spec.action_count)
         self._uniform = np.zeros(shape)
-        self._elements: type_I64 = np.zeros(shape, np.int64)
         drawn = Samples.zeros(shape[0] * shape[1], spec)
         self._batch = drawn.split(*shape)
-        # Plain tuples for the loop.
-        self._tables = (tuple(store), tuple(drawn))
-        self._symmetries = (self._group.columns, self._group.signs, self._group.actions)
+        fields = drawn.arrays()
+        self._fields = [(array, fields[name]) for name, array in store.arrays().items()]
 
     def draw(self, count: int) -> Samples:
         """Draw a batch for each member from the first rows, uniformly and with replacement.
@@ -179,45 +173,10 @@ class Sampler:
             Samples with leading axes ``[members, batch]``, valid until the next draw.
         """
         self.rng.random(out=self._uniform)
-        rows = (self._uniform * count).astype(np.int64)
-        if len(self._group) > 1:
-            self.rng.random(out=self._uniform)
-            self._elements[:] = self._uniform * len(self._group)  # rounds down
-        _take_images(rows.ravel(), self._elements.ravel(), self._symmetries, *self._tables)
+        rows = (self._uniform * count).astype(np.int64).ravel()
+        for stored, drawn in self._fields:
+            stored.take(rows, axis=0, out=drawn, mode="clip")  # `raise` would copy once more
         return self._batch
-
-
-@compiled
-def _take_images(rows: Any, elements: Any, symmetries: Any, store: Any, out: Any) -> None:
-    """Copy samples, each as its image under an element of a symmetry group.
-
-    Args:
-        rows: int64 ``[N]``, which samples.
-        elements: int64 ``[N]``, the element for each.
-        symmetries: Columns, signs and actions of a `SymmetryGroup`.
-        store: The memory, the fields of `Samples`.
-        out: Likewise, N samples, written.
-    """
-    columns, signs, images = symmetries
-    observation, action, reward, next_observation, discount, forbidden, imitated = store
-    (
-        to_observation, to_action, to_reward, to_next_observation, to_discount, to_forbidden,
-        to_imitated,
-    ) = out  # fmt: skip
-    imitates = len(imitated) > 0
-    for i in range(len(rows)):
-        row, g = rows[i], elements[i]
-        for j in range(columns.shape[1]):
-            sign, column = signs[g, j], columns[g, j]
-            to_observation[i, j] = sign * observation[row, column]
-            to_next_observation[i, j] = sign * next_observation[row, column]
-        to_action[i] = images[g, action[row]]
-        to_reward[i] = reward[row]
-        to_discount[i] = discount[row]
-        for k in range(images.shape[1]):
-            to_forbidden[i, images[g, k]] = forbidden[row, k]
-        if imitates:
-            to_imitated[i] = images[g, imitated[row]] if imitated[row] >= 0 else -1
 
 
 class ReplayBuffer:
@@ -227,12 +186,10 @@ class ReplayBuffer:
         spec: The shape of the samples.
         settings: The learner's settings.
         rng: Draws the samples; used exclusively by the buffer.
-        symmetry: Every sample drawn is replaced by its image under an element of it, drawn
-            uniformly; None: samples stay as they are.
 
     Attributes:
         size: Samples in the ring. A step becomes a sample when its n rewards are complete.
-        lane: Environment, from 0, that the next steps come from.
+        env_index: Environment, from 0, that the next steps come from.
     """
 
     def __init__(
@@ -240,25 +197,25 @@ class ReplayBuffer:
         spec: SampleSpec,
         settings: LearnerSettings,
         rng: np.random.Generator,
-        symmetry: SymmetryGroup | None = None,
     ) -> None:
         self._spec = spec
         self._settings = settings
         self.size = self._head = 0
         self._store = Samples.zeros(settings.buffer_size, spec)
         self._fields = self._store.arrays()
-        self.lane = 0
-        self._of_lane = {0: PendingSteps(settings.n_step, settings.discount)}
+        self.env_index = 0
+        self._pending_of = {0: PendingSteps(settings.n_step, settings.discount)}
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
         shape = (settings.members, settings.batch_size)
-        self._sampler = Sampler(self._store, spec, shape, rng, symmetry)
+        self._sampler = Sampler(self._store, spec, shape, rng)
 
     @property
     def _pending(self) -> PendingSteps:
         """The pending steps of the current environment."""
-        if self.lane not in self._of_lane:
-            self._of_lane[self.lane] = PendingSteps(self._settings.n_step, self._settings.discount)
-        return self._of_lane[self.lane]
+        if self.env_index not in self._pending_of:
+            settings = self._settings
+            self._pending_of[self.env_index] = PendingSteps(settings.n_step, settings.discount)
+        return self._pending_of[self.env_index]
 
     def add(
         self,
@@ -356,11 +313,11 @@ class ReplayBuffer:
 
         Of several environments, all episodes must have ended.
         """
-        assert all(not lane.steps for k, lane in self._of_lane.items() if k > 0)
+        assert all(not pending.steps for k, pending in self._pending_of.items() if k > 0)
         arrays: dict[str, npt.NDArray[Any]] = {
             name: array[: self.size].copy() for name, array in self._fields.items()
         }
-        arrays["pending.observation"], pending = self._of_lane[0].state_dict(self._spec)
+        arrays["pending.observation"], pending = self._pending_of[0].state_dict(self._spec)
         meta = {
             "shapes": self._shapes(),
             "head": self._head,
@@ -381,14 +338,14 @@ class ReplayBuffer:
         saved = Saved("replay memory", arrays, meta)
         self._check_shapes(saved)
         size, head = self._saved_place(saved)
-        pending = self._of_lane[0].checked(saved, self._spec)
+        pending = self._pending_of[0].checked(saved, self._spec)
         state = saved.generator_state("rng", self._sampler.rng)
 
         self.size, self._head = size, head
         for name, array in self._fields.items():
             array[:size] = arrays[name]
-        self._of_lane = {0: self._of_lane[0]}
-        self._of_lane[0].steps = pending
+        self._pending_of = {0: self._pending_of[0]}
+        self._pending_of[0].steps = pending
         self._sampler.rng.bit_generator.state = state
 
     def _check_shapes(self, saved: Saved) -> None:

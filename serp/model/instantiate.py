@@ -376,7 +376,7 @@ class _Instantiation:
         if isinstance(expression, x.FunctionTerm) and expression.name == x.REWARD:
             if not metric.maximize:
                 raise DomainError(
-                    "`(reward)` is maximized, never minimized", metric.place, code="reserved-use"
+                    "`(reward)` is maximized, never minimized", metric.place, code="reserved-name"
                 )
             return None
         if x.REWARD in self.domain.declarations:
@@ -384,7 +384,7 @@ class _Instantiation:
                 "the domain declares `(reward)`, so the metric can only be "
                 "`(:metric maximize (reward))`",
                 metric.place,
-                code="reserved-use",
+                code="reserved-name",
             )
         return g.GroundMetric(metric.maximize, self._value(expression, {}, "metric"), metric.place)
 

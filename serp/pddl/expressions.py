@@ -16,6 +16,7 @@ from serp.pddl.scope import (
     parse_arguments,
     parse_parameters,
     parse_term,
+    unsupported,
     without_parentheses,
 )
 from serp.pddl.source import DomainError, Place
@@ -41,10 +42,10 @@ def parse_number(node: Node) -> x.Number:
         raise slip
     if not isinstance(node, Word) or not _NUMBER.match(node.text):
         shown = node.text if isinstance(node, Word) else node.place.text
-        raise DomainError(f"expected a number, found `{shown}`", node.place, code="bad-number")
+        raise DomainError(f"expected a number, found `{shown}`", node.place)
     value = float(node.text)
     if value in (float("inf"), float("-inf")):
-        raise DomainError(f"`{node.text}` is too large a number", node.place, code="bad-number")
+        raise DomainError(f"`{node.text}` is too large a number", node.place)
     return x.Number(value, node.place)
 
 
@@ -72,13 +73,10 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
                 "`#t` may stand only as a factor of a rate in a process",
                 node.place,
                 "write `(increase (f) (* #t rate))` inside a `(:process ...)`",
-                code="process-effect",
             )
         if slip := slips.in_word(node):
             raise slip
-        code = "bad-number" if node.text[0] in "+-.0123456789" else "malformed"
-        problem = f"expected a number or `(...)`, found `{node.text}`"
-        raise DomainError(problem, node.place, code=code)
+        raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place)
     if scope.calculates(node.head):
         return _arithmetic(node, scope)
     if node.head == TOTAL_TIME:
@@ -92,7 +90,7 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
         raise DomainError(
             "`(reward)` cannot be read; it is only ever increased or decreased",
             node.place,
-            code="reserved-use",
+            code="reserved-name",
         )
     return x.FunctionTerm(declaration.name, parse_arguments(node, declaration, scope), node.place)
 
@@ -115,18 +113,14 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
         )
     last = operands[-1]
     if isinstance(last, x.Number):
+        undefined = ""
         if operator == "/" and last.value == 0.0:
-            raise DomainError(
-                "a division by zero", last.place, "it never has a result", code="no-result"
-            )
-        if operator == "sqrt" and last.value < 0.0:
-            raise DomainError(
-                "a root of a negative number", last.place, "it never has a result", code="no-result"
-            )
-    return _no_long_chain(x.Arithmetic(operator, operands, group.place))
-
-
-def _no_long_chain(expression: x.Arithmetic) -> x.Arithmetic:
+            undefined = "a division by zero"
+        elif operator == "sqrt" and last.value < 0.0:
+            undefined = "a root of a negative number"
+        if undefined:
+            raise DomainError(undefined, last.place, "it never has a result", code="no-result")
+    expression = x.Arithmetic(operator, operands, group.place)
     if _chain(expression) > _MAX_CHAIN:
         raise DomainError(
             f"an expression of more than {_MAX_CHAIN} operations in a row",
@@ -166,16 +160,10 @@ def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
     if head in _COMPARATORS:
         return _comparison(group, scope)
     if head == "preference":
-        raise DomainError(
-            "preferences are not supported", group.place, INSTEAD["preference"], code="unsupported"
-        )
+        raise unsupported("preferences are not supported", group.place, "preference")
     if head in ("at", "over") and head not in scope.declarations and _is_timed(group):
-        raise DomainError(
-            "timed conditions (durative actions) are not supported",
-            group.place,
-            INSTEAD[head],
-            code="unsupported",
-        )
+        problem = "timed conditions (durative actions) are not supported"
+        raise unsupported(problem, group.place, head)
     declaration = declared_as(group, scope, numeric=False)
     return x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
 
@@ -259,12 +247,8 @@ def _contradict(first: x.ChangeFunction, second: x.ChangeFunction) -> bool:
     if first.change.group != second.change.group:
         return True
     one, other = first.value, second.value
-    if (
-        first.change is x.Change.ASSIGN
-        and isinstance(one, x.Number)
-        and isinstance(other, x.Number)
-    ):
-        return one.value != other.value
+    if isinstance(one, x.Number) and isinstance(other, x.Number):
+        return first.change is x.Change.ASSIGN and one.value != other.value
     return False
 
 
@@ -325,7 +309,6 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
             "`when` is not supported in a process",
             group.place,
             "write the condition under :precondition, or write two processes",
-            code="process-effect",
         )
     if len(group.items) == 2 and (apart := _effect_in(group.items[1], scope)):
         raise DomainError(
@@ -377,7 +360,6 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             "a process only increases and decreases functions",
             place,
             "set predicates in an action or in an `(:event ...)`",
-            code="process-effect",
         )
     declaration = declared_as(group, scope, numeric=False)
     if declaration.name in (x.UNSAFE, x.TERMINAL) and not value:
@@ -385,7 +367,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             f"`({declaration.name})` can only be made true",
             place,
             "it is false at the start of every step",
-            code="reserved-use",
+            code="reserved-name",
         )
     atom = x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
     return x.SetPredicate(atom, value, place)
@@ -408,14 +390,12 @@ def _change(group: Group, scope: Scope) -> x.ChangeFunction:
             f"`(reward)` may only be increased or decreased, not `{group.head}`",
             group.place,
             guess=f"(increase {' '.join(map(slips.written, group.items[1:]))})",
-            code="reserved-use",
+            code="reserved-name",
         )
     if scope.in_process:
         if not additive:
             raise DomainError(
-                f"a process may only increase or decrease, not `{group.head}`",
-                group.place,
-                code="process-effect",
+                f"a process may only increase or decrease, not `{group.head}`", group.place
             )
         return x.ChangeFunction(change, function, _rate(group.items[2], scope), group.place)
     return x.ChangeFunction(change, function, parse_expression(group.items[2], scope), group.place)
@@ -437,5 +417,4 @@ def _rate(node: Node, scope: Scope) -> x.Expression:
         node.place,
         f"write `(* #t {rate or 'rate'})`",
         guess=f"(* #t {rate})" if rate else None,
-        code="process-effect",
     )

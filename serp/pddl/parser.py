@@ -1,4 +1,4 @@
-"""Parsing problem files."""
+"""Parsing domain and problem files."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from serp.pddl.scope import (
     parse_objects,
     parse_parameters,
     parse_types,
+    unsupported,
 )
 from serp.pddl.slips import several_under, written
 from serp.pddl.source import DomainError, Place, Source
@@ -51,14 +52,12 @@ def read_definition(source: Source, what: str) -> tuple[str, Group, tuple[Group,
     """Return the name, the whole, and the sections of `(define (what name) ...)`."""
     top = read_group(source)
     if top.head != "define":
-        raise DomainError("a PDDL file begins with `(define`", top.place, code="malformed")
+        raise DomainError("a PDDL file begins with `(define`", top.place)
     title = expect_group(top.items[1], f"`({what} name)`") if len(top.items) > 1 else top
     if title is top or title.head not in ("domain", "problem"):
-        raise DomainError(f"expected `({what} name)` after `define`", title.place, code="malformed")
+        raise DomainError(f"expected `({what} name)` after `define`", title.place)
     if title.head != what:
-        raise DomainError(
-            f"this is a {title.head} file, a {what} file is needed", title.place, code="malformed"
-        )
+        raise DomainError(f"this is a {title.head} file, a {what} file is needed", title.place)
     name = _name(title, what)
     sections: list[Group] = []
     for item in top.items[2:]:
@@ -77,7 +76,7 @@ def _name(title: Group, what: str) -> str:
         title.place.warn(f"`{title.place.text}`: other tools take one name")
         return " ".join(words)
     if len(title.items) != 2:
-        raise DomainError(f"expected `({what} name)` after `define`", title.place, code="malformed")
+        raise DomainError(f"expected `({what} name)` after `define`", title.place)
     node = title.items[1]
     if isinstance(node, Word) and (what == "problem" or _FILE_NAME.match(node.text)):
         if not is_name(node):
@@ -315,7 +314,7 @@ def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: 
         node.place,
         instead or "expected :parameters, :precondition and :effect",
         write=None if instead else write,
-        code="unsupported" if instead else "unknown-field",
+        code="unsupported" if instead else "unknown-section",
     )
 
 
@@ -420,26 +419,17 @@ class _Initial:
         value = parse_number(item.items[2])
         if function.name == x.REWARD and value.value != 0.0:
             problem = "`(reward)` starts at 0 in every step"
-            raise DomainError(problem, value.place, code="reserved-use")
+            raise DomainError(problem, value.place, code="reserved-name")
         self.values[key] = (function, value)
 
     def _add_fact(self, item: Group) -> None:
         if item.head == "at" and len(item.items) == 3 and isinstance(item.items[2], Group):
-            raise DomainError(
-                "timed initial literals are not supported",
-                item.place,
-                INSTEAD["timed"],
-                code="unsupported",
-            )
+            raise unsupported("timed initial literals are not supported", item.place, "timed")
         if item.head in ("oneof", "or", "unknown", "probabilistic") and (
             item.head not in self._scope.declarations
         ):
-            raise DomainError(
-                f"`{item.head}` is not supported in `:init`",
-                item.place.opening,
-                INSTEAD["unknown"],
-                code="unsupported",
-            )
+            problem = f"`{item.head}` is not supported in `:init`"
+            raise unsupported(problem, item.place.opening, "unknown")
         fact = parse_condition(item, self._scope)
         if not isinstance(fact, x.Atom):
             raise DomainError(
@@ -449,7 +439,7 @@ class _Initial:
             )
         if fact.name in (x.UNSAFE, x.TERMINAL):
             raise DomainError(
-                f"`({fact.name})` starts false in every step", item.place, code="reserved-use"
+                f"`({fact.name})` starts false in every step", item.place, code="reserved-name"
             )
         self.atoms.append(fact)
 

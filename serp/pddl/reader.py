@@ -85,31 +85,24 @@ class Balance:
         """Return what is wrong where a form has ended although more of it follows."""
         if self._bare is not None:
             word = self._bare.text
-            return DomainError(
-                f"a `(` is missing before `{word}`",
-                self._bare,
-                write=f"({word}",
-                code="unbalanced-parentheses",
-            )
-        return DomainError(
-            f"this `)` is one too many: {why}",
-            self._closing,
-            write="",
-            code="unbalanced-parentheses",
-        )
+            return _unbalanced(f"a `(` is missing before `{word}`", self._bare, f"({word}")
+        return _unbalanced(f"this `)` is one too many: {why}", self._closing, "")
 
     def _missing(self, still: list[Place], before: Place, where: str) -> DomainError:
         form, before = self._suspect or (still[-1], before)
         colon, head, name = _OPENING.match(form.source.text, form.start).groups()  # type: ignore[union-attr]
         shown = f"({colon}{head}{(name or '') if colon else ''}"
         count = len(still)
-        return DomainError(
+        return _unbalanced(
             f"{'a' if count == 1 else count} `)` {'is' if count == 1 else 'are'} missing: "
             f"`{' '.join(shown.split())}` of line {form.line} has not ended where {where}",
             before.source.place(before.end, before.end),
-            write=")" * count,
-            code="unbalanced-parentheses",
+            ")" * count,
         )
+
+
+def _unbalanced(problem: str, place: Place | None, write: str | None = None) -> DomainError:
+    return DomainError(problem, place, write=write, code="unbalanced-parentheses")
 
 
 _BLANK = re.compile(r"(?:[ \t\r\n\f\v]+|;[^\r\n]*)*")
@@ -231,9 +224,7 @@ class _Reader:
             raise _after_the_end(self._balance, place)
         if not self._open and token != "(":
             if token == ")":
-                raise DomainError(
-                    "`)` without a `(` before it", place, code="unbalanced-parentheses"
-                )
+                raise _unbalanced("`)` without a `(` before it", place)
             raise DomainError(
                 "text outside of parentheses",
                 place,
@@ -248,11 +239,7 @@ class _Reader:
         if token == "(":
             self._open.append([])
             if len(self._open) > _MAX_NESTING:
-                raise DomainError(
-                    f"nested deeper than {_MAX_NESTING} parentheses",
-                    place,
-                    code="unbalanced-parentheses",
-                )
+                raise _unbalanced(f"nested deeper than {_MAX_NESTING} parentheses", place)
         elif token == ")":
             group = Group(tuple(self._open.pop()), self._source.place(begin, place.end))
             if self._open:

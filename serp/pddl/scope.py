@@ -45,6 +45,13 @@ INSTEAD = {
     ":rewards": "declare the function `(reward)`, and increase it",
 }
 """PDDL that is not supported → what to write instead."""
+
+
+def unsupported(problem: str, place: Place, key: str) -> DomainError:
+    """Return the error of PDDL that is not supported, with what to write instead."""
+    return DomainError(problem, place, INSTEAD[key], code="unsupported")
+
+
 REQUIREMENTS_INSTEAD = {
     requirement: INSTEAD[what]
     for what, requirements in {
@@ -121,7 +128,7 @@ def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
                 node.place,
                 f"{known or 'no variable is bound here'}{'' if meant else ';'} {binding}",
                 guess=meant,
-                code="unknown-variable",
+                code="unknown-name",
             )
     elif term.name not in scope.objects:
         meant = _object_meant(term.name, scope)
@@ -132,7 +139,7 @@ def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
             if meant is not None
             else did_you_mean(term.name, scope.objects) or f"declare it under {scope.declares}",
             guess=meant,
-            code="unknown-object",
+            code="unknown-name",
         )
     return term
 
@@ -159,7 +166,7 @@ def parse_arguments(
             problem,
             group.place,
             f"it is declared as {declaration.place.text}",
-            code="wrong-arity",
+            code="wrong-arguments",
         )
     terms = tuple(parse_term(node, scope) for node in group.items[1:])
     for term, parameter in zip(terms, declaration.parameters, strict=True):
@@ -175,7 +182,7 @@ def parse_arguments(
                 f"{what} `{declaration.name}` takes `{'/'.join(parameter.types)}` there",
                 term.place,
                 f"give it one where it is declared: `{term.name} - {wanted}`" if untyped else "",
-                code="wrong-type",
+                code="wrong-arguments",
             )
     return terms
 
@@ -220,8 +227,7 @@ def is_name(word: Word) -> bool:
 def expect_name(node: Node, what: str) -> Word:
     """Return the node as a plain PDDL name."""
     if isinstance(node, Group) and node.head.startswith(":") and node.head in INSTEAD:
-        problem, instead = f"`{node.head}` is not supported", INSTEAD[node.head]
-        raise DomainError(problem, node.place.opening, instead, code="unsupported")
+        raise unsupported(f"`{node.head}` is not supported", node.place.opening, node.head)
     if not isinstance(node, Word):
         raise DomainError(f"expected {what}, found a list", node.place)
     if not is_name(node):
@@ -229,7 +235,6 @@ def expect_name(node: Node, what: str) -> Word:
             f"`{node.text}` is not a name for {what}",
             node.place,
             "names begin with a letter and go on with letters, digits, `-` and `_`",
-            code="bad-name",
         )
     return node
 
@@ -366,7 +371,7 @@ def check_type(word: Word, parents: dict[str, str]) -> str:
             word.place,
             advice if guess else f"{advice}; or declare it: `(:types {others}{word.text})`",
             guess=guess,
-            code="unknown-type",
+            code="unknown-name",
         )
     return word.text
 
@@ -467,12 +472,8 @@ def _check_number_type(kind: Node, since: Sequence[Node]) -> None:
     if len(since) == 1:
         raise DomainError("`-` needs functions before it and `number` after it", since[0].place)
     if not isinstance(kind, Word) or kind.text != "number":
-        raise DomainError(
-            "functions with values other than numbers are not supported",
-            kind.place,
-            INSTEAD[":object-fluents"],
-            code="unsupported",
-        )
+        problem = "functions with values other than numbers are not supported"
+        raise unsupported(problem, kind.place, ":object-fluents")
 
 
 RESERVED_WORDS = frozenset(

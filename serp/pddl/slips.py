@@ -65,26 +65,21 @@ _SUPPORTED = f"`+`, `-`, `*`, `/` and, with `{MATH_REQUIREMENT}`, `{'`, `'.join(
 Declared = Mapping[str, Declaration]
 
 
+def _foreign(problem: str, place: Place, write: str, advice: str = "") -> DomainError:
+    """Return the error of a form of another language."""
+    return DomainError(problem, place, advice, write=write, code="foreign-syntax")
+
+
 def in_word(word: Word) -> DomainError | None:
     """Recognise `0,5`, and a minus that is none."""
+    problem = f"expected a number, found `{word.text}`"
     plain = word.text.translate(_DASHES)
     if plain != word.text:
-        return DomainError(
-            f"expected a number, found `{word.text}`",
-            word.place,
-            "a minus is the character `-`",
-            write=plain,
-            code="bad-number",
-        )
-    if not (match := _COMMA.match(word.text)):
-        return None
-    return DomainError(
-        f"expected a number, found `{word.text}`",
-        word.place,
-        "decimals have a point",
-        write=f"{match[1]}.{match[2]}",
-        code="bad-number",
-    )
+        return DomainError(problem, word.place, "a minus is the character `-`", write=plain)
+    if match := _COMMA.match(word.text):
+        point = f"{match[1]}.{match[2]}"
+        return DomainError(problem, word.place, "decimals have a point", write=point)
+    return None
 
 
 def in_number(group: Group, declared: Declared) -> DomainError | None:
@@ -96,19 +91,12 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
         return None
     if head in _MATH_NAMES and len(group.items) > 1:
         write = _prefix(_MATH_NAMES[head], group.items[1:], declared)
-        return DomainError(
-            f"`{head}` is not supported in a number",
-            group.place,
-            write=write,
-            code="foreign-syntax",
-        )
+        return _foreign(f"`{head}` is not supported in a number", group.place, write)
     if head in _MATH:
         problem = f"`{head}` is not supported; numbers have {_SUPPORTED}"
         return DomainError(problem, group.items[0].place, _MATH[head], code="math-functions")
     if len(group.items) == 1 and head[:1].isdigit():
-        return DomainError(
-            "a number has no parentheses", group.place, write=head, code="foreign-syntax"
-        )
+        return _foreign("a number has no parentheses", group.place, head)
     return None
 
 
@@ -130,12 +118,8 @@ def bare(node: Node, what: str, declared: Declared) -> DomainError | None:
     declaration = declared[node.text]
     if declaration.numeric or declaration.parameters:
         return None
-    return DomainError(
-        f"expected {what} in parentheses, found `{node.text}`",
-        node.place,
-        write=f"({node.place.text})",
-        code="foreign-syntax",
-    )
+    problem = f"expected {what} in parentheses, found `{node.text}`"
+    return _foreign(problem, node.place, f"({node.place.text})")
 
 
 def truth_behind(group: Group, problem: str) -> DomainError | None:
@@ -144,12 +128,8 @@ def truth_behind(group: Group, problem: str) -> DomainError | None:
     if not isinstance(value, Word) or value.text not in ("true", "false"):
         return None
     atom = f"({' '.join(map(written, group.items[:-1]))})"
-    return DomainError(
-        problem,
-        group.place,
-        write=atom if value.text == "true" else f"(not {atom})",
-        code="wrong-arity",
-    )
+    write = atom if value.text == "true" else f"(not {atom})"
+    return DomainError(problem, group.place, write=write, code="wrong-arguments")
 
 
 def in_effect(group: Group, declared: Declared) -> DomainError | None:
@@ -182,7 +162,6 @@ def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
         first.source.place(first.start, last.end),
         "put them under `and`",
         write=_under_and(nodes),
-        code="missing-and",
     )
 
 
@@ -195,7 +174,6 @@ def not_two(group: Group, problem: str) -> DomainError:
                 "a minus stands apart from its number",
                 group.place.source.place(sign.place.start, number.place.end),
                 write=f"-{written(number)}",
-                code="bad-number",
             )
     return DomainError(problem, group.place)
 
@@ -213,9 +191,7 @@ def several_after(group: Group, at: int, problem: str) -> DomainError:
         return DomainError(problem, group.place)
     kept = " ".join(written(node) for node in group.items[:at])
     text = f"({kept} {_under_and(group.items[at:])})"
-    return DomainError(
-        problem, group.place, "put several under `and`", write=text, code="missing-and"
-    )
+    return DomainError(problem, group.place, "put several under `and`", write=text)
 
 
 def written(node: Node) -> str:
@@ -242,12 +218,11 @@ def _infix(group: Group, words: Mapping[str, str], declared: Declared) -> Domain
         if middle.text in _ARITHMETIC or written(operator) not in _ARITHMETIC:
             return None
         operand = _prefix(written(operator), (right[0], right[2]), declared)
-    return DomainError(
+    return _foreign(
         f"`{middle.text}` stands between what it is applied to",
         group.place,
+        _applied(words[middle.text], f"{_operand(left, declared)} {operand}"),
         "in PDDL the operator comes first",
-        write=_applied(words[middle.text], f"{_operand(left, declared)} {operand}"),
-        code="foreign-syntax",
     )
 
 
@@ -258,12 +233,8 @@ def _other_word(
     head = group.head
     if head in declared or head not in words or len(group.items) == 1:
         return None
-    return DomainError(
-        f"`{head}` is not supported in {what}",
-        group.place,
-        write=_prefix(words[head], group.items[1:], declared),
-        code="foreign-syntax",
-    )
+    write = _prefix(words[head], group.items[1:], declared)
+    return _foreign(f"`{head}` is not supported in {what}", group.place, write)
 
 
 def _misspelt(group: Group, words: Sequence[str], declared: Declared) -> DomainError | None:
@@ -274,9 +245,7 @@ def _misspelt(group: Group, words: Sequence[str], declared: Declared) -> DomainE
     close = get_close_matches(head, [*words, *declared], n=1, cutoff=0.7)
     if not close or close[0] not in words:
         return None
-    return DomainError(
-        f"`{head}` is no word of PDDL", group.items[0].place, write=close[0], code="foreign-syntax"
-    )
+    return _foreign(f"`{head}` is no word of PDDL", group.items[0].place, close[0])
 
 
 def _prefix(word: str, operands: Sequence[Node], declared: Declared) -> str:
@@ -309,24 +278,22 @@ def _with_truth(
     if name not in declared or declared[name].numeric:
         return None
     atom = written(left) if isinstance(left, Group) else f"({name})"
-    right_form = atom if _TRUTH[right.text] else f"(not {atom})"
-    return DomainError(
-        f"a predicate is {what} by itself", group.place, write=right_form, code="foreign-syntax"
-    )
+    write = atom if _TRUTH[right.text] else f"(not {atom})"
+    return _foreign(f"a predicate is {what} by itself", group.place, write)
 
 
 def _missing_and(group: Group, what: str) -> DomainError | None:
-    if group.items and all(isinstance(node, Group) for node in group.items):
+    if not group.items or any(isinstance(node, Word) for node in group.items):
+        return None
+    if len(group.items) > 1:
         problem = f"{what} stand in a list without `and`"
-        if len(group.items) == 1:
-            return DomainError(
-                "one pair of parentheses too many",
-                group.place,
-                write=written(group.items[0]),
-                code="unbalanced-parentheses",
-            )
-        return DomainError(problem, group.place, write=_under_and(group.items), code="missing-and")
-    return None
+        return DomainError(problem, group.place, write=_under_and(group.items))
+    return DomainError(
+        "one pair of parentheses too many",
+        group.place,
+        write=written(group.items[0]),
+        code="unbalanced-parentheses",
+    )
 
 
 def _under_and(nodes: Sequence[Node]) -> str:

@@ -112,41 +112,27 @@ class Source:
             raise DomainError(
                 f"a file is given by its path, not by {path!r}", code="unreadable-file"
             )
-        path = Path(path)
+        path, advice = Path(path), ""
         try:
-            found = path.stat()
-            if stat.S_ISDIR(found.st_mode):
-                raise DomainError(
-                    f"{path}: cannot be read (it is a folder)", code="unreadable-file"
-                )
-            if not stat.S_ISREG(found.st_mode):
-                raise DomainError(
-                    f"{path}: cannot be read (it is not a regular file)", code="unreadable-file"
-                )
-            if found.st_size > _LARGEST:
-                raise DomainError(
-                    f"{path}: cannot be read (it has {found.st_size:,} bytes, and a PDDL file at "
-                    f"most {_LARGEST:,})",
-                    code="unreadable-file",
-                )
-            # Some editors put a byte order mark first; it is not part of the text.
-            return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
+            status = path.stat()
+            if stat.S_ISREG(status.st_mode) and status.st_size <= _LARGEST:
+                # Some editors put a byte order mark first; it is not part of the text.
+                return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
+            reason = f"it has {status.st_size:,} bytes, and a PDDL file at most {_LARGEST:,}"
+            if not stat.S_ISREG(status.st_mode):
+                folder = stat.S_ISDIR(status.st_mode)
+                reason = "it is a folder" if folder else "it is not a regular file"
+            problem = f"{path}: cannot be read ({reason})"
         except FileNotFoundError:
-            raise DomainError(f"{path}: there is no such file", code="unreadable-file") from None
+            problem = f"{path}: there is no such file"
         except UnicodeDecodeError as error:
-            raise DomainError(
-                f"{path}: byte {error.start} is not valid UTF-8 text",
-                advice="save the file as UTF-8",
-                code="unreadable-file",
-            ) from None
+            problem = f"{path}: byte {error.start} is not valid UTF-8 text"
+            advice = "save the file as UTF-8"
         except OSError as error:
-            raise DomainError(
-                f"{path}: cannot be read ({error.strerror})", code="unreadable-file"
-            ) from None
+            problem = f"{path}: cannot be read ({error.strerror})"
         except ValueError as error:  # no path of this system: a null character
-            raise DomainError(
-                f"{str(path)!r}: cannot be read ({error})", code="unreadable-file"
-            ) from None
+            problem = f"{str(path)!r}: cannot be read ({error})"
+        raise DomainError(problem, advice=advice, code="unreadable-file")
 
     def place(self, start: int, end: int) -> Place:
         """Return the place of the characters `start` to `end` (exclusive)."""
@@ -269,19 +255,15 @@ class DomainWarning:
         return printable(self.text if self.place is None else f"{self.place}: {self.text}")
 
 
-_UNKNOWN = frozenset(("unknown-name", "unknown-type", "unknown-object", "unknown-variable"))
-"""Codes of errors that follow from a declaration which could not be read."""
-
-
 @dataclass
 class Recovery:
-    """The errors of files that are read on behind each.
+    """Takes the errors of files, so that reading goes on behind each.
 
     Attributes:
         errors: In the order in which they are found.
-        given_up: Words in what could not be read; a name among them is not told to be unknown.
-        torn: Sections with a slip in their parentheses → whether another error of it is told; more
-            would only follow from the slip.
+        given_up: Words in what could not be read; a name among them is not reported as unknown.
+        torn: Sections with a slip in their parentheses → whether another error in them is kept;
+            more would only follow from the slip.
         taken: How many errors there were, with those that follow from others.
     """
 
@@ -296,7 +278,7 @@ class Recovery:
         at = error.place
         torn = next((s for s in self.torn if at is not None and at.within(s)), None)
         follows = torn is not None and self.torn[torn]
-        if at is not None and error.code in _UNKNOWN:
+        if at is not None and error.code == "unknown-name":
             follows = follows or at.text.lower() in self.given_up
         if torn is not None:
             self.torn[torn] = True

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested
+from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, TERMINAL, risk_of
+from serp.model.state_space import StateError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.cell_graph import Visited
 from serp.planning.far_sight import FarSightPlanner
@@ -67,6 +69,26 @@ class AdvisedPlanner:
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
         return advised(self._near.forecast(state), self._advise(state))
+
+
+def advised_by(advise: Advise, model: TransitionModel, settings: PlannerSettings) -> AdvisedPlanner:
+    """Return a planner that follows a function of the fluents' values.
+
+    The planner raises a `TaskError` where the function fails or names no ground action.
+    """
+    name = settings.name
+
+    def advice(state: Vector) -> int:
+        try:
+            action = advise(model.values(state))
+        except Exception as error:
+            raise TaskError(f"planner `{name}`: {type(error).__name__}: {error}") from error
+        try:
+            return -1 if action is None else model.action_index(action)
+        except StateError as error:
+            raise TaskError(f"planner `{name}` advises {action!r}: {error}") from None
+
+    return AdvisedPlanner(model, settings, advice)
 
 
 MOST_EDGES: Final = 20_000

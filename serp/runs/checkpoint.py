@@ -27,7 +27,7 @@ from safetensors import SafetensorError
 from serp._util.files import read_regular, replaced_durably, write_durably, write_flushed
 from serp.errors import RunError
 
-FORMAT: Final = 10
+FORMAT: Final = 11
 NEWEST: Final = "checkpoint.safetensors"
 PREVIOUS: Final = "checkpoint-previous.safetensors"
 DAMAGED: Final = "checkpoint-damaged.safetensors"
@@ -70,7 +70,7 @@ def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[s
         arrays: Name → array of any shape (also 0-d and empty) of booleans, integers or floats.
         meta: JSON values with strings as keys; NumPy scalars are allowed.
     """
-    write_durably(path, _encode(arrays, meta))
+    write_durably(path, encoded(arrays, meta))
 
 
 def save_rotating(
@@ -81,7 +81,7 @@ def save_rotating(
     After the first call the folder always holds at least one intact checkpoint.
     """
     newest, previous = folder / NEWEST, folder / PREVIOUS
-    data = _encode(arrays, meta)
+    data = encoded(arrays, meta)
     with replaced_durably(newest) as aside:
         write_flushed(aside, data)
         if newest.exists():
@@ -101,7 +101,7 @@ def load(path: Path) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
         raise
     except OSError as error:
         raise RunError(f"cannot read the checkpoint {path}: {error.strerror or error}.") from error
-    return _decode(path, data)
+    return decoded(path, data)
 
 
 def load_newest(folder: Path) -> Checkpoint:
@@ -125,7 +125,8 @@ def load_newest(folder: Path) -> Checkpoint:
         raise RunError(f"{fallback} {advice}") from None
 
 
-def _encode(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> bytes:
+def encoded(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> bytes:
+    """Return the content of a checkpoint."""
     plain = {name: _plain(name, array) for name, array in arrays.items()}
     text = json.dumps(meta, default=_as_json)
     entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
@@ -147,7 +148,8 @@ def _as_json(value: object) -> Any:
     raise TypeError(f"a checkpoint's JSON cannot hold a {type(value).__name__}")
 
 
-def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
+def decoded(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
+    """Read the content of a checkpoint; `path` names it in errors."""
     damaged = f"the checkpoint {path} is damaged:"
     try:
         loaded = safetensors.numpy.load(data)

@@ -1,4 +1,4 @@
-"""Evaluation of the policies of a trained agent; see `serp.runs.evaluation.Policy`."""
+"""Evaluation of the policies of a trained agent; see `serp.runs.Policy`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal, NamedTuple, get_args
+from typing import Any, Final, NamedTuple, get_args
 
 import numpy as np
 
@@ -15,16 +15,11 @@ from serp._util.text import did_you_mean
 from serp.agent.agent import Agent
 from serp.agent.step_record import EpisodeTotals, StepRecord, sight_of
 from serp.errors import SettingsError
+from serp.runs import Policy as Policy
 from serp.runs.recording import Recorder
 from serp.runs.rollout import Decide, Rollout, evaluation_seed
 from serp.runs.summary import WINDOW
 from serp.tasks.task import BoundTask, Judge
-
-Policy = Literal["serp", "planner", "learner", "training"]
-"""`serp`: the choice of the trained agent within the vetoes, as by `serp.Run.decide`. `planner`:
-the planner only. `learner`: the learner's greedy choice, without planner and veto. `training`:
-planner or learner as at the end of training, within the vetoes. None of them explores."""
-
 
 EPISODES: Final = 100
 """Default number of episodes."""

@@ -2,7 +2,6 @@
 
 ``config.json``             resolved configuration, seed, command, versions, machine
 ``domain.pddl``             copy of the domain (and ``problem.pddl``, if there is one)
-``planner-1.pddl``, …       copies of the domains of the task's own planners (and their problems)
 ``metrics.csv``             one row per episode
 ``decisions.csv``           one row per decision
 ``recording``               every step in numbers, see `serp.runs.recording_format`
@@ -103,7 +102,7 @@ class RunLock:
         return "another process"
 
 
-FORMAT = 2
+FORMAT = 3
 """Raised where a run of before cannot be read any more."""
 CONFIG = "config.json"
 
@@ -289,7 +288,7 @@ def occupied(path: Path) -> RunError:
 METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
-_COPY: Final = re.compile(r"(domain|problem|planner-[0-9]+(-problem)?)\.pddl")
+_COPY: Final = re.compile(r"(domain|problem)\.pddl")
 _TABLES: Final = {METRICS: (METRICS_COLUMNS, METRICS_ADDED), DECISIONS: (DECISIONS_COLUMNS, ())}
 _POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
 Texts = Sequence[tuple[str, str]]
@@ -305,11 +304,7 @@ def is_trace(name: str) -> bool:
     return bool(_COPY.fullmatch(written)) or written in _TABLES or written == CONFIG != name
 
 
-def _copies(number: int) -> tuple[str, str]:
-    """Return the names of a domain's copy and of its problem's; 0 is the task's own."""
-    if number:
-        return f"planner-{number}.pddl", f"planner-{number}-problem.pddl"
-    return "domain.pddl", "problem.pddl"
+_COPIES: Final = ("domain.pddl", "problem.pddl")
 
 
 class RunFolder(Closing):
@@ -340,7 +335,6 @@ class RunFolder(Closing):
         config: Mapping[str, Any],
         domain_files: Texts,
         *,
-        planners: Sequence[Texts] = (),
         command: Sequence[str] = (),
         now: datetime.datetime | None = None,
     ) -> RunFolder:
@@ -353,16 +347,11 @@ class RunFolder(Closing):
             config: The resolved configuration, JSON values (also paths, enums and NumPy scalars);
                 its ``seed`` is repeated at the top level of ``config.json``.
             domain_files: The task's own domain.
-            planners: The domains of its planners; they are numbered from 1.
             command: The command line.
             now: The time of the beginning.
         """
         path = Path(path)
-        copies = {
-            copy: file
-            for number, files in enumerate((domain_files, *planners))
-            for copy, file in zip(_copies(number), files, strict=False)
-        }
+        copies = dict(zip(_COPIES, domain_files, strict=False))
         names = {copy: name for copy, (name, _) in copies.items()}
         text = config_text(config, names, command, now or datetime.datetime.now())
         make_empty(path, is_trace)
@@ -394,12 +383,9 @@ class RunFolder(Closing):
         config: dict[str, Any] = self.metadata["config"]
         return config
 
-    def copies(self, number: int = 0) -> tuple[Path, Path | None]:
-        """Return the copies of a domain and of its problem, None if it has none.
-
-        Number 0 is the task's own domain; those of its planners count from 1.
-        """
-        domain, problem = _copies(number)
+    def copies(self) -> tuple[Path, Path | None]:
+        """Return the copies of the domain and of its problem, None if it has none."""
+        domain, problem = _COPIES
         file = require_regular(self.path / domain)
         require_regular(problem_beside(file))  # perhaps not written by serp, but it would be loaded
         if problem not in self.metadata["domain_files"]:

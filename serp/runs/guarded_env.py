@@ -6,9 +6,9 @@ import contextlib
 import datetime
 import warnings
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -20,7 +20,6 @@ from serp._util.numbers import seed_of
 from serp._util.processes import blas_on_one_thread
 from serp._util.terminal import visible
 from serp.agent.agent import Agent, account_of
-from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
 from serp.agent.protocols import Mask, Proposer
 from serp.agent.registry import refuse_unknown_names
@@ -29,13 +28,12 @@ from serp.errors import Notice, SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.folder import RunFolder
-from serp.runs.recording import Recorder
-from serp.runs.recording_format import RECORDING, Layout
-from serp.runs.rollout import Lane, Rollout, evaluation_seed, training_seed
+from serp.runs.rollout import Rollout, UnitCounter, evaluation_seed, training_seed
 from serp.runs.run import begin_run
-from serp.runs.tables import decision_row, metrics_row
+from serp.runs.run_log import RunLog
+from serp.runs.tables import metrics_row
 from serp.runs.trainer import Budget
-from serp.settings import Settings, resolve
+from serp.settings import resolve
 from serp.tasks.registry import find_task
 from serp.tasks.task import BoundTask, Judge, Task
 
@@ -236,100 +234,6 @@ class ArbitratedEnv(TaskEnv):
         }
 
 
-class RunLog:
-    """Writes what `serp.plan_and_learn` writes of a training, but for checkpoints.
-
-    Args:
-        task: The task.
-        settings: All settings.
-        preset: Their preset.
-        seed: The seed.
-        path: Folder of the run; None: nothing is written.
-        begun: The time of the beginning.
-        baseline: Whether nothing is refused.
-    """
-
-    def __init__(
-        self,
-        task: BoundTask,
-        settings: Settings,
-        preset: str,
-        seed: int,
-        path: Path | str | None,
-        begun: datetime.datetime,
-        *,
-        baseline: bool = False,
-    ) -> None:
-        self._clock, self._compiled = working_time(), compile_seconds()
-        self._folder: RunFolder | None = None
-        self._recorder: Recorder | None = None
-        if path is not None:
-            self._folder = begin_run(
-                Path(path),
-                task,
-                settings,
-                preset=preset,
-                seed=seed,
-                budget=Budget(),
-                begun=begun,
-                baseline=baseline,
-            )
-            if settings.training.record:
-                layout = Layout.of(task.model, task.actions)
-                self._recorder = Recorder(self._folder.path / RECORDING, layout)
-
-    def step(self, step: StepRecord, arbiter: Arbiter, number: int, episode: int) -> None:
-        """Write a step and its decision; `number` counts env steps from 0."""
-        if self._folder is not None:
-            row = decision_row(step.decision, arbiter, step.state, step=number, episode=episode)
-            self._folder.decisions.append(row)
-        if self._recorder is not None:
-            self._recorder.append(episode, step)
-
-    def episode(self, totals: EpisodeTotals, rho: float, env_steps: int, episode: int) -> None:
-        """Write an episode."""
-        if self._folder is not None:
-            row = metrics_row(
-                totals,
-                episode=episode,
-                env_steps=env_steps,
-                rho=rho,
-                epsilon=None,
-                losses=(),
-                wall_time=working_time() - self._clock,
-            )
-            self._folder.metrics.append(row)
-
-    @contextlib.contextmanager
-    def paused(self) -> Iterator[None]:
-        """Exclude the body from the time of training."""
-        begun = working_time()
-        try:
-            yield
-        finally:
-            self._clock += working_time() - begun
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Close the files, without results if `close` was not called."""
-        if self._folder is not None:
-            with self._folder, self._recorder or contextlib.nullcontext():
-                self._folder = None
-
-    def close(self, agent: Agent) -> None:
-        """Write the results; a second call does nothing."""
-        if self._folder is None:
-            return
-        from serp.runs.report import write_results
-
-        folder, self._folder = self._folder, None
-        with folder, self._recorder or contextlib.nullcontext():
-            seconds = compile_seconds() - self._compiled
-            write_results(folder, compile_seconds=seconds, account=account_of(agent))
-
-
 class GuardedEnv(ArbitratedEnv):
     """A task for the training loop of any library, with planner, strategy and vetoes inside.
 
@@ -389,11 +293,19 @@ class GuardedEnv(ArbitratedEnv):
             if agent.adaptation.notice is not None:
                 bound.on_notice(agent.adaptation.notice)
             super().__init__(bound, agent, seed, training_seed)
-            self._log = RunLog(bound, resolved, preset, seed, out, begun)
+            self._clock, self._compiled = working_time(), compile_seconds()
+            self._folder: RunFolder | None = None
+            self._log: RunLog | None = None
+            if out is not None:
+                self._folder = begin_run(
+                    Path(out), bound, resolved,
+                    preset=preset, seed=seed, budget=Budget(), begun=begun,
+                )  # fmt: skip
+                self._log = RunLog(self._folder, bound, resolved.training)
         except BaseException:
             bound.close()
             raise
-        self._lane = Lane(0, bound)
+        self._unit = UnitCounter(resolved.arbiter.rho_unit)
         self._evaluation: contextlib.ExitStack | None = None
         self.env_steps = self.episode = 0
         self._initial = resolved.training.random_steps > 0
@@ -418,7 +330,8 @@ class GuardedEnv(ArbitratedEnv):
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Adapt the model, count, log, and return the task's info with the decision."""
         agent = self._agent
-        self._log.step(step, agent.arbiter, self.env_steps, self.episode + 1)
+        if self._log is not None:
+            self._log.step(step, env_step=self.env_steps, episode=self.episode + 1)
         with blas_on_one_thread():
             agent.observe(step)
         self.env_steps += 1
@@ -438,9 +351,8 @@ class GuardedEnv(ArbitratedEnv):
             self._end_episode(rollout.totals)
 
     def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
-        unit = self._agent.settings.arbiter.rho_unit
-        if self._lane.unit_ended(unit, info, reset=reset) and not self._initial:
-            self._agent.strategy.end_unit(unit)
+        if self._unit.changed(info, reset=reset) and not self._initial:
+            self._agent.strategy.end_unit(self._agent.settings.arbiter.rho_unit)
 
     def _end_episode(self, totals: EpisodeTotals) -> None:
         self.episode += 1
@@ -450,7 +362,18 @@ class GuardedEnv(ArbitratedEnv):
         else:
             agent.strategy.end_unit("episode")
             agent.strategy.end_episode(totals.return_, totals.length)
-        self._log.episode(totals, agent.strategy.rho, self.env_steps, self.episode)
+        if self._log is not None:
+            self._log.episode(
+                metrics_row(
+                    totals,
+                    episode=self.episode,
+                    env_steps=self.env_steps,
+                    rho=agent.strategy.rho,
+                    epsilon=None,
+                    losses=(),
+                    wall_time=working_time() - self._clock,
+                )
+            )
 
     def evaluation(self, seed: int = 0, *, render_mode: str | None = None) -> EvaluationEnv:
         """Return an environment in which the trained policy is evaluated while training goes on.
@@ -475,7 +398,15 @@ class GuardedEnv(ArbitratedEnv):
 
     def close(self) -> None:
         """Close the environment, and write the results of the run."""
-        self._log.close(self._agent)
+        if self._folder is not None and self._log is not None:
+            from serp.runs.report import write_results
+
+            with self._folder, self._log:
+                self._log.flush()
+                seconds = compile_seconds() - self._compiled
+                account = account_of(self._agent)
+                write_results(self._folder, compile_seconds=seconds, account=account)
+            self._folder = self._log = None
         super().close()
 
 

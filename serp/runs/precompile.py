@@ -60,7 +60,7 @@ def _precompile_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np
     forecast = arbiter.forecast(state)
     settings = learner.settings.replace(buffer_size=_ROOM, learning_starts=0)
     stand_in = find_learner(settings.name)(
-        learner.input_size, learner.action_count, settings, 0, learner.symmetry, learner.imitates
+        learner.input_size, learner.action_count, settings, 0, learner.imitates
     )
     stand_in.imitation_weight = strategy.imitation_weight
     x = np.zeros(learner.input_size)

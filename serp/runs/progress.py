@@ -1,9 +1,8 @@
-"""The display of a training on standard error: a panel on a terminal, plain lines elsewhere."""
+"""The display of a training on standard error: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 import time
 from collections import deque
@@ -11,29 +10,27 @@ from collections.abc import Callable, Iterator
 from typing import Final, Self, TextIO
 
 import numpy as np
-from rich.columns import Columns
-from rich.console import Group
-from rich.live import Live
-from rich.panel import Panel
-from rich.progress_bar import ProgressBar
-from rich.text import Text
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bar
 
 from serp._util.compilation import compile_seconds, compiled_functions, notifying_of_compilation
 from serp._util.terminal import open_console, visible
 from serp._util.text import duration, percent, plural, readable
+from serp.agent.decision import Actor
 from serp.runs.trainer import Budget, Trainer
 
-_PANEL_EVERY: Final = 0.2  # seconds; a refresh takes 5 ms
-_LINE_EVERY: Final = 5.0  # seconds
-_MEMORY: Final = 30.0  # seconds over which the speed is measured
-_TOO_SHORT: Final = 0.5  # seconds over which a measured speed would be noise
+_MEMORY: Final = 30.0
+"""Seconds over which the speed, and the share of the planner, are measured."""
+_CLOSED: Final = (OSError, ValueError)
+"""What a stream raises that was closed; it does not end the training."""
 
 
 class Progress:
-    """Shows a training while its body runs; a stream that was closed does not end the training.
+    """Shows a training while its body runs.
 
-    `quiet` shows nothing, except for answers on a terminal. The stream is standard error by
-    default.
+    The figures are the progress, the return and its trend, who acts, the unsafe actions executed,
+    and the time left. `quiet` shows nothing, except for answers on a terminal. The stream is
+    standard error by default.
     """
 
     def __init__(
@@ -46,44 +43,44 @@ class Progress:
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._trainer = trainer
-        self._budget = budget
-        self._title = title
-        self._quiet = quiet
-        self._clock = clock
-        self._on_terminal = is_terminal(stream)
-        self._console = open_console(stream, stderr=True)
-        self._live: Live | None = None
+        self._trainer, self._budget, self._title = trainer, budget, title
+        self._quiet, self._clock = quiet, clock
+        self._console = console = open_console(stream, stderr=True)
+        self._on_terminal = console.is_terminal and not console.is_dumb_terminal
+        # No refresh thread: it would draw while the loop computes. Other output to a terminal goes
+        # above the bar; output to a file or a pipe is not redirected.
+        self._bar = Bar(
+            BarColumn(24),
+            TextColumn("{task.description}", markup=False),
+            console=console,
+            auto_refresh=False,
+            redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),
+            redirect_stderr=sys.stderr is not None and sys.stderr.isatty(),
+            disable=quiet or not self._on_terminal,
+        )
         self._next = float("inf")  # time of the next refresh
         self._shown = trainer.env_steps
-        self._samples: deque[tuple[float, dict[str, int]]] = deque()
+        self._samples: deque[tuple[float, dict[str, int], int]] = deque()
 
     def __enter__(self) -> Self:
-        if self._quiet:
-            return self
-        self._sample()
-        self._next = self._clock()
-        if self._on_terminal:
-            # No refresh thread: it would draw while the loop computes. Other output to a terminal
-            # goes above the panel; output to a file or a pipe is not redirected.
-            self._live = Live(
-                console=self._console,
-                auto_refresh=False,
-                redirect_stdout=is_terminal(sys.stdout),
-                redirect_stderr=is_terminal(sys.stderr),
-            )
-            self._live.start()
+        if not self._quiet:
+            self._sample()
+            self._next = self._clock()
+            if not self._bar.disable:
+                self.note(self._title)
+            with contextlib.suppress(*_CLOSED):
+                self._bar.start()
+                self._bar.add_task("", total=1.0)
         return self
 
     def __exit__(self, *exception: object) -> None:
         if not self._quiet and self._shown != self._trainer.env_steps:
             self._show()
-        if self._live is not None:
-            with contextlib.suppress(OSError, ValueError):
-                self._live.stop()
+        with contextlib.suppress(*_CLOSED):
+            self._bar.stop()
 
     def refresh(self) -> None:
-        """Show the newest numbers if it is time; cheap enough for every step."""
+        """Show the newest figures if it is time; cheap enough for every step."""
         if self._clock() >= self._next:
             self._show()
 
@@ -98,107 +95,61 @@ class Progress:
             self._print(text)
 
     def _print(self, text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
+        with contextlib.suppress(*_CLOSED):
             self._console.print(text, soft_wrap=True)
 
     def _show(self) -> None:
         self._sample()
         self._shown = self._trainer.env_steps
-        try:
-            if self._live is None:
-                text = ", ".join(f"{label} {value}" for label, value in self._numbers())
-                self._console.print(text, soft_wrap=True)
-            else:
-                self._live.update(self._panel(), refresh=True)
-        except (OSError, ValueError):  # the stream was closed
-            self._next = float("inf")
-        else:
-            self._next = self._clock() + (_LINE_EVERY if self._live is None else _PANEL_EVERY)
-
-    def _panel(self) -> Panel:
-        cells = [Text.assemble((f"{label} ", "dim"), value) for label, value in self._numbers()]
+        self._next = self._clock() + (5.0 if self._bar.disable else 0.2)
+        if self._bar.disable:
+            self._print(self._figures())
+            return
         now = self._budget.counts(self._trainer)
-        spent = max((now[name] / limit for name, limit in self._budget.limits.items()), default=0.0)
-        bar = ProgressBar(total=1.0, completed=spent, width=32)
-        return Panel(
-            Group(Columns(cells, padding=(0, 3), equal=True), bar),
-            title=Text(visible(self._title)),
-            title_align="left",
-            expand=False,
-        )
+        spent = [now[name] / limit for name, limit in self._budget.limits.items()]
+        with contextlib.suppress(*_CLOSED):
+            text, done = visible(self._figures()), max(spent, default=0.0)
+            self._bar.update(self._bar.task_ids[0], completed=done, description=text)
+            self._bar.refresh()
 
-    def _numbers(self) -> list[tuple[str, str]]:
-        """Return labels and values."""
-        trainer, budget = self._trainer, self._budget
-        numbers = [
-            ("episode", _of(trainer.episode, budget.episodes)),
-            ("step", _of(trainer.env_steps, budget.env_steps)),
+    def _figures(self) -> str:
+        trainer, limits = self._trainer, self._budget.limits
+        (begin, before, planner), (end, now, planner_now) = self._samples[0], self._samples[-1]
+        unit = trainer.settings.arbiter.rho_unit
+        names = {"episodes": "episode", "env_steps": "step", "units": unit}
+        figures = [
+            f"{names[name]} {now[name]:,}" + (f"/{limits[name]:,}" if name in limits else "")
+            for name in limits or ("env_steps",)
         ]
-        if budget.units is not None:
-            unit = trainer.settings.arbiter.rho_unit
-            numbers.insert(0, (unit, _of(trainer.units, budget.units)))
         if trainer.recent:
-            numbers.append(("return", readable(trainer.recent[-1])))
-            mean = readable(float(np.mean(trainer.recent)))
-            numbers.append((f"mean of last {len(trainer.recent)}", mean))
-        strategy = trainer.agent.strategy
-        evidence = strategy.evidence
-        if evidence is not None:
-            numbers += [(name, str(worth)) for name, worth in evidence.leads if worth is not None]
-        numbers.append(("rho", readable(strategy.rho)))
-        numbers += self._sight()
-        numbers.append(("vetoes", f"{trainer.tally.vetoes:,}"))
-        numbers.append(("unsafe executed", f"{trainer.tally.unsafe_executed:,}"))
-        if trainer.wall_time > 0:
-            numbers.append(("steps/s", f"{trainer.env_steps / trainer.wall_time:,.0f}"))
-        left = self._seconds_left()
-        if left is not None:
-            numbers.append(("time left", duration(left)))
-        return numbers
-
-    def _sight(self) -> list[tuple[str, str]]:
-        """Return how far the planner saw in the whole run, and whether its model is adapted."""
-        tally, steps = self._trainer.tally, self._trainer.tally.steps
-        if not steps:
-            return []
-        model = self._trainer.agent.adaptation.model
-        shares = [("saw all", tally.saw_all), ("by cells", tally.by_cells),
-                  ("cut short", tally.cut_short), ("indifferent", tally.indifferent)]  # fmt: skip
-        return [
-            ("model", "adapted" if model.revision else "as written"),
-            *((label, percent(count / steps)) for label, count in shares),
-        ]
-
-    def _sample(self) -> None:
-        now = self._trainer.wall_time
-        self._samples.append((now, self._budget.counts(self._trainer)))
-        while len(self._samples) > 2 and self._samples[1][0] <= now - _MEMORY:
-            self._samples.popleft()
-
-    def _seconds_left(self) -> float | None:
-        """Return the estimated seconds until the first limit is reached; None if unknown."""
-        (begin, before), (end, now) = self._samples[0], self._samples[-1]
-        if end - begin < _TOO_SHORT:
-            return None
+            figures.append(f"return {readable(float(np.mean(trainer.recent)))}{self._trend()}")
+        if (steps := now["env_steps"] - before["env_steps"]) > 0:
+            figures.append(f"planner acts {percent((planner_now - planner) / steps)}")
+        figures.append(f"unsafe {trainer.tally.unsafe_executed:,}")
         left = [
             max(0, limit - now[name]) * (end - begin) / (now[name] - before[name])
-            for name, limit in self._budget.limits.items()
-            if now[name] > before[name]
+            for name, limit in limits.items()
+            if now[name] > before[name] and end - begin > 0.5  # else it would be noise
         ]
-        return min(left, default=None)
+        return ", ".join([*figures, *(f"time left {duration(min(left))}" for _ in left[:1])])
 
+    def _trend(self) -> str:
+        """Return how the newer half of the last returns differs, beyond two standard errors."""
+        old, new = np.array_split(np.array(self._trainer.recent), 2)
+        if len(new) < 3:
+            return ""
+        error = np.sqrt(old.var(ddof=1) / len(old) + new.var(ddof=1) / len(new))
+        change = new.mean() - old.mean()
+        if abs(change) <= 2 * error:
+            return " (steady)"
+        return " (rising)" if change > 0 else " (falling)"
 
-def is_terminal(stream: TextIO | None) -> bool:
-    """Return whether a stream, by default standard error, can overwrite what it shows."""
-    stream = stream or sys.stderr
-    with contextlib.suppress(ValueError):  # it was closed
-        dumb = os.environ.get("TERM", "").lower() in ("dumb", "unknown")
-        return stream is not None and stream.isatty() and not dumb
-    return False
-
-
-def _of(now: int, limit: int | None) -> str:
-    return f"{now:,}" if limit is None else f"{now:,}/{limit:,}"
+    def _sample(self) -> None:
+        trainer = self._trainer
+        planner = trainer.tally.executed[Actor.PLANNER]
+        self._samples.append((trainer.wall_time, self._budget.counts(trainer), planner))
+        while len(self._samples) > 2 and self._samples[1][0] <= trainer.wall_time - _MEMORY:
+            self._samples.popleft()
 
 
 @contextlib.contextmanager
@@ -208,28 +159,20 @@ def show_compiling(*, quiet: bool = False, stream: TextIO | None = None) -> Iter
     Nothing is shown if `quiet`, or if all machine code comes from the cache. The stream is standard
     error by default.
     """
-    if quiet:
-        yield
-        return
-    console = open_console(stream, stderr=True)
-    status = console.status("Compiling, once …") if is_terminal(stream) else None
+    console = open_console(stream, stderr=True, quiet=quiet)
     loops, seconds = compiled_functions(), compile_seconds()
 
     def begin() -> None:
-        with contextlib.suppress(OSError, ValueError):  # the stream was closed
-            if status is not None:
-                status.start()
-            elif compiled_functions() == loops + 1:
+        if compiled_functions() == loops + 1:
+            with contextlib.suppress(*_CLOSED):
                 console.print("Compiling, once …")
 
     try:
         with notifying_of_compilation(begin):
             yield
     finally:
-        with contextlib.suppress(OSError, ValueError):
-            if status is not None:
-                status.stop()
-            if compiled_functions() > loops:
-                what = plural(compiled_functions() - loops, "loop")
-                took = duration(compile_seconds() - seconds)
+        if compiled_functions() > loops:
+            what = plural(compiled_functions() - loops, "loop")
+            took = duration(compile_seconds() - seconds)
+            with contextlib.suppress(*_CLOSED):
                 console.print(f"Compiled {what} in {took}, kept for later runs.")

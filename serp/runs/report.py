@@ -1,205 +1,41 @@
-"""``report.md``: the report of a run.
-
-It uses no template library, so that training does not depend on one.
-"""
+"""The results of a run: ``summary.json``, ``report.md`` and the learning curve."""
 
 from __future__ import annotations
 
 import shlex
 import warnings
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
-import matplotlib.style
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
-
-from serp._util.figures import ACTORS, INK, LINE, PLANNER, STYLE, caption, label_ends
 from serp._util.files import finite, json_text
-from serp._util.text import (
-    code,
-    duration,
-    markdown_text,
-    percent,
-    plural,
-    readable,
-    sentence,
-    table,
-)
+from serp._util.text import code, duration, markdown_text, plural, readable, table
 from serp.errors import MissingExtra, Notice, needs_extra
 from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
-from serp.runs.summary import (
-    FIRST,
-    WINDOW,
-    Metrics,
-    binned_shares,
-    moving_interval,
-    moving_mean,
-    summarize,
-)
+from serp.runs.summary import FIRST, WINDOW, summarize
 from serp.runs.tables import count_decisions, read_metrics
-from serp.tasks.task import describe_source
-
-_MANY = 5_000  # episodes above which an SVG holds the points of single episodes as pixels
-
-
-def learning_curve(metrics: Metrics, title: str) -> Figure:
-    """Draw the returns of a run, and below them the shares of the actors and ρ.
-
-    Without episodes the axes are empty. The figure is not registered with pyplot.
-    """
-    with matplotlib.style.context(["default", STYLE]):
-        figure = Figure(figsize=(8.0, 5.6), layout="constrained")
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
-        lower.set_xlabel("environment steps")
-        lower.set_xlim(0, metrics["env_steps"].max(initial=1))
-        lower.xaxis.set_major_formatter(EngFormatter(sep=""))
-        lower.xaxis.set_major_locator(MaxNLocator(8, integer=True))
-        _draw_returns(upper, metrics)
-        _draw_shares(lower, metrics)
-        upper.set_title(title, pad=24)
-        figure.align_ylabels([upper, lower])
-    return figure
-
-
-def _draw_returns(axes: Axes, metrics: Metrics) -> None:
-    steps, returns = metrics["env_steps"], metrics["return"]
-    mean, (low, high) = moving_mean(returns), moving_interval(returns)
-    many = len(steps) > _MANY
-    axes.plot(
-        steps, returns, color=LINE, linestyle="none", marker=".", markersize=4, alpha=0.4,
-        markeredgewidth=0, rasterized=many, clip_on=False,
-    )  # fmt: skip
-    axes.fill_between(steps, low, high, color=PLANNER, alpha=0.22, linewidth=0, rasterized=many)
-    axes.plot(steps, mean, color=PLANNER, linewidth=2.4)
-    axes.set_ylabel("return per episode")
-    caption(axes, f"line: mean of the last {WINDOW} episodes · band: its 95 % interval · points: "
-                  "single episodes")  # fmt: skip
-
-
-def _draw_shares(axes: Axes, metrics: Metrics) -> None:
-    centres, shares = binned_shares(metrics)
-    # Most runs have no fallback steps; they are then left out.
-    shown = {actor: share for actor, share in shares.items() if actor != "fallback" or share.any()}
-    colors = [ACTORS[actor] for actor in shown]
-    axes.stackplot(centres, *shown.values(), colors=colors, alpha=0.75, linewidth=0)
-    # At 0 and 1 the frame would clip half of the line.
-    axes.plot(metrics["env_steps"], metrics["rho"], color=INK, linewidth=1.8, clip_on=False)
-    axes.set_ylim(0, 1)
-    axes.set_ylabel("share of decisions")
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    axes.yaxis.set_major_locator(MaxNLocator(2))
-    axes.grid(False)
-    caption(axes, "areas: who decided · line: ρ, the probability that the learner is asked")
-    if len(centres):
-        last = np.array([share[-1] for share in shown.values()])
-        middles = np.cumsum(last) - last / 2
-        ends = [*zip(shown, middles, colors, strict=True)]
-        label_ends(axes, [*ends, ("ρ", metrics["rho"][-1], INK)], 1.3)
-
-
-_EXECUTED: Final = {
-    "planner": "actions of the planner executed",
-    "learner": "actions of the learner executed",
-    "exploration": "actions of exploration executed",
-    "fallback": "neither had an action (fallback)",
-}
-_SAFETY: Final = {
-    "vetoes": "proposals vetoed",
-    "unsafe_predicted": "proposals flagged unsafe or too risky",
-    "unsafe_executed": "executed actions flagged unsafe",
-    "avoidable_unsafe": "of them while another action was not flagged",
-    "unsafe_observed": "steps that came out unsafe, foreseen or not",
-    "no_safe_action": "no safe action was left to choose",
-}
-_SIGHT: Final = {
-    "saw_all": "steps in which it saw everything that can be reached",
-    "by_cells": "steps in which values of cells stood for what lies beyond the layers it saw",
-    "cut_short": "steps in which its budget ended what it saw",
-    "indifferent": "steps in which all plans were worth the same",
-}
 
 
 def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bool = True) -> str:
-    """Return the report of a run as Markdown; `drawn`: with the picture of its learning curve."""
+    """Return a short report of a run as Markdown; `drawn`: with the picture of its learning curve.
+
+    `serp report` shows the whole run.
+    """
     sections = [f"# Run: {markdown_text(title(summary))}", lead(summary)]
     if drawn:
-        sections.append(
-            "![Learning curve: return per episode, and who decided](learning-curve.png)"
-        )
-    if "learned_from" in summary:
-        source = describe_source(
-            summary["learned_from"],
-            in_file=bool(summary["file_rewards"]),
-            world=metadata.get("config", {}).get("world") is not None,
-        )
-        sections.append(f"The learner learns from {source}.")
-    safety = [
-        (what, "–" if summary[name] is None else f"{summary[name]:,}")
-        for name, what in _SAFETY.items()
-    ]
-    vetoes = [
-        (markdown_text(why), f"{count:,}") for why, count in summary["vetoes_by_reason"].items()
-    ]
-    sections += [
-        "## Result",
-        _results(summary),
-        *_lead_sections(summary),
-        "## What the planner saw",
-        table(("", "value"), _sight_rows(summary)),
-        *_model_sections(summary),
-        "## Safety",
-        table(("", "steps"), safety),
-        "## Vetoes by reason",
-        table(("reason", "vetoes"), vetoes) if vetoes else "There were none.",
-        "## How it was made",
-    ]
+        sections.append("![Learning curve: return per episode](learning-curve.png)")
+    if "trained_policy" in summary:
+        sections.append(f"The trained policy is {markdown_text(summary['trained_policy'])}.")
+    if summary.get("evidence"):
+        sections.append(f"The evidence: {markdown_text(summary['evidence']['sentence'])}.")
+    if "model" in summary:
+        sections.append(f"The model is {markdown_text(summary['model']['sentence'])}.")
+    vetoes = summary["vetoes_by_reason"].items()
+    if vetoes:
+        rows = [(markdown_text(why), f"{count:,}") for why, count in vetoes]
+        sections.append(table(("reason of a veto", "vetoes"), rows))
     if metadata["command"]:
         sections.append(code(shlex.join(map(str, metadata["command"]))))
-    sections.append(_origin(metadata))
     return "\n\n".join(sections) + "\n"
-
-
-def _sight_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return rows on how far the planner saw: what, and how often or how far."""
-    sight = summary["sight"]
-    rows = [
-        (what, "–" if sight[name] is None else percent(sight[name]))
-        for name, what in _SIGHT.items()
-    ]
-    return [*rows, ("layers of states seen otherwise, on average", readable(sight["mean_depth"]))]
-
-
-def _lead_sections(summary: Mapping[str, Any]) -> list[str]:
-    if "trained_policy" not in summary:
-        return []
-    said = f"The trained policy is {summary['trained_policy']}."
-    evidence = summary["evidence"]
-    if evidence is not None:
-        said += f" The evidence: {evidence['sentence']}."
-    return ["## Who leads", said]
-
-
-def _model_sections(summary: Mapping[str, Any]) -> list[str]:
-    if "model" not in summary:
-        return []
-    model = summary["model"]
-    sections = ["## The model it planned with", f"The model is {sentence(model['sentence'])}."]
-    if model["parameters"]:
-        rows = [
-            (f"{p['line']}", markdown_text(p["text"]), readable(p["in_use"]))
-            for p in model["parameters"]
-        ]
-        sections.append(table(("line", "in the file", "in use"), rows, left=2))
-    if model["fluents"]:
-        rows = [
-            (markdown_text(f["fluent"]), "yes" if f["adapted"] else "no", sentence(f["why"]))
-            for f in model["fluents"]
-        ]
-        sections.append(table(("fluent", "adapted", "why"), rows, left=3))
-    return sections
 
 
 def title(summary: Mapping[str, Any]) -> str:
@@ -209,65 +45,21 @@ def title(summary: Mapping[str, Any]) -> str:
 
 
 def lead(summary: Mapping[str, Any]) -> str:
-    """Return what came of a run in a few sentences."""
+    """Return the result of a run in a few sentences."""
     if not summary["episodes"]:
         return "No episode has ended yet."
     returns = summary["return"]
-    came = f"was {readable(returns['mean'])}"
+    result = f"was {readable(returns['mean'])}"
     if returns["last_20"] is not None:
-        came = f"went from {readable(returns['first_10'])} (first {FIRST} episodes) to "
-        came += f"{readable(returns['last_20'])} (last {WINDOW})"
+        result = f"went from {readable(returns['first_10'])} (first {FIRST} episodes) to "
+        result += f"{readable(returns['last_20'])} (last {WINDOW})"
     unsafe = f"Unsafe actions executed: {summary['unsafe_executed']:,}."
     if summary["unsafe_observed"] is not None:
         unsafe += f" Steps that came out unsafe: {summary['unsafe_observed']:,}."
     return (
         f"{plural(summary['episodes'], 'episode')}, "
         f"{plural(summary['env_steps'], 'environment step')} in {duration(summary['wall_time'])}. "
-        f"The mean return {came}. {unsafe}"
-    )
-
-
-def _results(summary: Mapping[str, Any]) -> str:
-    rows: list[tuple[str, str]] = []
-    for key, what in (("return", "return"), ("domain_return", "return by the domain file")):
-        means = summary[key]
-        best, at = readable(means["best_20"]), means["best_20_at_env_step"]
-        rows += [
-            (f"{what}, mean of all episodes", readable(means["mean"])),
-            (f"{what}, mean of the first {FIRST} episodes", readable(means["first_10"])),
-            (f"{what}, mean of the last {WINDOW} episodes", readable(means["last_20"])),
-            (
-                f"{what}, best mean of {WINDOW} episodes",
-                best if at is None else f"{best} (at environment step {at:,})",
-            ),
-        ]
-    rows += [
-        ("episodes ended by the environment", f"{summary['terminations']:,}"),
-        ("episodes ended by a limit", f"{summary['truncations']:,}"),
-        ("environment steps per second of training", readable(summary["steps_per_second"])),
-        ("compilation, once and beside the training", duration(summary["compile_seconds"])),
-    ]
-    for actor, what in _EXECUTED.items():
-        share = summary["shares"][actor]
-        rows.append((what, "–" if share is None else percent(share)))
-    rows.append(("learner probability ρ at the end", readable(summary["final_rho"])))
-    return table(("", "value"), rows)
-
-
-def _origin(metadata: Mapping[str, Any]) -> str:
-    rows = {
-        "begun": metadata["created"],
-        **{copy: f"copy of {name}" for copy, name in metadata["domain_files"].items()},
-        **metadata["machine"],
-        **metadata["versions"],
-    }
-    return table(
-        ("", ""),
-        [
-            (markdown_text(what), markdown_text(value))
-            for what, value in rows.items()
-            if value is not None
-        ],
+        f"The mean return {result}. {unsafe}"
     )
 
 
@@ -277,8 +69,7 @@ def write_results(
     """Write ``summary.json``, ``report.md``, ``learning-curve.png`` and ``learning-curve.svg``.
 
     Without matplotlib there is no learning curve, and a `Notice` is issued. `compile_seconds` of
-    compilation are not part of training; `account` is what the agent says of itself, see
-    `serp.agent.agent`.
+    compilation are not part of training; `account` is what `account_of` says of the agent.
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
@@ -291,6 +82,7 @@ def write_results(
     try:
         with needs_extra("plots", "the learning curve"):
             from serp._util.figures import render
+            from serp.runs.learning_curve import learning_curve
 
         figure = learning_curve(metrics, title(summary))
         run.write("learning-curve.png", render(figure, "png"))

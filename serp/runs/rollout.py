@@ -17,9 +17,12 @@ from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
 from serp.model.transition_model import Vector
-from serp.tasks.checks import single
+from serp.tasks.environment import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
+
+SLOW_STEP_SECONDS: Final = 30.0
+"""A call of the environment that takes longer is reported while it lasts, once per run."""
 
 
 class Watchdog(Closing):
@@ -190,51 +193,24 @@ class Rollout:
             yield self.step(decide(self.state, self.x))
 
 
-class Lane:
-    """One of the environments of a training, and the episode that runs in it.
-
-    Args:
-        number: Its number, from 0.
-        task: The task with this environment.
+class UnitCounter:
+    """Notices when the counter that `arbiter.rho_unit` names changes in the environment's info.
 
     Attributes:
-        number, task: As given.
-        seed: The environment's seed in the episode.
-        episode: Number of the episode, from 0, in the order in which episodes begin.
-        random: Whether the episode is a part of the initial data D₀.
-        rollout: The episode; None until its reset is done.
-        decision: The decision that is executed next; None after the last one.
-        losses: Losses of the learner after steps of the episode.
-        unit_value: The newest value of the counter that `arbiter.rho_unit` names.
+        value: The newest value of the counter; None before the first one.
     """
 
-    def __init__(self, number: int, task: BoundTask | RemoteTask) -> None:
-        self.number, self.task = number, task
-        self.episode, self.seed, self.random = 0, 0, False
-        self.rollout: Rollout | None = None
-        self.decision: Decision | None = None
-        self.losses: list[float] = []
-        self.unit_value: Any = None
+    def __init__(self, unit: str) -> None:
+        self._unit = unit
+        self.value: Any = None
 
-    def begin(self, episode: int, seed: int, *, random: bool) -> None:
-        """Begin an episode; an environment in another process begins its reset."""
-        self.episode, self.seed, self.random = episode, seed, random
-        self.rollout, self.decision, self.losses = None, None, []
-        if isinstance(self.task, RemoteTask):
-            self.task.begin_reset(seed)
-
-    def execute(self, decision: Decision) -> None:
-        """Take a decision; an environment in another process begins to execute it."""
-        self.decision = decision
-        if isinstance(self.task, RemoteTask):
-            self.task.begin_step(decision.action)
-
-    def unit_ended(self, unit: str, info: Mapping[str, Any], *, reset: bool = False) -> bool:
-        """Return whether the counter that `arbiter.rho_unit` names has changed.
+    def changed(self, info: Mapping[str, Any], *, reset: bool = False) -> bool:
+        """Return whether the counter has changed; never for `step` and `episode`.
 
         Raises:
             SettingsError: There is no such counter in `info`.
         """
+        unit = self._unit
         if unit in ("step", "episode"):
             return False
         if unit not in info:
@@ -250,34 +226,74 @@ class Lane:
                 f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
                 "or a text is needed"
             )
-        before, self.unit_value = self.unit_value, value
+        before, self.value = self.value, value
         return before is not None and value != before
+
+
+class RolloutEnv:
+    """One of the environments of a training, and the episode that runs in it.
+
+    Args:
+        index: Its index, from 0.
+        task: The task with this environment.
+        unit: The setting `arbiter.rho_unit`.
+
+    Attributes:
+        index, task: As given.
+        unit: Its counter.
+        seed: The environment's seed in the episode.
+        episode: Number of the episode, from 0, in the order in which episodes begin.
+        random: Whether the episode is a part of the initial data D₀.
+        rollout: The episode; None until its reset is done.
+        decision: The decision that is executed next; None before the first one.
+        losses: Losses of the learner after steps of the episode.
+    """
+
+    def __init__(self, index: int, task: BoundTask | RemoteTask, unit: str) -> None:
+        self.index, self.task, self.unit = index, task, UnitCounter(unit)
+        self.episode, self.seed, self.random = 0, 0, False
+        self.rollout: Rollout | None = None
+        self.decision: Decision | None = None
+        self.losses: list[float] = []
+
+    def begin(self, episode: int, seed: int, *, random: bool) -> None:
+        """Begin an episode; an environment in another process begins its reset."""
+        self.episode, self.seed, self.random = episode, seed, random
+        self.rollout, self.decision, self.losses = None, None, []
+        if isinstance(self.task, RemoteTask):
+            self.task.begin_reset(seed)
+
+    def execute(self, decision: Decision) -> None:
+        """Take a decision; an environment in another process begins to execute it."""
+        self.decision = decision
+        if isinstance(self.task, RemoteTask):
+            self.task.begin_step(decision.action)
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"unit_value": self.unit_value, "environment": self.task.environment_state()}
+        return {"unit_value": self.unit.value, "environment": self.task.environment_state()}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
         saved = Saved("environment", {}, meta)
-        self.unit_value = saved.part("unit_value")[1]
-        if not isinstance(self.unit_value, str | int | float | None):
+        self.unit.value = saved.part("unit_value")[1]
+        if not isinstance(self.unit.value, str | int | float | None):
             raise saved.wrong("unit_value is neither a number nor a text")
         self.task.restore_environment(saved.part("environment")[1])
 
 
 @contextlib.contextmanager
-def lanes_of(task: BoundTask, count: int) -> Iterator[list[Lane]]:
+def rollout_envs(task: BoundTask, count: int, unit: str) -> Iterator[list[RolloutEnv]]:
     """Yield the environments of a training: that of the task, or `count` in their own processes.
 
-    Those are closed at the end.
+    Those are closed at the end. `unit` is the setting `arbiter.rho_unit`.
 
     Raises:
         SettingsError: The environments would normalise differently.
         EnvironmentFailure: An environment cannot be made.
     """
     if count == 1:
-        yield [Lane(0, task)]
+        yield [RolloutEnv(0, task, unit)]
         return
     if task.has_statistics:
         raise SettingsError(
@@ -289,4 +305,4 @@ def lanes_of(task: BoundTask, count: int) -> Iterator[list[Lane]]:
         tasks = [stack.enter_context(RemoteTask(task, k + 1)) for k in range(count)]
         for remote in tasks:
             remote.wait_until_made()
-        yield [Lane(k, remote) for k, remote in enumerate(tasks)]
+        yield [RolloutEnv(k, remote, unit) for k, remote in enumerate(tasks)]

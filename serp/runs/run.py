@@ -33,7 +33,7 @@ from serp._util.terminal import bar
 from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.errors import RunError, SettingsError
-from serp.model.domain import Domain, load_domain, problem_beside
+from serp.model.domain import load_domain, problem_beside
 from serp.runs.checkpoint import Checkpoint
 from serp.runs.evaluation import EPISODES, EvaluationResult, Policy, check_policy, evaluate
 from serp.runs.folder import CONFIG, METRICS, RunFolder
@@ -70,8 +70,6 @@ class RunMetadata(BaseModel):
     observed: list[str] | None = []
     """Fluents that the environment gives although the problem's `:init` states them. None: all
     states can be reached from there, see `Task.closed`."""
-    planners: list[str] = []
-    """Planners of the task that are domain files, in the order of their copies."""
     max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
     """Limit on the size of each grounded domain."""
     world: Annotated[WorldOptions | None, BeforeValidator(WorldOptions.from_dict)] = None
@@ -92,7 +90,6 @@ def begin_run(
     baseline: bool = False,
 ) -> RunFolder:
     """Begin a run in a new or empty folder, and lock it for writing."""
-    planners = {n: d for n, d in task.task.planners.items() if isinstance(d, Domain)}
     config = {
         "task": task.name,
         "domain": task.domain.name,
@@ -106,15 +103,11 @@ def begin_run(
         "learned_from": reward_source(task.rewarded_by, settings),
         "file_rewards": task.model.rewarding,
         "control_period": task.model.dt,
-        "planners": list(planners),
         "budget": budget.as_dict(),
         "settings": settings.as_dict(),
     }
-    own, *others = (
-        [(source.name, source.text) for source in domain.sources]
-        for domain in (task.domain, *planners.values())
-    )
-    return RunFolder.create(path, config, own, planners=others, command=sys.argv, now=begun)
+    texts = [(source.name, source.text) for source in task.domain.sources]
+    return RunFolder.create(path, config, texts, command=sys.argv, now=begun)
 
 
 def read_run_metadata(folder: RunFolder) -> RunMetadata:
@@ -135,15 +128,14 @@ def content_digests(folder: RunFolder) -> dict[str, str]:
     """Return digests of a run's domain files and of its configuration except the budget."""
     config = {name: value for name, value in folder.config.items() if name != "budget"}
     made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
-    for number in range(1 + len(read_run_metadata(folder).planners)):
-        domain, problem = folder.copies(number)
-        beside = problem_beside(domain)  # perhaps not written by serp, but it would be loaded
-        for file in (domain, problem, beside):
-            if file is not None and (file is not beside or os.path.lexists(file)):
-                try:
-                    made[file.name] = read_regular(file)
-                except OSError as error:
-                    raise RunError(f"cannot read {file}: {error.strerror or error}") from error
+    domain, problem = folder.copies()
+    beside = problem_beside(domain)  # perhaps not written by serp, but it would be loaded
+    for file in (domain, problem, beside):
+        if file is not None and (file is not beside or os.path.lexists(file)):
+            try:
+                made[file.name] = read_regular(file)
+            except OSError as error:
+                raise RunError(f"cannot read {file}: {error.strerror or error}") from error
     return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
 
 
@@ -367,7 +359,8 @@ class Run:
         """
         with self.task.bind(render_mode=render_mode) as task:
             with reading(self._checkpoint) as saved:
-                first = Saved("run", {}, Saved("run", {}, saved.part("lanes")[1]).part("0")[1])
+                environments = Saved("run", {}, saved.part("environments")[1])
+                first = Saved("run", {}, environments.part("0")[1])
                 task.restore_environment(first.part("environment")[1], statistics_only=True)
             yield task
 
@@ -390,15 +383,10 @@ def task_of_run(folder: RunFolder, task: Task | None = None) -> Task:
     if task is None:
         assert made.world is not None
         task = world_task(domain, made.world, made.control_period)
-    own = {
-        name: load_domain(*folder.copies(number), observed=True, max_ground_schemas=limit)
-        for number, name in enumerate(made.planners, 1)
-    }
     return dataclasses.replace(
         task,
         domain=domain,
         problem=None,
-        planners={**task.planners, **own},
         name=made.task,
         reward=made.reward,
         dt=made.control_period,

@@ -13,8 +13,7 @@ import io
 import math
 import os
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
-from enum import Enum
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, get_type_hints
@@ -26,10 +25,8 @@ from serp.agent.step_record import DecisionCounts
 from serp.errors import RunError
 
 if TYPE_CHECKING:
-    from serp.agent.arbiter import Arbiter
     from serp.agent.decision import Decision
     from serp.agent.step_record import EpisodeTotals
-    from serp.model.transition_model import Vector
 
 
 LONGEST: Final = 1 << 24
@@ -71,19 +68,15 @@ class MetricsRow(NamedTuple):
 
 
 class DecisionRow(NamedTuple):
-    """One decision: a row of ``decisions.csv``, explained in the same place.
-
-    A text may be an enum or any immutable object; it is converted to a string when the table is
-    flushed, not during the step.
-    """
+    """One decision: a row of ``decisions.csv``; the reason is a `Reason`."""
 
     step: int
     episode: int
-    proposed_by: Any
-    proposed: Any
-    executed: Any
-    executed_by: Any
-    reason: Any
+    proposed_by: str
+    proposed: str
+    executed: str
+    executed_by: str
+    reason: str
     vetoed: bool
     predicted_reward: float | None
     proposal_unsafe: bool
@@ -91,9 +84,8 @@ class DecisionRow(NamedTuple):
     risk: float | None
     rho: float | None
     depth: int
-    bound: Any
+    bound: str
     indifferent: bool
-    explanation: Any
 
 
 def metrics_row(
@@ -126,10 +118,9 @@ def metrics_row(
 
 
 def decision_row(
-    decision: Decision, arbiter: Arbiter, state: Vector, *, step: int, episode: int
+    decision: Decision, name: Callable[[int], str], *, step: int, episode: int
 ) -> DecisionRow:
-    """Return the row of an arbiter's decision in a state `[F]`."""
-    name = arbiter.actions.name
+    """Return the row of a decision; `name` gives the name of an action of the environment."""
     return DecisionRow(
         step=step,
         episode=episode,
@@ -147,7 +138,6 @@ def decision_row(
         depth=decision.depth,
         bound=decision.bound,
         indifferent=decision.indifferent,
-        explanation=arbiter.explain(decision, state),
     )
 
 
@@ -331,8 +321,6 @@ def _cell(value: Any) -> str | float | None:
     """Return a value of a row in a type that `csv` writes as the table promises."""
     if isinstance(value, np.generic):
         value = value.item()
-    elif isinstance(value, Enum):
-        value = value.value
     if isinstance(value, bool):
         return int(value)
     if value is None or isinstance(value, int | float):

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Mapping
+import time
 from pathlib import Path
 from typing import Any
 
 from serp._util.files import Closing
-from serp.agent.decision import Actor
-from serp.agent.step_record import StepRecord
 from serp.errors import MissingExtra, RunError
 from serp.runs.tables import METRICS_COLUMNS, MetricsRow
 
@@ -24,8 +22,7 @@ def require_tensorboard() -> None:
 class EventWriter(Closing):
     """Writes numbers of a training as scalars over env steps. A context manager.
 
-    All numbers of an episode, or of a step, are one event: a scalar at a time costs many times as
-    much.
+    All numbers of an episode are one event: a scalar at a time costs many times as much.
 
     Args:
         folder: The run; events go to `tensorboard/` in it. A continued run appends to them.
@@ -39,43 +36,27 @@ class EventWriter(Closing):
             raise RunError(f"{events} is a link. Put a folder there, or remove it.")
         from tensorboard.compat.proto.event_pb2 import Event, SessionLog
         from tensorboard.compat.proto.summary_pb2 import Summary
-        from torch.utils.tensorboard import FileWriter
+        from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
         self._summary: Any = Summary
-        self._writer: Any = FileWriter(str(events))
+        self._event: Any = Event
+        self._writer: Any = EventFileWriter(str(events))
         if purge_step is not None:
             begun = SessionLog(status=SessionLog.START)
-            self._writer.add_event(Event(session_log=begun), purge_step)
+            self._write(purge_step, session_log=begun)
 
     def append(self, row: MetricsRow) -> None:
         """Write the metrics of one episode."""
-        numbers = dict(zip(METRICS_COLUMNS, row, strict=True))
-        del numbers["env_steps"]
-        self._add("episode", numbers, row.env_steps)
-
-    def append_step(self, env_steps: int, step: StepRecord) -> None:
-        """Write the numbers of one env step; `env_steps` counts it."""
-        decision = step.decision
-        numbers = {
-            "reward": step.reward,
-            "env_reward": step.env_reward,
-            "domain_reward": step.domain_reward,
-            "predicted_reward": decision.predicted_reward,
-            "unsafe": step.unsafe_observed,
-            "vetoed": decision.vetoed,
-            "planner": decision.executed_by is Actor.PLANNER,
-            "rho": decision.rho,
-        }
-        self._add("step", numbers, env_steps)
-
-    def _add(self, group: str, numbers: Mapping[str, float | None], env_steps: int) -> None:
         value = self._summary.Value
         values = [
-            value(tag=f"{group}/{name}", simple_value=float(number))
-            for name, number in numbers.items()
-            if number is not None and math.isfinite(number)
+            value(tag=f"episode/{name}", simple_value=float(number))
+            for name, number in zip(METRICS_COLUMNS, row, strict=True)
+            if name != "env_steps" and number is not None and math.isfinite(number)
         ]
-        self._writer.add_summary(self._summary(value=values), env_steps)
+        self._write(row.env_steps, summary=self._summary(value=values))
+
+    def _write(self, env_steps: int, **content: Any) -> None:
+        self._writer.add_event(self._event(step=env_steps, wall_time=time.time(), **content))
 
     def flush(self) -> None:
         """Flush all events to the disk."""

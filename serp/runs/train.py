@@ -1,6 +1,6 @@
 """`plan_and_learn`: trains into a run folder, or continues a run.
 
-What the user gave is checked before torch is imported and anything is compiled.
+What the user gave is checked before anything is compiled.
 """
 
 from __future__ import annotations
@@ -29,9 +29,7 @@ from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
 from serp.runs.folder import METRICS, RunFolder, default_path, is_trace, refuse_occupied
 from serp.runs.progress import Progress, show_compiling
-from serp.runs.recording import Recorder
-from serp.runs.recording_format import RECORDING, Layout
-from serp.runs.rollout import Watchdog
+from serp.runs.rollout import SLOW_STEP_SECONDS, Watchdog
 from serp.runs.run import (
     Run,
     begin_run,
@@ -40,8 +38,9 @@ from serp.runs.run import (
     reading,
     refuse_changes,
 )
+from serp.runs.run_log import RunLog
 from serp.runs.tables import read_metrics
-from serp.runs.tensorboard import EventWriter, require_tensorboard
+from serp.runs.tensorboard import require_tensorboard
 from serp.runs.trainer import Budget, Callbacks, Trainer, TrainingCallbacks
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_task
@@ -215,7 +214,6 @@ def train(
 ) -> Run:
     """Train until the budget is spent, a signal is received or a callback fails."""
     settings = trainer.settings.training
-    trainer.decisions = folder.decisions
     if not budget.limits:
         # A number of units, if the task or the user sets one, replaces the number of steps.
         units = settings.units
@@ -224,20 +222,15 @@ def train(
     digests = content_digests(folder)
     progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
     trainer.task.on_notice = progress.note
-    watchdog = Watchdog(
-        trainer.task, settings.slow_step_seconds, lambda: trainer.under_way, progress.note
-    )
-    events: EventWriter | None = None
+    watchdog = Watchdog(trainer.task, SLOW_STEP_SECONDS, lambda: trainer.under_way, progress.note)
 
     def save() -> float:
         """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
-        if trainer.recorder is not None:
-            trainer.recorder.flush()
+        if trainer.log is not None:
+            trainer.log.flush()
         folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
-        if events is not None:
-            events.flush()
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
 
@@ -245,24 +238,18 @@ def train(
 
         def after_step(step: StepRecord) -> None:
             answer = stopping.answer(
-                "the episode" if len(trainer.lanes) == 1 else "the episodes",
+                "the episode" if len(trainer.environments) == 1 else "the episodes",
                 "the run then continues from its last checkpoint",
             )
             if answer is not None:
                 progress.answer(answer)
-            if events is not None and settings.tensorboard == "steps":
-                events.append_step(trainer.under_way, step)
             callbacks.step(step)
             progress.refresh()
 
         trainer.on_step = after_step
-        with contextlib.ExitStack() as stack, one_thread(), progress, watchdog:
-            if settings.record:
-                layout = Layout.of(trainer.task.model, trainer.task.actions)
-                recorder = Recorder(folder.path / RECORDING, layout, trainer.env_steps)
-                trainer.recorder = stack.enter_context(recorder)
-            if settings.tensorboard:
-                events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
+        log = RunLog(folder, trainer.task, settings, trainer.env_steps)
+        with log, one_thread(), progress, watchdog:
+            trainer.log = log
             task = trainer.task
             source = describe_source(
                 trainer.judge.source,
@@ -281,9 +268,7 @@ def train(
                 due = save()
             while not (budget.spent_by(trainer) or stopping.requested or callbacks.failure):
                 for row in trainer.run():
-                    folder.metrics.append(row)
-                    if events is not None:
-                        events.append(row)
+                    log.episode(row)
                     callbacks.episode(row)
                 if trainer.wall_time >= due:
                     due = save()

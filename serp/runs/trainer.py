@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, Protocol, TypedDict
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,27 +15,18 @@ from serp._util.compilation import compile_seconds, working_time
 from serp._util.files import Closing
 from serp._util.saved_state import Saved
 from serp.agent.agent import Agent
-from serp.agent.decision import Decision
 from serp.agent.step_record import DecisionCounts, OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.model.transition_model import StateError, Vector
 from serp.runs.precompile import precompile
-from serp.runs.recording import Recorder
-from serp.runs.rollout import Lane, Perceive, Rollout, lanes_of, training_seed
-from serp.runs.tables import MetricsRow, Table, decision_row, metrics_row
+from serp.runs.rollout import Perceive, Rollout, RolloutEnv, rollout_envs, training_seed
+from serp.runs.run_log import RunLog
+from serp.runs.tables import MetricsRow, metrics_row
 from serp.settings import Section, Settings
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
 
 Limit = Annotated[int, Field(ge=1)] | None
-
-
-class Counted(Protocol):
-    """An object with counts of episodes, env steps and units, such as a `Trainer`."""
-
-    episode: int
-    env_steps: int
-    units: int
 
 
 class Budget(Section):
@@ -65,17 +56,17 @@ class Budget(Section):
         return {name: limit for name, limit in self if limit is not None}
 
     @staticmethod
-    def counts(counted: Counted) -> dict[str, int]:
-        """Return the counts by the names of their limits."""
+    def counts(trainer: Trainer) -> dict[str, int]:
+        """Return the counts of a training by the names of their limits."""
         return {
-            "episodes": counted.episode,
-            "env_steps": counted.env_steps,
-            "units": counted.units,
+            "episodes": trainer.episode,
+            "env_steps": trainer.env_steps,
+            "units": trainer.units,
         }
 
-    def spent_by(self, counted: Counted) -> bool:
+    def spent_by(self, trainer: Trainer) -> bool:
         """Return whether a limit is reached."""
-        counts = self.counts(counted)
+        counts = self.counts(trainer)
         return any(counts[name] >= limit for name, limit in self.limits.items())
 
 
@@ -133,8 +124,6 @@ class Callbacks:
                 self.failure = error
 
 
-_MIRRORED = 256
-"""Number of observations with which declared symmetries are checked."""
 _TOGETHER = 100
 """Env steps for each of several environments after which no episode begins until all have ended.
 More of them keep more environments busy, fewer make a run end nearer to its budget."""
@@ -150,10 +139,9 @@ class Trainer(Closing):
     `load_state_dict(state)` with JSON values.
 
     Attributes:
-        lanes: The environments.
+        environments: The environments.
         judge: Judges the steps.
-        decisions: Table in which decisions are logged; None for no log.
-        recorder: Where steps are recorded; None for nowhere.
+        log: Where steps are written; None for nowhere.
         episode, env_steps: Numbers of complete episodes and of env steps.
         under_way: Number of the current env step, from 1.
         units: Number of complete units of `arbiter.rho_unit`.
@@ -191,15 +179,14 @@ class Trainer(Closing):
         self.under_way = 1
         self.tally = DecisionCounts()
         self.recent: deque[float] = deque(maxlen=20)
-        self.decisions: Table | None = None
-        self.recorder: Recorder | None = None
+        self.log: RunLog | None = None
         self.on_step: OnStep | None = None
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, working_time()
-        self._unchecked = _MIRRORED
         self._open = contextlib.ExitStack()
-        lanes = lanes_of(task, settings.training.num_envs)
-        self.lanes = self._open.enter_context(lanes)
+        self.environments = self._open.enter_context(
+            rollout_envs(task, settings.training.num_envs, settings.arbiter.rho_unit)
+        )
 
     def close(self) -> None:
         """Close the environments that the trainer has made; that of the task stays open."""
@@ -247,70 +234,86 @@ class Trainer(Closing):
         which is interrupted can be continued from the end exactly.
 
         Raises:
-            TaskError: The grounding failed, or contradicts a symmetry that the task declares.
+            TaskError: The grounding failed.
             EnvironmentFailure: An environment raised or gave NaN.
             LearningFailure: A number of the learner is not finite.
             SettingsError: The environment's info has no entry for `arbiter.rho_unit`.
         """
-        try:
-            yield from self._run()
-        except (TaskError, LearningFailure, StateError) as error:
-            error.add_note(
-                f"It happened in env step {self.under_way} of the training, episode "
-                f"{self.episode + 1}."
-            )
-            raise
-
-    def _run(self) -> Iterator[MetricsRow]:
-        running = list(self.lanes)[: self.episode + 1]
+        running = self.environments[: self.episode + 1]
         enough = self.env_steps + (_TOGETHER * len(running) if len(running) > 1 else 0)
         self._begun = self.episode
-        for lane in running:
-            self._begin(lane)
+        for env in running:
+            self._begin(env)
         while running:
-            self.under_way = self.env_steps + 1
-            before = self.env_steps
-            steps = [(lane, self._advance(lane)) for lane in running]
-            self._decide_next([lane for lane, step in steps if step is None or not step.last])
-            made = [(lane, step) for lane, step in steps if step is not None]
-            for number, (lane, step) in enumerate(made, before + 1):
-                self.under_way = number
-                self._learn(lane, step)
-            for lane, step in made:
-                if not step.last:
-                    continue
-                yield self._end_episode(lane)
+            try:
+                ended = self._step(running)
+            except (TaskError, LearningFailure, StateError) as error:
+                error.add_note(
+                    f"It happened in env step {self.under_way} of the training, episode "
+                    f"{self.episode + 1}."
+                )
+                raise
+            for env in ended:
+                yield self._end_episode(env)
                 if self.env_steps < enough:
-                    self._begin(lane)
+                    self._begin(env)
                 else:
-                    running.remove(lane)
+                    running.remove(env)
 
-    def _begin(self, lane: Lane) -> None:
+    def _begin(self, env: RolloutEnv) -> None:
         seed = training_seed(self.seed, self._begun)
-        lane.begin(self._begun, seed, random=not self._pretrained)
+        env.begin(self._begun, seed, random=not self._pretrained)
         self._begun += 1
 
-    def _advance(self, lane: Lane) -> StepRecord | None:
-        """Make the step that was decided on, and return it; None after a reset."""
-        self.agent.turn_to(lane.number)
-        if lane.rollout is None or lane.decision is None:
-            lane.rollout = Rollout(
-                lane.task,
-                self._perceive_of(lane.task),
-                seed=lane.seed,
-                limit=self.settings.training.episode_steps,
-                judge=self.judge,
-            )
-            self._notice_unit(lane, lane.rollout.info, reset=True)
-            return None
+    def _step(self, running: list[RolloutEnv]) -> list[RolloutEnv]:
+        """Make one env step in every environment; return those whose episode ended.
+
+        An env step is all here: the environment executes what was decided, the agent observes it,
+        it is written, the next action is decided, and the learner learns. Each is done for all
+        environments before the next, so that those in other processes execute while it learns. In
+        an episode that begins there is a reset in place of the execution.
+        """
+        agent = self.agent
         self.under_way = self.env_steps + 1
-        step = lane.rollout.step(lane.decision)
-        self.agent.observe(step, lane.episode)
-        self.env_steps += 1
-        if self.recorder is not None:
-            self.recorder.append(lane.episode + 1, step)
-        self.tally.count(step.decision)
-        return step
+        made: list[tuple[RolloutEnv, StepRecord]] = []
+        for env in running:
+            agent.turn_to(env.index)
+            if env.rollout is None or env.decision is None:
+                self._reset(env)
+                continue
+            self.under_way = self.env_steps + 1
+            step = env.rollout.step(env.decision)
+            agent.observe(step, env.episode)
+            if self.log is not None:
+                self.log.step(step, env_step=self.env_steps, episode=env.episode + 1)
+            self.tally.count(step.decision)
+            self.env_steps += 1
+            made.append((env, step))
+        ended = [env for env, step in made if step.last]
+        self._decide([env for env in running if env not in ended])
+        for number, (env, step) in enumerate(made, self.env_steps - len(made) + 1):
+            self.under_way = number
+            agent.turn_to(env.index)
+            agent.remember(step, None if step.last else env.decision)
+            if self._pretrained:
+                loss = agent.learn()
+                if loss is not None:
+                    env.losses.append(loss)
+                self._end_unit("step")
+            self._notice_unit(env, step.info)
+            if self.on_step is not None:
+                self.on_step(step)
+        return ended
+
+    def _reset(self, env: RolloutEnv) -> None:
+        env.rollout = Rollout(
+            env.task,
+            self._perceive_of(env.task),
+            seed=env.seed,
+            limit=self.settings.training.episode_steps,
+            judge=self.judge,
+        )
+        self._notice_unit(env, env.rollout.info, reset=True)
 
     def _perceive_of(self, task: BoundTask | RemoteTask) -> Perceive:
         def perceive(raw: Any, info: Mapping[str, Any], env: Any) -> tuple[Vector, Vector]:
@@ -318,54 +321,32 @@ class Trainer(Closing):
                 observation, state = task.perceived
             else:
                 observation, state = task.observation(raw), task.ground(raw, info, env)
-            if self._unchecked:
-                self._unchecked -= 1
-                for symmetry in self.agent.symmetries:
-                    symmetry.check_grounding(self.task, observation, state)
             return self.agent.take_in(observation, state)
 
         return perceive
 
-    def _decide_next(self, lanes: list[Lane]) -> None:
-        """Decide in environments whose episode goes on, and begin to execute the decisions.
-
-        Environments in other processes execute them while the learner learns.
-        """
-        rollouts = [lane.rollout for lane in lanes if lane.rollout is not None]
-        states = {lane.number: r.state for lane, r in zip(lanes, rollouts, strict=True)}
-        with self.agent.arbiter.foreseeing(states):
-            for k, (lane, rollout) in enumerate(zip(lanes, rollouts, strict=True)):
-                self.agent.turn_to(lane.number)
+    def _decide(self, environments: list[RolloutEnv]) -> None:
+        """Decide in environments whose episode goes on, and begin to execute the decisions."""
+        rollouts = {env: env.rollout for env in environments if env.rollout is not None}
+        with self.agent.arbiter.prefetch([rollout.state for rollout in rollouts.values()]):
+            for env, rollout in rollouts.items():
+                self.agent.turn_to(env.index)
                 if self._pretrained:
                     decision = self.agent.decide(rollout.state, rollout.x)
                 else:
                     decision = self.agent.decide_randomly(rollout.state)
-                self._log(decision, rollout.state, lane.episode, self.env_steps + k)
-                lane.execute(decision)
+                env.execute(decision)
 
-    def _learn(self, lane: Lane, step: StepRecord) -> None:
-        """Store a step, with the mask of the decision that follows it, and learn."""
-        self.agent.turn_to(lane.number)
-        self.agent.remember(step, None if step.last else lane.decision)
-        if self._pretrained:
-            loss = self.agent.learn()
-            if loss is not None:
-                lane.losses.append(loss)
-            self._end_unit("step")
-        self._notice_unit(lane, step.info)
-        if self.on_step is not None:
-            self.on_step(step)
-
-    def _end_episode(self, lane: Lane) -> MetricsRow:
-        assert lane.rollout is not None
+    def _end_episode(self, env: RolloutEnv) -> MetricsRow:
+        assert env.rollout is not None
         self.episode += 1
-        agent, totals, losses = self.agent, lane.rollout.totals, lane.losses
-        agent.turn_to(lane.number)
-        if not lane.random:
+        agent, totals, losses = self.agent, env.rollout.totals, env.losses
+        agent.turn_to(env.index)
+        if not env.random:
             self._end_unit("episode")
             agent.strategy.end_episode(totals.return_, totals.length)
         elif not self._pretrained and self.env_steps >= self.settings.training.random_steps:
-            agent.learner.pretrain()
+            agent.learner.pretrain(self.settings.training.random_steps)
             self._pretrained = True
         self.recent.append(totals.return_)
         return metrics_row(
@@ -378,22 +359,16 @@ class Trainer(Closing):
             wall_time=self.wall_time,
         )
 
-    def _notice_unit(self, lane: Lane, info: Mapping[str, Any], *, reset: bool = False) -> None:
+    def _notice_unit(
+        self, env: RolloutEnv, info: Mapping[str, Any], *, reset: bool = False
+    ) -> None:
         """End a unit of ρ when the counter that `arbiter.rho_unit` names has changed."""
-        unit = self.settings.arbiter.rho_unit
-        if lane.unit_ended(unit, info, reset=reset) and self._pretrained:
-            self._end_unit(unit)
+        if env.unit.changed(info, reset=reset) and self._pretrained:
+            self._end_unit(self.settings.arbiter.rho_unit)
 
     def _end_unit(self, unit: str) -> None:
         self.units += unit == self.settings.arbiter.rho_unit
         self.agent.strategy.end_unit(unit)
-
-    def _log(self, decision: Decision, state: Vector, episode: int, env_step: int) -> None:
-        if self.decisions is not None:
-            row = decision_row(
-                decision, self.agent.arbiter, state, step=env_step, episode=episode + 1
-            )
-            self.decisions.append(row)
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return the complete state while no episode is running: arrays and JSON values."""
@@ -407,7 +382,7 @@ class Trainer(Closing):
             "recent": list(self.recent),
             "pretrained": self._pretrained,
             "wall_time": {"training": self.wall_time, "compilation": self.compile_seconds},
-            "lanes": {str(lane.number): lane.state_dict() for lane in self.lanes},
+            "environments": {str(env.index): env.state_dict() for env in self.environments},
         }
         return arrays, meta
 
@@ -428,6 +403,6 @@ class Trainer(Closing):
         seconds = Saved("times", {}, saved.part("wall_time")[1])
         self._wall_before, self._clock = seconds.real("training", 0.0), working_time()
         self._compiled_before += seconds.real("compilation", 0.0)
-        lanes = Saved("environments", {}, saved.part("lanes")[1])
-        for lane in self.lanes:
-            lane.load_state_dict(lanes.part(str(lane.number))[1])
+        environments = Saved("environments", {}, saved.part("environments")[1])
+        for env in self.environments:
+            env.load_state_dict(environments.part(str(env.index))[1])

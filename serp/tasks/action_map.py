@@ -70,6 +70,11 @@ class ActionMap:
 
     Raises:
         TaskError: A ground action has no environment action, or a name or number does not exist.
+
+    Attributes:
+        environment_action: The environment action of every ground action.
+        groups: The ground actions of every environment action.
+        modelled: `[E]` whether an environment action has a ground action.
     """
 
     def __init__(
@@ -81,16 +86,11 @@ class ActionMap:
         groups: list[list[int]] = [[] for _ in range(size)]
         for ground, action in enumerate(self.environment_action):
             groups[action].append(ground)
-        self._groups = groups
+        self.groups = groups
         self.modelled = np.array([bool(group) for group in groups])
         self._one_to_one = all(len(group) <= 1 for group in groups)
         self._first = np.array([group[0] if group else -1 for group in groups], dtype=np.int64)
         self._identity = bool((self._first == np.arange(size)).all()) and self._one_to_one
-
-    @property
-    def groups(self) -> list[list[int]]:
-        """The ground actions of every environment action."""
-        return [group.copy() for group in self._groups]
 
     def over(self, model: TransitionModel) -> ActionMap:
         """Return the same map for another model of the same ground actions."""
@@ -142,7 +142,7 @@ class ActionMap:
 
     def name(self, action: int) -> str:
         """Return a printable name of an environment action."""
-        group = self._groups[action]
+        group = self.groups[action]
         if not group:
             return f"action {action}"
         if len(group) == 1:
@@ -167,15 +167,15 @@ class ActionMap:
         reward = np.append(forecast.reward, 0.0)[ground]
         flags = np.append(forecast.flags, 0)[ground]
         if not self._one_to_one:
-            for action, group in enumerate(self._groups):
+            for action, group in enumerate(self.groups):
                 together = [k for k in group if forecast.flags[k] & APPLICABLE]
                 if len(together) > 1 and flags[action] & APPLICABLE:
                     value[action] = forecast.value[together].min()
                     risk[action] = forecast.path_risk[together].max()
                     steps[action] = forecast.safe_steps[together].min()
                     reward[action] = forecast.reward[together].min()
-        found = Forecast(choice, value, risk, steps, reward, flags, *forecast[-2:])
-        return found if self._one_to_one else found._replace(choice=self._best(found))
+        projected = Forecast(choice, value, risk, steps, reward, flags, *forecast[-2:])
+        return projected if self._one_to_one else projected._replace(choice=self._best(projected))
 
     def _best(self, of: Forecast) -> int:
         """Return the best environment action, -1 where none is applicable.
@@ -183,14 +183,14 @@ class ActionMap:
         Ties are broken by the order of the ground actions in the file.
         """
         applicable = [a for a in range(self.size) if of.flags[a] & APPLICABLE]
-        applicable.sort(key=lambda a: self._groups[a][0])
+        applicable.sort(key=lambda a: self.groups[a][0])
         return max(applicable, key=lambda a: score_of(of, a), default=-1)
 
     def _choose(self, forecast: Forecast) -> NDArray[np.int64]:
         """Return the ground action that counts for every environment action."""
         chosen = self._first.copy()
         flags: list[int] = forecast.flags.tolist()
-        for action, group in enumerate(self._groups):
+        for action, group in enumerate(self.groups):
             possible = [k for k in group if flags[k]]
             if possible:
                 chosen[action] = min(

@@ -34,44 +34,42 @@ def custom_task(name: str) -> Task:
     where, colon, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
     if not where or (colon and not attribute):
         raise TaskError(f"--task {name}: expected {FORMS}")
-    said = f"--task {name}"
+    option = f"--task {name}"
     is_file = where.endswith(".py")
-    module = import_file(Path(where), said) if is_file else _import_module(where, Path(), said)
-    found = attribute_of(module, attribute, said) if attribute else _only(module, name)
-    if isinstance(found, Task):
-        return found
-    if not callable(found):
-        raise TaskError(
-            f"--task {name}: `{attribute}` is a {type(found).__name__}, not a serp.Task"
-        )
+    module = import_file(Path(where), option) if is_file else _import_module(where, Path(), option)
+    value = attribute_of(module, attribute, option) if attribute else _only(module, name)
+    if isinstance(value, Task):
+        return value
+    if not callable(value):
+        raise TaskError(f"{option}: `{attribute}` is a {type(value).__name__}, not a serp.Task")
     try:
-        made = found()
+        made = value()
     except SerpError:
         raise
     except Exception as error:
-        raise _failed(f"--task {name}: making the task failed", error) from error
+        raise _failed(f"{option}: making the task failed", error) from error
     if not isinstance(made, Task):
-        raise TaskError(f"--task {name}: it returned {type(made).__name__}, not a serp.Task")
+        raise TaskError(f"{option}: it returned {type(made).__name__}, not a serp.Task")
     return made
 
 
-def import_file(file: Path, said: str) -> ModuleType:
+def import_file(file: Path, option: str) -> ModuleType:
     """Import a file as a module of its name, so that other processes can import it, too.
 
-    `said` is the option that names it, for messages.
+    `option` is the option that names it, for messages.
     """
     if not file.is_file():
-        raise TaskError(f"{said}: there is no such file")
-    module = _import_module(file.stem, file.parent, said)
+        raise TaskError(f"{option}: there is no such file")
+    module = _import_module(file.stem, file.parent, option)
     if not module.__file__ or Path(module.__file__).resolve() != file.resolve():
         raise TaskError(
-            f"{said}: another module is called `{file.stem}` ({module.__file__}); "
+            f"{option}: another module is called `{file.stem}` ({module.__file__}); "
             "give the file another name"
         )
     return module
 
 
-def _import_module(name: str, folder: Path, said: str) -> ModuleType:
+def _import_module(name: str, folder: Path, option: str) -> ModuleType:
     place = str(folder.resolve())
     if place not in sys.path:
         sys.path.append(place)  # last, so that no file hides an installed module
@@ -80,43 +78,42 @@ def _import_module(name: str, folder: Path, said: str) -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{name}.".startswith(f"{error.name}."):
-            raise _failed(f"{said}: importing it failed", error) from error
+            raise _failed(f"{option}: importing it failed", error) from error
         raise TaskError(
-            f"{said}: there is no module `{error.name}`, neither installed nor in {place}"
+            f"{option}: there is no module `{error.name}`, neither installed nor in {place}"
         ) from None
     except Exception as error:
-        raise _failed(f"{said}: importing it failed", error) from error
+        raise _failed(f"{option}: importing it failed", error) from error
 
 
-def attribute_of(module: ModuleType, attribute: str, said: str) -> Any:
+def attribute_of(module: ModuleType, attribute: str, option: str) -> Any:
     """Return what a module has under a name, which may have dots."""
-    found: Any = module
+    value: Any = module
     for part in attribute.split("."):
-        try:
-            found = getattr(found, part)
-        except AttributeError:
-            names = [n for n in dir(found) if not n.startswith("_")]
+        if not hasattr(value, part):
+            names = [name for name in dir(value) if not name.startswith("_")]
             raise TaskError(
-                f"{said}: {module.__file__} has no `{attribute}`; {did_you_mean(part, names)}"
-            ) from None
-    return found
+                f"{option}: {module.__file__} has no `{attribute}`; {did_you_mean(part, names)}"
+            )
+        value = getattr(value, part)
+    return value
 
 
 def _only(module: ModuleType, name: str) -> Any:
     """Return the only task of a file: a `serp.Task`, or a function annotated to return one."""
-    found = {
+    tasks = {
         key: value
         for key, value in vars(module).items()
         if isinstance(value, Task) or _makes_task(value, module)
     }
-    if len(found) == 1:
-        return next(iter(found.values()))
-    which = ", ".join(f"`--task {name}:{key}`" for key in found)
+    if len(tasks) == 1:
+        return next(iter(tasks.values()))
+    if tasks:
+        which = ", ".join(f"`--task {name}:{key}`" for key in tasks)
+        raise TaskError(f"--task {name}: which task? Write {which}")
     raise TaskError(
-        f"--task {name}: which task? Write {which}"
-        if found
-        else f"--task {name}: it holds no serp.Task, and no function `-> serp.Task`; name the "
-        f"function: `--task {name}:FUNCTION`"
+        f"--task {name}: it holds no serp.Task, and no function `-> serp.Task`; name the function: "
+        f"`--task {name}:FUNCTION`"
     )
 
 

@@ -27,10 +27,8 @@ _BIND: Final = "making the environment"
 class RemoteTask(Closing):
     """A task with an environment in a process of its own.
 
-    The process checks, copies and grounds what the environment returns as `BoundTask` does, beside
-    the environment. Gymnasium's `AsyncVectorEnv` gives one array of all observations and one
-    dictionary of all infos, so that a single environment's answer could be checked and grounded
-    only after it was converted; it resets with one seed for all, and Ctrl-C ends its processes.
+    The process checks, copies and grounds what the environment returns, as `BoundTask` does.
+    Gymnasium's `AsyncVectorEnv` joins the answers of all environments, and has one seed for all.
 
     Args:
         task: The task; its own environment is not used.
@@ -54,7 +52,7 @@ class RemoteTask(Closing):
         with safe_path():
             self._process.start()
         other.close()
-        self._asked: tuple[str, tuple[Any, ...]] | None = ("", ())
+        self._pending: tuple[str, tuple[Any, ...]] | None = ("", ())
         self._since = time.monotonic()
 
     def wait_until_made(self) -> None:
@@ -65,11 +63,11 @@ class RemoteTask(Closing):
 
     def begin_reset(self, seed: int) -> None:
         """Begin `reset` without waiting for it."""
-        self._ask("reset", seed)
+        self._send("reset", seed)
 
     def begin_step(self, action: int) -> None:
         """Begin `step` without waiting for it."""
-        self._ask("step", action)
+        self._send("step", action)
 
     def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`.
@@ -78,31 +76,31 @@ class RemoteTask(Closing):
             EnvironmentFailure: The environment raised, or its process died.
             TaskError: The grounding failed.
         """
-        answer, self.perceived = self._do("reset", seed, saying="reset")
+        answer, self.perceived = self._do("reset", seed, doing="reset")
         raw, info = answer
         return raw, info
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Execute an action, or wait for a step that was begun; see `reset`."""
         name = self._task.actions.name(action)
-        answer, self.perceived = self._do("step", action, saying=f"step with action {name}")
+        answer, self.perceived = self._do("step", action, doing=f"step with action {name}")
         raw, reward, terminated, truncated, info = answer
         return raw, reward, terminated, truncated, info
 
     def environment_state(self) -> dict[str, Any]:
         """Return what `BoundTask.environment_state` returns."""
-        state: dict[str, Any] = self._do("environment_state", saying="saving the environment")
+        state: dict[str, Any] = self._do("environment_state", doing="saving the environment")
         return state
 
     def restore_environment(self, saved: Mapping[str, Any]) -> None:
         """Restore what `environment_state` returned."""
-        self._do("restore_environment", saved, saying="restoring the environment")
+        self._do("restore_environment", saved, doing="restoring the environment")
 
     def close(self) -> None:
         """Close the environment and end its process."""
-        if self._process.is_alive() and self._asked is None:
+        if self._process.is_alive() and self._pending is None:
             try:
-                self._do("close", saying="closing the environment")
+                self._do("close", doing="closing the environment")
             finally:
                 self._end()
         else:  # it is stuck, busy or dead
@@ -115,38 +113,38 @@ class RemoteTask(Closing):
 
     # The process -------------------------------------------------------------------------------
 
-    def _ask(self, what: str, *arguments: Any) -> None:
-        assert self._asked is None, f"{self._asked} was not answered"
-        self._asked, self._since = (what, arguments), time.monotonic()
+    def _send(self, what: str, *arguments: Any) -> None:
+        assert self._pending is None, f"{self._pending} was not answered"
+        self._pending, self._since = (what, arguments), time.monotonic()
         with contextlib.suppress(OSError):  # it is dead, which `_answer` tells
             self._pipe.send((what, arguments))
 
-    def _do(self, what: str, *arguments: Any, saying: str) -> Any:
-        if self._asked is None:
-            self._ask(what, *arguments)
-        assert self._asked == (what, arguments), f"{self._asked} was begun, not {what}"
-        return self._answer(saying)
+    def _do(self, what: str, *arguments: Any, doing: str) -> Any:
+        if self._pending is None:
+            self._send(what, *arguments)
+        assert self._pending == (what, arguments), f"{self._pending} was begun, not {what}"
+        return self._answer(doing)
 
-    def _answer(self, saying: str) -> Any:
-        self._task.call = EnvironmentCall(f"{saying} (environment {self._number})", self._since)
+    def _answer(self, doing: str) -> Any:
+        self._task.call = EnvironmentCall(f"{doing} (environment {self._number})", self._since)
         try:
-            said = self._pipe.recv()
+            answer = self._pipe.recv()
         except (EOFError, OSError):
             raise EnvironmentFailure(
-                f"task {self._task.name}: {saying} failed: the process of environment "
+                f"task {self._task.name}: {doing} failed: the process of environment "
                 f"{self._number} died; not enough memory?"
             ) from None
         finally:
             self._task.call = None
-        self._asked = None
-        if isinstance(said, Exception):
-            said.add_note(f"It happened in environment {self._number}.")
-            raise said
-        return said
+        self._pending = None
+        if isinstance(answer, Exception):
+            answer.add_note(f"It happened in environment {self._number}.")
+            raise answer
+        return answer
 
 
 def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
-    """Make the environment, and do what is asked, in another process."""
+    """Make the environment in this process, and answer calls of its methods until it is closed."""
     follow_parent()
     unsafe_path()
     try:
@@ -155,32 +153,28 @@ def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
         pipe.send(error)
         return
     pipe.send(None)
-    asked = ""
-    while asked != "close":
-        asked, arguments = pipe.recv()
+    method = ""
+    while method != "close":
+        method, arguments = pipe.recv()
         try:
-            said = getattr(task, asked)(*arguments)
-            if asked in ("reset", "step"):
-                said = said, _perceived(task, said)
+            answer = getattr(task, method)(*arguments)
+            if method in ("reset", "step"):
+                raw, info = answer[0], answer[-1]
+                answer = answer, (task.observation(raw), task.ground(raw, info, task.env))
         except Exception as error:
-            said = error
+            answer = error
             if not isinstance(error, SerpError):
-                said.add_note(traceback.format_exc())
-        _send(pipe, said, task.name, asked)
+                answer.add_note(traceback.format_exc())
+        _send(pipe, answer, task.name, method)
 
 
-def _perceived(task: BoundTask, answer: tuple[Any, ...]) -> tuple[Vector, Vector]:
-    raw, info = answer[0], answer[-1]
-    return task.observation(raw), task.ground(raw, info, task.env)
-
-
-def _send(pipe: Connection, said: Any, task: str, asked: str) -> None:
+def _send(pipe: Connection, answer: Any, task: str, method: str) -> None:
     try:
-        pipe.send(said)
+        pipe.send(answer)
     except Exception as error:  # whatever the environment's objects raise
         pipe.send(
             EnvironmentFailure(
-                f"task {task}: what {asked} returned cannot be sent from another process: "
+                f"task {task}: what {method} returned cannot be sent from another process: "
                 f"{type(error).__name__}: {error}; let it consist of plain values"
             )
         )

@@ -26,10 +26,8 @@ from serp.model.domain import Domain, load_domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.settings import Section
 from serp.tasks import wrapper_state
-from serp.tasks.action_map import ActionMap
-from serp.tasks.checks import reset_answer, step_answer
-from serp.tasks.observation import ActionSpace, Grounding, Observations
-from serp.tasks.symmetry import Symmetry
+from serp.tasks.environment import ActionSpace, Observations, reset_answer, step_answer
+from serp.tasks.grounding import Grounding
 
 if TYPE_CHECKING:
     from serp.planning.plan_follower import Advise
@@ -83,12 +81,11 @@ class Judge:
             if self.source != "environment":
                 raise
             return Judged(env_reward, 0.0, False)
-        if self.source == "environment":
-            reward = env_reward
-        elif self.source == "domain":
-            reward = judged.reward
-        else:
-            reward = judged.reward + env_reward
+        reward = {
+            "environment": env_reward,
+            "domain": judged.reward,
+            "sum": judged.reward + env_reward,
+        }[self.source]
         return Judged(reward, judged.reward, judged.unsafe)
 
 
@@ -195,13 +192,10 @@ class Task:
             The setting `training.reward` overrides it.
         settings: Preset name → section → setting → value: the task's changes to the presets. The
             key `*` stands for every preset.
-        symmetries: Transformations that leave the task unchanged (`serp.Symmetry`); the learner
-            uses them if `learner.symmetry` is set.
         world: The options of an environment that `serp.file_task` made of the file; None for any
             other. A run with them needs no task to be opened again.
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
-            value) → name of a ground action, None for no advice; or another domain file,
-            or a loaded domain.
+            value) → name of a ground action, None for no advice.
         draw: Draws a state, for `serp studio`: fluent → value, and returned an `svg` element as
             text. Colours may be the page's, such as `var(--ink)`, which is light in the dark.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
@@ -217,18 +211,17 @@ class Task:
     dt: float = 1.0
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)
-    symmetries: Sequence[Symmetry] = ()
     world: WorldOptions | None = None
-    planners: Mapping[str, Advise | str | Path | Domain] = field(default_factory=dict)
+    planners: Mapping[str, Advise] = field(default_factory=dict)
     draw: Draw | None = None
     counters: Sequence[str] = ()
     description: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.planners, Mapping):
+        planners = self.planners
+        if not isinstance(planners, Mapping) or not all(map(callable, planners.values())):
             raise TaskError(
-                "task: planners must be a mapping {name: function or domain file}, not "
-                f"{self.planners!r}"
+                f"task: planners must be a mapping {{name: function}}, not {planners!r}"
             )
 
     @property
@@ -256,27 +249,13 @@ class Task:
         return load_domain(self.domain, self.problem, observed=not self.closed)
 
     def loaded(self) -> Task:
-        """Return the task with all of its files loaded, those of its planners, too.
-
-        So it is the same on another machine, and after an edit. The planners' files share the limit
-        on the size of the task's own domain.
+        """Return the task with its files loaded: the same on another machine, and after an edit.
 
         Raises:
             DomainError: A file is missing or wrong.
             TaskError: `domain` or `problem` is not the name of a file.
         """
-        domain = self.load()
-        limit = domain.max_ground_schemas
-
-        def of_planner(given: Advise | str | Path | Domain) -> Advise | Domain:
-            if isinstance(given, str | os.PathLike):
-                return load_domain(given, observed=True, max_ground_schemas=limit)
-            if isinstance(given, Domain) and given.max_ground_schemas != limit:
-                return dataclasses.replace(given, max_ground_schemas=limit)
-            return given
-
-        planners = {name: of_planner(given) for name, given in self.planners.items()}
-        return dataclasses.replace(self, domain=domain, problem=None, planners=planners)
+        return dataclasses.replace(self, domain=self.load(), problem=None)
 
     def bind(self, *, render_mode: str | None = None) -> BoundTask:
         """Make an environment and check that it fits domain, grounding and actions.
@@ -293,7 +272,6 @@ def declared_reward(task: Task, model: TransitionModel) -> Literal["domain", "en
     return task.reward or ("domain" if model.rewarding else "environment")
 
 
-_SOURCES = ("domain", "environment")
 _SAMPLES = 8
 """Number of sampled observations on which the grounding is tried."""
 
@@ -308,11 +286,14 @@ class EnvironmentCall(NamedTuple):
 class BoundTask(Closing):
     """A task with an environment, its loaded domain and its resolved actions.
 
-    As a context manager it closes its environment at the end. `task` is the task with its files
-    loaded; `rewarded_by` is the source of the
-    reward that the task declares, `domain` or `environment`; `grounding` the task's function;
-    `call` the call of the environment that has not returned yet; `on_notice`, if set, is called
-    with each line that the user should read.
+    As a context manager it closes its environment at the end.
+
+    Attributes:
+        task: The task with its files loaded.
+        grounding: Its function.
+        rewarded_by: The source of the reward that it declares.
+        call: The call of the environment that has not returned yet.
+        on_notice: If set, called with each line that the user should read.
     """
 
     def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
@@ -320,7 +301,10 @@ class BoundTask(Closing):
         self.domain = task.load()
         self.name = str(task.name or self.domain.name)
         self._check_fields()
-        self.grounding = self._grounding()
+        try:
+            self.grounding = Grounding(task.ground)
+        except TaskError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
         self.model: TransitionModel = self.domain.model.replace(dt=float(task.dt))
         self.call: EnvironmentCall | None = None
         self.env = self._make_env(render_mode)
@@ -335,22 +319,16 @@ class BoundTask(Closing):
     def _check_fields(self) -> None:
         task = self.task
         dt = real(task.dt)
-        for wrong, name, allowed in (
-            (not isinstance(task.name, str | None), "name", "a text"),
-            (not callable(task.ground), "ground", "a function of an observation"),
-            (not callable(task.make_env), "make_env", "a function that returns an environment"),
-            (task.reward not in (None, *_SOURCES), "reward", "'domain' or 'environment'"),
-            (dt is None or dt <= 0, "dt (the control period)", "a number > 0"),
-        ):  # fmt: skip
-            if wrong:
+        for right, name, allowed in (
+            (isinstance(task.name, str | None), "name", "a text"),
+            (callable(task.ground), "ground", "a function of an observation"),
+            (callable(task.make_env), "make_env", "a function that returns an environment"),
+            (task.reward in (None, "domain", "environment"), "reward", "'domain' or 'environment'"),
+            (dt is not None and dt > 0, "dt (the control period)", "a number > 0"),
+        ):
+            if not right:
                 value = getattr(task, name.split()[0])
                 raise TaskError(f"task {self.name}: {name} must be {allowed}, not {value!r}")
-
-    def _grounding(self) -> Grounding:
-        try:
-            return Grounding(self.task.ground)
-        except TaskError as error:
-            raise TaskError(f"task {self.name}: {error}") from None
 
     def _check_environment(self) -> None:
         task = self.task
@@ -360,10 +338,12 @@ class BoundTask(Closing):
         except ValueError as error:
             raise TaskError(f"task {self.name}: {error}") from None
         self.observation_size = self.observations.size
-        given = self._tried_grounding()
-        if isinstance(given, Mapping):  # observed fluents are not constant, even if in :init
-            self.domain = self.domain.observed(map(str, given))
+        sample = self._tried_grounding()
+        if isinstance(sample, Mapping):  # observed fluents are not constant, even if in :init
+            self.domain = self.domain.observed(map(str, sample))
             self.model = self.domain.model.replace(dt=self.model.dt)
+        from serp.tasks.action_map import ActionMap  # imports numba
+
         try:
             self.actions = ActionMap(self.model, self._action_space.size, self._numbered_actions())
         except TaskError as error:
@@ -375,10 +355,10 @@ class BoundTask(Closing):
                 "`(increase (reward) ...)`, or set reward='environment'"
             )
         try:
-            if isinstance(given, Mapping):
-                self.model.check_names(given)
-            elif given is not None:
-                self.model.check_shape(given)
+            if isinstance(sample, Mapping):
+                self.model.check_names(sample)
+            elif sample is not None:
+                self.model.check_shape(sample)
         except StateError as error:
             raise TaskError(
                 f"task {self.name}: the grounding does not fit {self.domain.source.name}: {error}"
@@ -562,6 +542,6 @@ def _takes(function: Callable[..., Any], name: str) -> bool:
 
 def _short(error: BaseException) -> str:
     """Return the message of an error in user code, and the line that raised it."""
-    said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    message = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
-    return f"{said} ({frames[-1].filename}:{frames[-1].lineno})" if frames else said
+    return f"{message} ({frames[-1].filename}:{frames[-1].lineno})" if frames else message

@@ -125,10 +125,10 @@ def _parts(env: gym.Env[Any, Any]) -> Iterator[_Part]:
 
 def _layers_of(env: gym.Env[Any, Any]) -> list[Any]:
     """Return the wrappers of an environment, outermost first, and then the environment itself."""
-    found: list[Any] = [env]
-    while isinstance(found[-1], gym.Wrapper):
-        found.append(found[-1].env)
-    return found
+    layers: list[Any] = [env]
+    while isinstance(layers[-1], gym.Wrapper):
+        layers.append(layers[-1].env)
+    return layers
 
 
 def _saves_itself(layer: Any) -> bool:

@@ -139,7 +139,7 @@ SECTIONS = {
             "watch": "Show a trained policy in a window or as a film.",
             "diagnose": "Report what is wrong or missing in a run's domain file.",
             "repair": "Write a run's domain file, corrected by what it observed.",
-            "export": "Write a trained policy for a robot without serp.",
+            "export": "Write a trained policy for a robot.",
         },
     ),
 }

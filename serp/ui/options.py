@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import click
 
-from serp.runs.evaluation import Policy
+from serp.runs import Policy
 
 _KEY = f"{__name__}.task"
 

@@ -13,7 +13,6 @@ from click.core import ParameterSource
 
 from serp._util.text import plural, readable
 from serp.agent.counterfactuals import Flips, flips_of
-from serp.agent.own_planners import own_planners
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import TO_THE_UNKNOWN
 from serp.errors import SerpError
@@ -170,7 +169,7 @@ def chosen_planner(
     Raises:
         SettingsError: There is no such planner.
     """
-    own = {} if task is None else own_planners(task.loaded().planners)
+    own = {} if task is None else task.planners
     refuse_unknown_names(Settings(planner=settings), own)
     planner = make_planner(model, settings, own)
     return ChosenPlanner(planner, model, settings, time_budget, f"The planner {settings.name}")

@@ -97,8 +97,7 @@ def main() -> None:
     torch.set_num_threads(1)
 
     updates = {
-        "paper": serp(target_period=None, double=False, n_step=1, clip_targets=False),
-        "target network": serp(double=False),
+        "paper": serp(target_polyak=None, n_step=1, guarded_targets=False),
         "double DQN": serp(),
         "double DQN, LayerNorm": serp(layer_norm=True),
         "double DQN, 5 members": serp(members=5),

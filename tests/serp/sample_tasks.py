@@ -63,7 +63,6 @@ SMALL: Mapping[str, Mapping[str, Any]] = {
         "buffer_size": 100,
         "learning_starts": 10,
         "epsilon_steps": 60,
-        "pretrain_updates": 3,
     },
     "training": {"checkpoint_seconds": 0.0},
 }

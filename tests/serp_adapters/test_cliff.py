@@ -7,7 +7,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from serp.tasks.task import BoundTask
 from serp_adapters import cliff
@@ -93,37 +92,3 @@ def test_the_domain_moves_as_the_environment_does_without_slipping(task: BoundTa
             assert predicted.state.tolist() == task.ground(there).tolist()
             assert predicted.unsafe == (there in CLIFF)
             assert predicted.terminal == (there in CLIFF or there == GOAL)
-
-
-def test_the_goal_ends_an_episode_without_a_fall(task: BoundTask, table: Table) -> None:
-    """Along the upper rows, where no slip can fall: `left` from the start can only go up."""
-    fallen = reached = 0
-    for seed in range(30):
-        cell, _ = task.reset(seed=seed)
-        ended = False
-        while not ended:
-            row, column = divmod(cell, 12)
-            action = 3 if row == 3 else 1 if column == 11 else 0 if row == 2 else 1
-            assert all(reward != -100 for _, _, reward, _ in table[cell][action])
-            cell, reward, terminated, truncated, info = task.step(action)
-            ended = terminated or truncated
-        fallen += info["falls"]
-        reached += terminated
-        assert reward == -1
-    assert (fallen, reached) == (0, 30)
-
-
-def test_a_walk_is_cut_off_in_the_end(task: BoundTask) -> None:
-    task.reset(seed=1)
-    for step in range(1, cliff.EPISODE_STEPS + 1):
-        cell, _, terminated, truncated, _ = task.step(3)  # never falls, never gets anywhere
-        assert not terminated
-        assert truncated == (step == cliff.EPISODE_STEPS)
-    assert cell % 12 == 0
-
-
-# It speaks of nothing but the wrapper around the environment, which is what is checked here.
-@pytest.mark.filterwarnings("error", "ignore:.*is different from the unwrapped version")
-def test_gymnasiums_checker_has_nothing_else_to_say() -> None:
-    bare = gym.make("CliffWalkingSlippery-v1").unwrapped
-    check_env(cliff.EndAtCliff(bare), skip_render_check=True)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from math import pi
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.model.transition_model import TransitionModel
 from serp.tasks.task import BoundTask
 from serp_adapters.soccer import corner_kick
 from serp_envs.soccer.corner_kick import CornerKick
@@ -23,11 +21,6 @@ Vector = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def task() -> BoundTask:
     return corner_kick.task().bind()
-
-
-@pytest.fixture(scope="module")
-def model(task: BoundTask) -> TransitionModel:
-    return task.model
 
 
 def observation(
@@ -48,30 +41,7 @@ def observation(
     return vector
 
 
-def fluents(model: TransitionModel, *places: Any, **options: Any) -> dict[str, float]:
-    grounded = corner_kick.ground(observation(*places, **options))
-    return dict(zip([f.name for f in model.fluents], grounded.tolist(), strict=True))
-
-
 # Grounding -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("robot", "ball", "velocity", "seconds"),
-    [
-        ((0.5, 0.0), (0.76, 0.0), (0.0, 0.0), 0.0),  # in reach: nearer than 0.265 m
-        ((0.5, 0.0), (1.265, 0.0), (0.0, 0.0), 2.0),  # 0.5 m to walk at 0.25 m/s
-        ((0.5, 0.0), (2.265, 0.0), (-0.6, 0.0), 3.6),  # comes 0.6 m in 2 s and stops: 0.9 m to walk
-        # After 1.8 s 0.406 m to walk, 1.62 s; before, more.
-        ((0.5, 0.0), (0.5, 1.265), (0.0, -0.6), 1.8),
-        ((0.5, 0.0), (0.8, 0.0), (0.6, 0.0), 2.54),  # rolls away by 0.6 m: 0.635 m to walk
-    ],
-)
-def test_ball_in_is_the_time_to_the_first_place_where_it_is_met(
-    model: TransitionModel, robot: Point, ball: Point, velocity: Point, seconds: float
-) -> None:
-    found = fluents(model, robot, (2.0, 2.0), ball, velocity)["ball-in"]
-    assert found == pytest.approx(seconds)
 
 
 def test_the_ball_is_met_where_the_environment_sends_the_robots(task: BoundTask) -> None:
@@ -93,34 +63,6 @@ def test_the_ball_is_met_where_the_environment_sends_the_robots(task: BoundTask)
         if terminated or truncated:
             task.reset()
     assert rolling > 100
-
-
-@pytest.mark.parametrize(
-    ("opponent", "wind_up", "seconds"),
-    [
-        ((1.26, 0.0), 0.0, 0.6),  # behind the ball, in reach: it winds up
-        ((1.26, 0.0), 0.5, 0.3),  # half of it is done
-        ((1.765, 0.0), 0.0, 2.6),  # 0.5 m to walk before
-        ((1.0, 0.26), 0.0, 0.6 + (pi / 2 - 0.3) * 0.3 / 0.2),  # beside it: a quarter turn round it
-        ((0.74, 0.0), 0.0, 0.6 + (pi - 0.3) * 0.3 / 0.2),  # on the wrong side
-    ],
-)
-def test_shot_in_is_the_way_to_the_ball_and_round_it_and_the_wind_up(
-    model: TransitionModel, opponent: Point, wind_up: float, seconds: float
-) -> None:
-    values = fluents(model, (0.3, 0.0), opponent, (1.0, 0.0), wind_up=wind_up)
-    assert values["shot-in"] == pytest.approx(seconds)
-
-
-def test_corners_on_both_sides_ground_alike(task: BoundTask) -> None:
-    """The observation is turned to the side of the corner, so there is no side to be told."""
-    sides: dict[float, list[Vector]] = {1.0: [], -1.0: []}
-    for seed in range(120):
-        raw, info = task.reset(seed=seed)
-        sides[info["corner"]].append(corner_kick.ground(raw))
-    left, right = (np.array(sides[side]) for side in (1.0, -1.0))
-    error = np.sqrt(left.var(axis=0) / len(left) + right.var(axis=0) / len(right))
-    assert (np.abs(left.mean(axis=0) - right.mean(axis=0)) <= 3.5 * error + 1e-9).all()
 
 
 # Domain and planner ----------------------------------------------------------------------------

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from serp.tasks.registry import load_task, task_entries
-from serp.tasks.symmetry import declared_symmetries
 from serp.tasks.task import BoundTask
 
 STEPS = 300
@@ -52,19 +51,3 @@ def test_every_observation_is_a_state_and_every_transition_is_judged(task: Bound
         assert task.observation(raw).shape == (task.observation_size,)
         if not ended:
             task.model.judge(task.ground(raw), ground, task.ground(after))
-
-
-def test_every_ground_action_has_an_action_of_the_environment(task: BoundTask) -> None:
-    used = set(task.actions.environment_action)
-    assert len(task.actions.environment_action) == len(task.model.actions)
-    assert used <= set(range(task.actions.size))
-    assert {task.actions.name(action) for action in used} >= set(task.task.actions or ())
-
-
-def test_declared_symmetries_hold_for_what_is_observed(task: BoundTask) -> None:
-    symmetries, left_out = declared_symmetries(task)
-    assert left_out == () and len(symmetries) == len(task.task.symmetries)
-    for symmetry in symmetries:
-        for raw, *_ in walk(task, 5)[:50]:
-            seen = task.observation(raw)
-            symmetry.check_grounding(task, seen, task.ground(raw))

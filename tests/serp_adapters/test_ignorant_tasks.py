@@ -7,9 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from serp.tasks.registry import find_task
-from serp.tasks.symmetry import declared_symmetries
 from serp.tasks.task import BoundTask
-from serp_envs import landing, swing_up
 
 Step = tuple[NDArray[np.float64], int, NDArray[np.float64], bool, dict[str, bool]]
 TASKS = ("swing-up", "hill", "landing")
@@ -63,45 +61,3 @@ def test_the_file_says_what_is_wanted_and_nothing_of_what_happens(name: str) -> 
             assert outcome.applicable.all()
     assert (ends > 0) == (name != "swing-up")
     assert max(rewards) <= 0.0 and len(rewards) > 100
-
-
-@each
-def test_actions_and_fluents_are_those_of_the_environment(name: str) -> None:
-    with bound(name) as task:
-        space = task.env.observation_space
-        assert space.shape == (len(task.model.fluents),)
-        assert len(task.model.actions) == task.actions.size
-        assert task.rewarded_by == "domain"
-        raw, _ = task.reset(seed=1)
-        np.testing.assert_array_equal(task.ground(raw), raw)
-
-
-@pytest.mark.parametrize("name", ["swing-up", "landing"])
-def test_left_and_right_are_alike_in_what_really_happens(name: str) -> None:
-    with bound(name) as task:
-        (symmetry,), left_out = declared_symmetries(task)
-        assert left_out == ()
-        env = task.env.unwrapped
-        assert isinstance(env, swing_up.SwingUp | landing.Landing)
-        columns, signs = symmetry.columns, symmetry.signs
-        assert columns is not None and signs is not None
-        compared = 0
-        for seed in range(5):
-            steps = at_random(task, 80, seed)
-            for state, action, after, *_ in steps:
-                symmetry.check_grounding(task, state, state)
-                mirrored = mirrored_step(name, symmetry.model.of_state(state),
-                                         symmetry.actions[action])  # fmt: skip
-                np.testing.assert_allclose(mirrored, symmetry.model.of_state(after), atol=1e-4)
-                compared += 1
-        assert compared == 400
-
-
-def mirrored_step(name: str, state: NDArray[np.float64], action: int) -> NDArray[np.float64]:
-    """Where the environment's own dynamics lead from a state, by an environment action."""
-    if name == "swing-up":
-        before = swing_up.Motion(float(np.arctan2(state[1], state[0])), float(state[2]))
-        angle, speed = swing_up.advance(before, swing_up.TORQUES[action])
-        return np.array([np.cos(angle), np.sin(angle), speed])
-    motion = landing.Motion(*state.tolist())
-    return np.array(landing.advance(motion, landing.THRUSTS[action]))

@@ -108,46 +108,6 @@ def test_a_plan_keeps_away_from_what_is_unsafe(name: str) -> None:
     assert Search(model, settings(f"pyperplan:{name}")).plan(moon) == [model.action_index("jump a")]
 
 
-ACT = "(:action {0} :parameters () :precondition (and {1}) :effect (and ({2})))"
-EVENT = "(:event {0} :parameters () :precondition (and {1}) :effect (and ({2})))"
-
-
-@pytest.mark.parametrize(
-    ("schemas", "goal", "expected"),
-    [
-        (  # what is needed is a part of what is unsafe, too
-            [ACT.format("fetch", "", "a"), ACT.format("power", "", "b"),
-             ACT.format("soak", "(a)", "c"), ACT.format("finish", "(c)", "d"),
-             EVENT.format("shock", "(c) (b)", "unsafe")],
-            "(d)", ["fetch", "soak", "finish"],
-        ),
-        (  # several ways to a goal at which an event ends the task
-            [ACT.format("go", "", "a"), EVENT.format("won", "(or (a) (b))", "terminal")],
-            "(or (a) (b))", ["go"],
-        ),
-        (  # a goal that is unsafe in one way and not in another
-            [ACT.format("go", "", "a"), ACT.format("prepare", "", "b"),
-             EVENT.format("crash", "(a) (not (b))", "unsafe")],
-            "(a)", ["prepare", "go"],
-        ),
-    ],
-)  # fmt: skip
-def test_events_keep_a_plan_from_harm_and_from_nothing_else(
-    schemas: list[str], goal: str, expected: list[str]
-) -> None:
-    declared = "(:predicates (a) (b) (c) (d) (unsafe) (terminal))"
-    model = load_texts(
-        Texts(
-            f"(define (domain w) {declared} {' '.join(schemas)})",
-            f"(define (problem p) (:domain w) (:init) (:goal {goal}))",
-        ),
-        observed=True,
-    ).model
-    plan = Search(model, settings()).plan(np.zeros(len(model.fluents)))
-    assert plan is not None
-    assert [model.actions[action].name for action in plan] == expected
-
-
 def print_plans() -> None:
     model = load_texts(blocks(5, 3)).model
     assert model.initial_state is not None

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.model.transition_model import TransitionModel
 from serp.tasks.task import BoundTask
 from serp_adapters.soccer import defender as soccer
 from tests.serp_adapters.test_soccer_tasks import planner_of
@@ -22,11 +21,6 @@ def task() -> BoundTask:
     return soccer.task().bind()
 
 
-@pytest.fixture(scope="module")
-def model(task: BoundTask) -> TransitionModel:
-    return task.model
-
-
 def observation(robot: Point, opponent: Point, to_goal: float = 2.0) -> Vector:
     """An observation, from places in metres: the ball is at (0, 0), the goal along x."""
     vector = np.zeros(16)
@@ -36,36 +30,7 @@ def observation(robot: Point, opponent: Point, to_goal: float = 2.0) -> Vector:
     return vector
 
 
-def fluents(model: TransitionModel, robot: Point, opponent: Point, to_goal: float = 2.0) -> dict:
-    grounded = soccer.ground(observation(robot, opponent, to_goal))
-    return dict(zip([f.name for f in model.fluents], grounded.tolist(), strict=True))
-
-
 # Grounding -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("robot", "opponent", "left", "right", "lined"),
-    [
-        # The robot looks up the field, along -x: its left is -y.
-        ((0.3, 0.0), (-0.3, 0.0), False, False, True),  # straight opposite
-        ((0.3, 0.0), (-0.3, 0.1), True, False, True),  # 18° to its right
-        ((0.3, 0.0), (-0.3, -0.1), False, True, True),
-        ((0.3, 0.0), (-0.3, 0.05), False, False, True),  # 9°: not enough
-        ((0.3, 0.0), (-0.1, 0.3), True, False, False),  # far to its right
-        ((0.3, 0.0), (0.1, -0.3), False, True, False),  # on its own side of the ball
-        ((0.3, 0.0), (-0.61, 0.0), True, True, True),  # too far away to bar anything
-        # It looks along -y from beside the ball: its left is +x.
-        ((0.0, 0.3), (-0.2, -0.2), True, False, False),
-        ((0.0, 0.3), (0.2, -0.2), False, True, False),
-    ],
-)
-def test_a_side_is_free_when_the_opponent_is_on_the_other_or_far(
-    model: TransitionModel, robot: Point, opponent: Point, left: bool, right: bool, lined: bool
-) -> None:
-    values = fluents(model, robot, opponent)
-    found = (values["free left"], values["free right"], values["lined"])
-    assert found == (left, right, lined)
 
 
 def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:

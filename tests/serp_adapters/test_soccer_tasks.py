@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -105,20 +103,6 @@ def test_every_fluent_of_any_observation_is_finite_and_no_less_than_0(
 # Domain and planner
 
 
-def test_each_action_has_the_meaning_of_the_environment(task: BoundTask) -> None:
-    words = task.env.unwrapped.scenario.actions
-    assert [task.actions.name(action) for action in range(task.actions.size)] == list(words)
-    assert task.rewarded_by == "environment"
-
-
-def test_the_papers_preset_counts_games(task: BoundTask) -> None:
-    chosen = resolve("paper", task.task.settings)
-    arbiter = chosen.arbiter
-    assert (arbiter.rho_unit, arbiter.rho_increment, chosen.training.units) == ("game", 0.1, 28)
-    _, info = task.reset(seed=1)
-    assert isinstance(info[arbiter.rho_unit], int)
-
-
 def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(
     kind: Kind, task: BoundTask, seen: Vector
 ) -> None:
@@ -128,21 +112,3 @@ def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(
         assert forecast.safe.tolist() == [True] * kind.charge + [False]
         assert not arbiter.vetoes.admissible(forecast)[kind.charge]
         assert arbiter.plan(state).action != kind.charge
-
-
-def test_without_pymunk_only_soccer_is_missing_and_the_message_names_the_extra() -> None:
-    program = """
-import sys
-sys.modules["pymunk"] = None
-import gymnasium, serp_envs
-from serp import SerpError
-from serp.tasks.registry import load_task
-load_task("cartpole").bind().close()
-for make in (lambda: load_task("soccer"), lambda: gymnasium.make("serp_envs:serp/CornerKick-v0")):
-    try:
-        make()
-    except (SerpError, gymnasium.error.DependencyNotInstalled) as error:
-        print(error)
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert done.stdout.count("pip install 'serp[soccer]'") == 2, done.stderr

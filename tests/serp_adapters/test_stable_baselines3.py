@@ -72,13 +72,6 @@ def test_it_makes_exactly_so_many_steps(name: str, task: str) -> None:
         assert env.steps == budget
 
 
-def test_updates_after_a_last_whole_rollout_are_made() -> None:
-    for steps, epochs in ((255, 0), (256, 20), (511, 20), (512, 40)):
-        learner = stable_baselines3.ppo(Sign(), "cartpole", 0)
-        learner.learn(steps)
-        assert learner.model._n_updates == epochs
-
-
 @pytest.mark.parametrize(("name", "task"), CASES)
 def test_equal_seeds_give_equal_learners_whatever_happens_beside(name: str, task: str) -> None:
     played = []
@@ -92,43 +85,6 @@ def test_equal_seeds_give_equal_learners_whatever_happens_beside(name: str, task
         played.append((env.actions, learner.act(INPUTS).tolist()))
     assert played[0] == played[1]
     assert played[0][0] != played[2][0]
-
-
-@pytest.mark.parametrize("name", MAKERS)
-def test_global_random_numbers_are_left_as_they_were(name: str) -> None:
-    import torch
-
-    def seeded(work: Callable[[], None]) -> tuple[float, float, float]:
-        random.seed(1)
-        np.random.seed(1)
-        torch.manual_seed(1)
-        work()
-        return global_random()
-
-    def fail() -> None:
-        def stop() -> None:
-            raise KeyError
-
-        env = Sign()
-        learner = MAKERS[name](env, "cartpole", 5)
-        env.during = stop
-        with pytest.raises(KeyError):
-            learner.learn(10)
-
-    untouched = seeded(lambda: None)
-    threads = torch.get_num_threads()
-    assert seeded(lambda: MAKERS[name](Sign(), "cartpole", 5).learn(300)) == untouched
-    assert seeded(fail) == untouched
-    assert torch.get_num_threads() == threads
-
-
-def test_schedules_of_the_zoo_fall_to_nothing_over_the_budget() -> None:
-    learner = stable_baselines3.ppo(Sign(), "cartpole", 0)
-    learner.learn(1_024)
-    model: Any = learner.model
-    (rate,) = {group["lr"] for group in model.policy.optimizer.param_groups}
-    assert rate == model.clip_range(0.0) == 0.0
-    assert (model.lr_schedule(0.5), model.clip_range(0.5)) == (0.0005, 0.1)
 
 
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,7 +59,6 @@ def contest(begin) -> serp.Task:
         dt=SOCCER.dt,
         settings=ONLY_KNOWN,
         reward="environment",
-        symmetries=SOCCER.symmetries,
     )
 
 

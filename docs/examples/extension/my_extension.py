@@ -53,7 +53,6 @@ class Table:
         action_count: Number of actions, A.
         settings: The learner's settings; it uses discount, ε and the scale of rewards.
         seed: Seed of its exploration.
-        symmetry: Symmetries of the task; it uses none.
         imitates: Whether steps come with an action to imitate; it does not imitate.
     """
 
@@ -63,11 +62,10 @@ class Table:
         action_count: int,
         settings: serp.LearnerSettings,
         seed: Any,
-        symmetry: Any = None,
         imitates: bool = False,
     ) -> None:
         self.input_size, self.action_count, self.settings = input_size, action_count, settings
-        self.symmetry, self.imitates = None, imitates
+        self.imitates = imitates
         self.imitation_weight, self.lane, self.updates = 0.0, 0, 0
         self._q: dict[tuple[float, ...], Any] = {}
         self._random = np.random.default_rng(seed)
@@ -105,7 +103,7 @@ class Table:
         following = self._values(next_x)
         if next_allowed is not None and next_allowed.any():
             following = following[next_allowed]
-        target = reward * self.settings.reward_scale
+        target = reward
         if not terminated:
             target += self.settings.discount * following.max()
         self._error = float(target - self._values(x)[action])
@@ -116,7 +114,7 @@ class Table:
         """Return the squared error of the last step."""
         return None if self._error is None else self._error**2
 
-    def pretrain(self, updates: int | None = None) -> None:
+    def pretrain(self, updates: int) -> None:
         """Do nothing more with the initial data."""
 
     def state_dict(self) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -4,15 +4,16 @@ It subscribes to `observation` (std_msgs/Float64MultiArray) and publishes `actio
 the number of the environment action, and `reason` (std_msgs/String), for people and logs:
 
     serp export runs/first -o policy
-    PYTHONPATH=policy:$PYTHONPATH python3 policy_node.py --ros-args -p policy:=policy
+    python3 policy_node.py --ros-args -p policy:=policy
 
 Write your grounding into `ground`; the node does not start if it differs from the recorded pairs.
 """
 
 import rclpy
-from controller import Controller, ControllerError
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Int32, String
+
+import serp
 
 
 def ground(observation):
@@ -26,23 +27,23 @@ class PolicyNode(Node):
     def __init__(self) -> None:
         super().__init__("serp_policy")
         folder = self.declare_parameter("policy", "policy").value
-        self.controller = Controller(folder, ground=ground)
-        pairs = self.controller.check_grounding(ground)
+        self.policy = serp.Policy(folder, ground=ground)
+        pairs = self.policy.check_grounding(ground)
         self.get_logger().info(f"{folder}: the grounding agrees with {pairs} recorded pairs")
         self._actions = self.create_publisher(Int32, "action", 1)
         self._reasons = self.create_publisher(String, "reason", 1)
-        # Depth 1: a controller acts on the newest observation, not on those it has missed.
+        # Depth 1: a robot acts on the newest observation, not on those it has missed.
         self.create_subscription(Float64MultiArray, "observation", self.act, 1)
 
     def act(self, message) -> None:
         """Publish the action for an observation; none for one that cannot be used."""
         try:
-            decision = self.controller.decide(message.data)
-        except ControllerError as error:
+            decision = self.policy.decide(message.data)
+        except serp.RunError as error:
             self.get_logger().error(f"no action: {error}")
             return
         self._actions.publish(Int32(data=decision.action))
-        said = f"{decision.name}, {decision.executed_by}: {decision.reason}"
+        said = f"{self.policy.actions[decision.action]}, {decision.executed_by}: {decision.reason}"
         self._reasons.publish(String(data=said))
 
 

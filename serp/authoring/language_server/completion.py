@@ -1,10 +1,11 @@
-"""What can stand at a position: names that are declared, variables in scope, words of PDDL."""
+"""Completion and hover: names that are declared, variables in scope, words of PDDL."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+
+from lsprotocol import types
 
 from serp.authoring.language_server.index import FLUENTS, Index, NameKind, Occurrence, Use
 from serp.pddl.scope import INSTEAD, REQUIREMENTS_INSTEAD
@@ -17,9 +18,6 @@ MEANINGS = {
         for word, instead in _REFUSED.items()
         if word.startswith(":") or word in ("oneof", "probabilistic", "preference")
     },
-    "define": "A file holds one definition: a domain, or a problem of it.",
-    "domain": "The name of the domain; the task of the same name belongs to it.",
-    "problem": "The name of the problem.",
     ":requirements": "What other PDDL tools have to support to read the file.",
     ":types": "Kinds of objects: `cup plate - dish` are two kinds of dishes.",
     ":constants": "Objects that every problem has.",
@@ -39,9 +37,6 @@ MEANINGS = {
     ":init": "The state at the start; what is not stated is false.",
     ":goal": "Where this holds, the task ends.",
     ":metric": "What is to be maximised or minimised; `(reward)` by default.",
-    "and": "All of these hold, or happen.",
-    "or": "At least one of these holds.",
-    "not": "This does not hold; as an effect, it becomes false.",
     "imply": "Where the first holds, so does the second.",
     "forall": "For every object of a type.",
     "exists": "For at least one object of a type.",
@@ -51,53 +46,17 @@ MEANINGS = {
     "decrease": "Takes a number from a function; in a process, a rate: `(* #t rate)`.",
     "scale-up": "Multiplies a function by a number.",
     "scale-down": "Divides a function by a number.",
-    "either": "One of several types.",
     "#t": "The time that passes in a step; a factor of a rate in a process.",
     "reward": "Reserved: what it gains in a step is the reward of the step.",
     "unsafe": "Reserved: what makes it true damages something, and is avoided as long as anything "
     "else is possible. It is false again in the next step.",
     "terminal": "Reserved: what makes it true ends the task.",
-    "+": "The sum of two numbers.",
-    "-": "A difference; in lists, the type of what stands before it.",
-    "*": "The product of two numbers.",
-    "/": "A quotient.",
-    "=": "Two numbers, or two objects, are equal.",
-    "<": "Less than.",
-    "<=": "At most.",
-    ">": "More than.",
-    ">=": "At least.",
-    "sqrt": "The root of a number.",
-    "abs": "A number without its sign.",
-    "min": "The least of some numbers.",
-    "max": "The greatest of some numbers.",
-    "sin": "The sine of an angle in radians.",
-    "cos": "The cosine of an angle in radians.",
-    "atan2": "The angle, in radians, of a point with coordinates y and x.",
-    "object": "The type that all objects have.",
-    "number": "What functions have; it need not be written.",
     "minimize": "What it loses in a step is the reward of the step.",
     "maximize": "What it gains in a step is the reward of the step.",
     "total-time": "The time since the start; a metric can read it.",
-    ":strips": "The file has predicates, and effects on them.",
-    ":typing": "The file gives types to objects and parameters.",
-    ":equality": "The file compares objects: `(= ?a ?b)`.",
-    ":negative-preconditions": "The file has conditions with `not`.",
-    ":disjunctive-preconditions": "The file has conditions with `or` or `imply`.",
-    ":existential-preconditions": "The file has conditions with `exists`.",
-    ":universal-preconditions": "The file has conditions with `forall`.",
-    ":quantified-preconditions": "The file has conditions with `exists` or `forall`.",
-    ":conditional-effects": "The file has effects under `when` or `forall`.",
-    ":adl": "The file has types, conditions of every kind, and conditional effects.",
-    **dict.fromkeys((":fluents", ":numeric-fluents"), "The file has functions of numbers."),
-    ":action-costs": "The file has functions of numbers that are increased only, as costs.",
-    **dict.fromkeys(
-        (":time", ":hybrid", ":continuous-effects"), "The file has processes, or events."
-    ),
-    ":processes": "The file has processes.",
-    ":events": "The file has events.",
     ":math-functions": "The file has `sqrt`, `sin` and the like, which other PDDL tools refuse.",
 }
-"""Word → its meaning."""
+"""Word → its meaning, of those that a name does not tell."""
 
 SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions",
             ":action", ":process", ":event", ":domain", ":objects", ":init", ":goal",
@@ -120,44 +79,42 @@ _VARIABLE = re.compile(r"\?[\w-]+")
 _SECTION = re.compile(r"\(\s*(:[\w-]+)", re.ASCII)
 
 
-class Choice(NamedTuple):
-    """One thing that can stand there.
+_KINDS = {
+    NameKind.PREDICATE: types.CompletionItemKind.Property,
+    NameKind.FUNCTION: types.CompletionItemKind.Field,
+    NameKind.TYPE: types.CompletionItemKind.Class,
+    NameKind.OBJECT: types.CompletionItemKind.Constant,
+}
 
-    Attributes:
-        text: What is written.
-        kind: `keyword`, or what the name names.
-        detail: Parameters or type, shown beside it.
-        explanation: The expert's comment, or the meaning of a keyword.
-        start: Where the word begins that it takes the place of.
+
+def completions(index: Index, source: Source, position: int) -> list[types.CompletionItem]:
+    """Return what can be written at a position of a file, in alphabetical order within a kind.
+
+    Each takes the place of the word that ends at the position.
     """
-
-    text: str
-    kind: str
-    detail: str
-    explanation: str
-    start: int
-
-
-def choices(index: Index, source: Source, position: int) -> list[Choice]:
-    """Return what can stand at a position of a file, in alphabetical order within a kind."""
     text = source.text[:position]
     if ";" in text[text.rfind("\n") + 1 :]:
         return []
-    word = _BEFORE.search(text)
-    start = word.start() if word is not None else position
+    start = word_start(text)
     typed, before = text[start:], text[:start].rstrip()
     section, field, heads = _surroundings(text[:start])
     if typed.startswith("?"):
-        found = _variables(text, section, start)
-    elif before.endswith(" -") or before.endswith("\n-"):
-        found = _names(index, (NameKind.TYPE,), start) + _words(("object", "number"), start)
+        items = _variables(text[:start], section)
+    elif before.endswith((" -", "\n-")):
+        items = _names(index, NameKind.TYPE) + _words(("object", "number"))
     elif typed.startswith(":") or (before.endswith("(") and section == ""):
-        found = _keywords_of(section, before, start)
+        items = _keywords_of(section, before)
     elif before.endswith("("):
-        found = _forms(index, field, heads, start)
+        items = _forms(index, field, heads)
     else:
-        found = _names(index, (NameKind.OBJECT,), start) + _variables(text, section, start)
-    return [choice for choice in found if choice.text.startswith(typed.lower())]
+        items = _names(index, NameKind.OBJECT) + _variables(text[:start], section)
+    return [item for item in items if item.label.startswith(typed.lower())]
+
+
+def word_start(text: str) -> int:
+    """Return where the word begins that a text ends with."""
+    match = _BEFORE.search(text)
+    return match.start() if match is not None else len(text)
 
 
 def _surroundings(text: str) -> tuple[str, str, list[str]]:
@@ -185,52 +142,53 @@ def _surroundings(text: str) -> tuple[str, str, list[str]]:
     return section, field, heads
 
 
-def _forms(index: Index, field: str, heads: Sequence[str], start: int) -> list[Choice]:
+def _forms(index: Index, field: str, heads: Sequence[str]) -> list[types.CompletionItem]:
     """Return what a list can begin with that stands in others with some first words."""
     around = heads[-2] if len(heads) > 1 else ""
     if around in OF_NUMBERS:
-        return _names(index, (NameKind.FUNCTION,), start) + _words(NUMBERS, start)
+        return _names(index, NameKind.FUNCTION) + _words(NUMBERS)
     words: tuple[str, ...] = CONDITIONS
     if field == ":effect":
         words = EFFECTS + (CONDITIONS if "when" in heads else ())
-    words = tuple(dict.fromkeys(words))
-    return _names(index, (NameKind.PREDICATE,), start) + _words(words, start)
+    return _names(index, NameKind.PREDICATE) + _words(words)
 
 
-def _keywords_of(section: str, before: str, start: int) -> list[Choice]:
+def _keywords_of(section: str, before: str) -> list[types.CompletionItem]:
     if section == ":requirements":
-        return _words(REQUIREMENTS, start)
+        return _words(REQUIREMENTS)
     if section in (":action", ":process", ":event") and not before.endswith("("):
-        return _words(FIELDS, start)
-    return _words(SECTIONS, start)
+        return _words(FIELDS)
+    return _words(SECTIONS)
 
 
-def _words(words: Iterable[str], start: int) -> list[Choice]:
-    return [Choice(w, "keyword", "", MEANINGS.get(w, ""), start) for w in words]
+def _words(words: Iterable[str]) -> list[types.CompletionItem]:
+    keyword = types.CompletionItemKind.Keyword
+    return [types.CompletionItem(word, kind=keyword, documentation=MEANINGS.get(word))
+            for word in dict.fromkeys(words)]  # fmt: skip
 
 
-def _names(index: Index, kinds: tuple[NameKind, ...], start: int) -> list[Choice]:
-    found = {o.name: o for o in index.declared(*kinds)}
+def _names(index: Index, kind: NameKind) -> list[types.CompletionItem]:
+    declared = {o.name: o for o in index.declared(kind)}
     return [
-        Choice(name, found[name].kind.value, _parameters(found[name]), _comment(found[name]), start)
-        for name in sorted(found)
+        types.CompletionItem(
+            name,
+            kind=_KINDS[kind],
+            detail=o.form.text if o.form != o.place else None,
+            documentation=comment_of(o.form) or None,
+        )
+        for name, o in sorted(declared.items())
     ]
 
 
-def _parameters(occurrence: Occurrence) -> str:
-    return occurrence.form.text if occurrence.form != occurrence.place else ""
-
-
-def _comment(occurrence: Occurrence) -> str:
-    return comment_of(occurrence.form)
-
-
-def _variables(text: str, section: str, start: int) -> list[Choice]:
+def _variables(text: str, section: str) -> list[types.CompletionItem]:
     """Return the variables that stand in the section so far."""
     begin = text.rfind(f"({section}") if section else len(text)
-    names = dict.fromkeys(_VARIABLE.findall(text[max(begin, 0) : start]))
-    return [Choice(name.lower(), NameKind.VARIABLE.value, "", "", start) for name in sorted(names)]
+    names = {name.lower() for name in _VARIABLE.findall(text[max(begin, 0) :])}
+    return [types.CompletionItem(name, kind=types.CompletionItemKind.Variable)
+            for name in sorted(names)]  # fmt: skip
 
+
+# Hover -------------------------------------------------------------------------------------------
 
 _WORD = re.compile(r"[^\s();]+")
 _MOST = 12
@@ -238,7 +196,7 @@ _MOST = 12
 
 
 def explained(index: Index, source: Source, position: int) -> tuple[str, Place] | None:
-    """Return what is known of a word, and its place; None where nothing is.
+    """Return the explanation of a word in Markdown, and its place; None where there is none.
 
     A fluent comes with the expert's comment, its value in the problem's `:init`, and the actions,
     processes and events that change and read it, with their lines.

@@ -1,21 +1,23 @@
-"""Rules: conditions that never hold, and actions that are never safe."""
+"""Rules: conditions that never hold or always hold, and actions that are never safe."""
 
 from __future__ import annotations
 
 import math
+import operator as op
 import re
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from itertools import combinations, permutations
+from itertools import combinations
 
 from serp.authoring.lint.subject import LintSubject
 from serp.model import ground as g
-from serp.model.ground import TERMINAL_TARGET, UNSAFE_TARGET, Linear, linear
+from serp.model.ground import UNSAFE_TARGET, Linear, linear
 from serp.pddl.source import DomainWarning, Edit, Fix, Place
 from serp.pddl.syntax import Kind
 
 Pair = tuple[g.Test, g.Test]
+_HOLDS = {"<": op.lt, "<=": op.le, "=": op.eq, "!=": op.ne, ">=": op.ge, ">": op.gt}
 _MIRRORED = {"<": ">", "<=": ">=", "=": "=", ">=": "<=", ">": "<"}
 _NEGATED = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}
 _RANGES = {
@@ -64,11 +66,11 @@ def threshold(test: g.Compare, theta: Sequence[float]) -> tuple[int, str, float]
 class _Bounds:
     """The bounds of an expression, with the tests that they come from."""
 
-    low: tuple[Fraction, bool, g.Test] | None = None  # value, whether strict, test
-    high: tuple[Fraction, bool, g.Test] | None = None
-    excluded: dict[Fraction, g.Test] = field(default_factory=dict)
+    low: tuple[Fraction | float, bool, g.Test] | None = None  # value, whether strict, test
+    high: tuple[Fraction | float, bool, g.Test] | None = None
+    excluded: dict[Fraction | float, g.Test] = field(default_factory=dict)
 
-    def add(self, operator: str, value: Fraction, test: g.Test) -> Pair | None:
+    def add(self, operator: str, value: Fraction | float, test: g.Test) -> Pair | None:
         if operator == "!=":
             self.excluded[value] = test
         if operator in (">", ">=", "="):
@@ -113,23 +115,23 @@ class _Known:
         later: list[g.AnyOf],
         *,
         holds: bool = True,
-        told: g.Test | None = None,
+        written: g.Test | None = None,
     ) -> Pair | None:
         """Add a test, or its negation; return what excludes each other.
 
-        `later` takes the disjunctions; `told` is the test as the file has it.
+        `later` takes the disjunctions; `written` is the test as the file has it.
         """
-        told = test if told is None else told
+        written = test if written is None else written
         match test:
             case g.Constant(value):
-                return (told, told) if value != holds else None
+                return (written, written) if value != holds else None
             case g.Not(operand):
-                return self.add(operand, later, holds=not holds, told=told)
+                return self.add(operand, later, holds=not holds, written=written)
             case g.Holds(fluent):
-                known = self.truths.setdefault(fluent, (holds, told))
-                return (known[1], told) if known[0] != holds else None
+                known = self.truths.setdefault(fluent, (holds, written))
+                return (known[1], written) if known[0] != holds else None
             case g.Compare():
-                return self._compare(test, told, holds=holds)
+                return self._compare(test, written, holds=holds)
             case g.All(operands) | g.AnyOf(operands) if isinstance(test, g.All) == holds:
                 pairs = (self.add(operand, later, holds=holds) for operand in operands)
                 return next((pair for pair in pairs if pair), None)
@@ -139,11 +141,11 @@ class _Known:
                 later.append(g.AnyOf(operands, test.place))
                 return None
 
-    def _compare(self, test: g.Compare, told: g.Test, *, holds: bool) -> Pair | None:
+    def _compare(self, test: g.Compare, written: g.Test, *, holds: bool) -> Pair | None:
         operator = test.operator if holds else _NEGATED.get(test.operator, "!=")
         form = _difference(test, self.theta)
         if not form.terms:
-            return None if _is_true(operator, form.constant) else (told, told)
+            return None if _HOLDS[operator](form.constant, 0) else (written, written)
         first = min(form.terms, key=repr)
         factor = form.terms[first]
         key = frozenset((atom, k / factor) for atom, k in form.terms.items())
@@ -151,244 +153,104 @@ class _Known:
             operator = _MIRRORED.get(operator, operator)
         value = -form.constant / factor
         if len(key) == 1 and isinstance(first, tuple) and first[0] in _RANGES:
-            low, high = _RANGES[first[0]]
-            if _is_out(operator, value, low, high):
-                return told, told
-        return self.bounds.setdefault(key, _Bounds()).add(operator, value, told)
-
-
-def _is_out(operator: str, value: Fraction, low: float, high: float) -> bool:
-    """Whether no number from low to high stands in a relation to a value."""
-    return {
-        "<": value <= low,
-        "<=": value < low,
-        "=": not low <= value <= high,
-        ">=": value > high,
-        ">": value >= high,
-    }.get(operator, False)
-
-
-def _is_true(operator: str, difference: Fraction) -> bool:
-    return {
-        "<": difference < 0,
-        "<=": difference <= 0,
-        "=": difference == 0,
-        "!=": difference != 0,
-        ">=": difference >= 0,
-        ">": difference > 0,
-    }[operator]
+            reachable = _Bounds()
+            for end, bound in zip((">=", "<="), _RANGES[first[0]], strict=True):
+                reachable.add(end, bound, written)
+            if reachable.add(operator, value, written):
+                return written, written
+        return self.bounds.setdefault(key, _Bounds()).add(operator, value, written)
 
 
 def _difference(test: g.Compare, theta: Sequence[float]) -> Linear:
     return linear(test.left, theta).plus(linear(test.right, theta), Fraction(-1))
 
 
-Leaf = g.Compare | g.Holds | g.Not
-Found = dict[Place, tuple[Leaf, ...] | None]
-"""Place of a condition → what is found of it, in one instance; None for nothing."""
+# Rules -------------------------------------------------------------------------------------------
+
 _BEYOND = {"<": ">", "<=": ">", ">": "<", ">=": "<"}
 """Comparison → what holds where it does not hold, but for one number."""
-_MOST = 40
+_MOST_OPERANDS = 40
 """Operands of one list that are compared with one another."""
 _POSITIVE = re.compile(r"\s(\d[\d.]*)\s*\)\Z")
+_CANNOT = {
+    Kind.ACTION: "can never be applied",
+    Kind.PROCESS: "can never run",
+    Kind.EVENT: "can never fire",
+}
 
 
 def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find comparisons that hold in every state, alone or with another one of the same `or`."""
-
-    def alone(test: g.Test) -> Found:
-        if not isinstance(test, g.Compare) or _depends_on_problem(test, subject.anywhere):
-            return {}
-        always = contradiction((g.Not(test, test.place),), subject.theta)
-        return {test.place: (test,)} if always else {}
-
-    def together(test: g.Test) -> Found:
-        found: Found = {}
-        leaves = _leaves(test, subject.anywhere) if isinstance(test, g.AnyOf) else []
-        for first, second in combinations(leaves, 2):
-            if not subject.alike(first, second):
+    for what, schemas in _possible(subject):
+        always: dict[tuple[Place, ...], DomainWarning | None] = {}
+        for schema in schemas:
+            if contradiction(schema.preconditions, subject.theta):
                 continue
-            both = contradiction((_beyond(first), _beyond(second)), subject.theta)
-            if both and both[0] != both[1]:
-                found[second.place] = (first, second)
-        return found
-
-    for what, schemas in _named(subject):
-        for place, _ in _in_every_instance(schemas, subject.theta, (g.Compare,), alone):
-            yield DomainWarning(f"`{place.text}` in {what} always holds", place)
-        for place, (first, second) in _in_every_instance(
-            schemas, subject.theta, (g.AnyOf,), together
-        ):
-            fix = _with_minus(second.place)
-            yield DomainWarning(
-                f"`{first.place.text}` or `{place.text}` always holds in {what}",
-                place,
-                advice="is a minus missing?" if fix else "",
-                fix=fix,
-            )
+            effects = dict.fromkeys(effect.condition for effect in schema.effects)
+            for condition in (*schema.preconditions, *effects):
+                for test in _parts(condition):
+                    for places, warning in _tautologies(test, what, subject):
+                        # It has to hold in every instance.
+                        always[places] = always.get(places, warning) and warning
+        yield from filter(None, always.values())
 
 
-def _needless(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find conditions that follow from another one of the same `and`, or imply one of an `or`."""
-
-    def implied(test: g.Test) -> Found:
-        found: Found = {}
-        leaves = _leaves(test, subject.anywhere)
-        if contradiction(leaves, subject.theta) and isinstance(test, g.All):
-            return found
-        for (k, first), (m, second) in permutations(enumerate(leaves), 2):
-            if not subject.alike(first, second):
-                continue
-            if isinstance(test, g.All):
-                stronger, weaker = first, second
-            else:
-                stronger, weaker = second, first
-            if contradiction((g.Not(second, second.place),), subject.theta):
-                continue  # it always holds, which is another finding
-            if _implies(stronger, weaker, subject) and (
-                m > k or not _implies(weaker, stronger, subject)  # of equal ones, the later
-            ):
-                found.setdefault(second.place, (first, second))
-        for either in _disjunctions(test):
-            if contradiction((g.Not(either, either.place),), subject.theta):
-                continue
-            stronger_leaf = (leaf for leaf in leaves if _implies(leaf, either, subject))
-            if (first_leaf := next(stronger_leaf, None)) is not None:
-                found.setdefault(either.place, (first_leaf, first_leaf))
-        return found
-
-    for what, schemas in _named(subject):
-        for place, (other, _) in _in_every_instance(
-            schemas, subject.theta, (g.All, g.AnyOf), implied
-        ):
-            why = (
-                "stands there twice"
-                if place.text == other.place.text
-                else f"is needless beside `{other.place.text}`"
-            )
-            advice = "is it meant to say something else?"
-            yield DomainWarning(f"`{place.text}` in {what} {why}", place, advice=advice)
-
-
-def _dead_alternative(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find alternatives of an `or` that can never hold, alone or beside what else has to hold."""
-
-    def dead(test: g.Test) -> Found:
-        beside = test.operands if isinstance(test, g.All) else ()
-        found: Found = {}
-        for either in _disjunctions(test) or ([test] if isinstance(test, g.AnyOf) else []):
-            others = [other for other in beside if other is not either]
-            for alternative in either.operands[:_MOST]:
-                if isinstance(alternative, g.Constant | g.AnyOf):
-                    continue
-                never = contradiction((*others, alternative), subject.theta)
-                found[alternative.place] = () if never else None
-        return found
-
-    for what, schemas in _named(subject):
-        for place, _ in _in_every_instance(schemas, subject.theta, (g.All, g.AnyOf), dead):
-            yield DomainWarning(f"the alternative `{place.text}` in {what} can never hold", place)
-
-
-def _disjunctions(test: g.Test) -> list[g.AnyOf]:
-    """Return the disjunctions among the operands of a conjunction."""
-    operands = test.operands if isinstance(test, g.All) else ()
-    return [operand for operand in operands if isinstance(operand, g.AnyOf)]
-
-
-def _implies(first: Leaf, second: Leaf | g.AnyOf, subject: LintSubject) -> bool:
-    return contradiction((first, g.Not(second, second.place)), subject.theta) is not None
-
-
-def _beyond(test: Leaf) -> g.Test:
-    """Return what holds where a test does not, a single number left aside."""
-    if isinstance(test, g.Compare) and test.operator in _BEYOND:
-        return replace(test, operator=_BEYOND[test.operator])
-    return g.Not(test, test.place)
-
-
-def _named(subject: LintSubject) -> Iterator[tuple[str, Sequence[g.GroundSchema]]]:
-    """Yield kind with name, and the instances of each schema."""
-    for name, schemas in subject.telling.items():
-        yield f"{schemas[0].kind.value} `{name}`", schemas
-
-
-def _in_every_instance(
-    schemas: Sequence[g.GroundSchema],
-    theta: Sequence[float],
-    kinds: tuple[type, ...],
-    look: Callable[[g.Test], Found],
-) -> Iterator[tuple[Place, tuple[Leaf, ...]]]:
-    """Yield what is found of a condition in all instances that have it and can happen."""
-    found: dict[Place, tuple[Leaf, ...]] = {}
-    refuted: set[Place] = set()
-    for schema in schemas:
-        tests = [
-            g.All(tuple(schema.preconditions), schema.place),
-            *dict.fromkeys(effect.condition for effect in schema.effects),
+def _tautologies(
+    test: g.Test, what: str, subject: LintSubject
+) -> Iterator[tuple[tuple[Place, ...], DomainWarning | None]]:
+    """Yield comparisons, and pairs of them in an `or`, with a warning of those that always hold."""
+    if isinstance(test, g.Compare):
+        always = not _depends_on_problem(test, subject.anywhere) and contradiction(
+            (g.Not(test, test.place),), subject.theta
+        )
+        text = f"`{test.place.text}` in {what} always holds"
+        yield (test.place,), DomainWarning(text, test.place) if always else None
+    elif isinstance(test, g.AnyOf):
+        comparisons = [
+            operand
+            for operand in test.operands[:_MOST_OPERANDS]
+            if isinstance(operand, g.Compare)
+            and operand.operator in _BEYOND
+            and not _depends_on_problem(operand, subject.anywhere)
+            and not any(operand.place.within(place) for place in subject.quantified)
         ]
-        parts = (part for test in tests for part in _parts(test) if isinstance(part, kinds))
-        open_parts = [part for part in parts if not refuted >= _places(part)]
-        if not open_parts or contradiction(schema.preconditions, theta):
-            continue
-        for part in open_parts:
-            here = look(part)
-            refuted |= _places(part) - here.keys()
-            for place, leaves in here.items():
-                if leaves is None:
-                    refuted.add(place)
-                else:
-                    found.setdefault(place, leaves)
-    yield from ((place, here) for place, here in found.items() if place not in refuted)
-
-
-def _places(test: g.Test) -> set[Place]:
-    """Return the places of which something could be found in a condition."""
-    operands = test.operands if isinstance(test, g.All | g.AnyOf) else (test,)
-    return {operand.place for operand in operands if not isinstance(operand, g.Constant)}
+        for first, second in combinations(comparisons, 2):
+            neither = [replace(one, operator=_BEYOND[one.operator]) for one in (first, second)]
+            pair = contradiction(neither, subject.theta)
+            warning: DomainWarning | None = None
+            if pair and pair[0] != pair[1]:
+                fix = _with_minus(second.place)
+                warning = DomainWarning(
+                    f"`{first.place.text}` or `{second.place.text}` always holds in {what}",
+                    second.place,
+                    advice="is a minus missing?" if fix else "",
+                    fix=fix,
+                )
+            yield (first.place, second.place), warning
 
 
 def _parts(test: g.Test) -> Iterator[g.Test]:
     """Yield a condition and those in it."""
     yield test
-    match test:
-        case g.All(operands) | g.AnyOf(operands):
-            for operand in operands:
-                yield from _parts(operand)
-        case g.Not(operand):
+    if isinstance(test, g.All | g.AnyOf):
+        for operand in test.operands:
             yield from _parts(operand)
+    elif isinstance(test, g.Not):
+        yield from _parts(test.operand)
 
 
-def _leaves(test: g.Test, ground: g.GroundModel) -> list[Leaf]:
-    """Return the operands of a list that have none of their own."""
-    operands = test.operands if isinstance(test, g.All | g.AnyOf) else ()
-    return [
-        operand
-        for operand in operands[:_MOST]
-        if isinstance(operand, g.Compare | g.Holds)
-        or (isinstance(operand, g.Not) and isinstance(operand.operand, g.Compare | g.Holds))
-        if not _depends_on_problem(operand, ground)
-    ]
-
-
-def _depends_on_problem(test: g.Test, ground: g.GroundModel) -> bool:
+def _depends_on_problem(test: g.Compare, ground: g.GroundModel) -> bool:
     """Whether a test compares with a number that another problem may give otherwise."""
-    return any(
-        ground.parameters[number].role == "initial"
-        for comparison in g.comparisons_of(test)
-        for number in (*_numbers(comparison.left), *_numbers(comparison.right))
-    )
-
-
-def _numbers(value: g.Value) -> Iterator[int]:
-    match value:
-        case g.ParameterRef(parameter):
-            yield parameter
-        case g.Operation(_, left, right):
-            yield from _numbers(left)
-            yield from _numbers(right)
-        case g.Unary(_, operand):
-            yield from _numbers(operand)
+    values: list[g.Value] = [test.left, test.right]
+    while values:
+        match values.pop():
+            case g.ParameterRef(parameter) if ground.parameters[parameter].role == "initial":
+                return True
+            case g.Operation(_, left, right):
+                values += left, right
+            case g.Unary(_, operand):
+                values.append(operand)
+    return False
 
 
 def _with_minus(place: Place) -> Fix | None:
@@ -399,74 +261,39 @@ def _with_minus(place: Place) -> Fix | None:
     return Fix((Edit(number.start(1), number.start(1), "-"),), sure=False)
 
 
-RULES = {
-    "always-true": _always_true,
-    "redundant-condition": _needless,
-    "dead-alternative": _dead_alternative,
-}
-
-
-_CANNOT = {
-    Kind.ACTION: "can never be applied",
-    Kind.PROCESS: "can never run",
-    Kind.EVENT: "can never fire",
-}
-
-
 def _contradictory(subject: LintSubject) -> Iterator[DomainWarning]:
     for name, schemas in subject.telling.items():
         if pair := _contradiction_in_all(subject, schemas):
             kind, place = schemas[0].kind, schemas[0].place.opening
-            yield DomainWarning(
-                f"{kind.value} `{name}` {_CANNOT[kind]}: {_exclude(pair)}",
-                _second(pair, place),
-                advice=_or_instead(pair),
-            )
-
-
-def _not_reached(subject: LintSubject) -> Iterator[DomainWarning]:
-    reached = {schema.schema for schema in subject.domain.model.ground.schemas}
-    for name, schemas in subject.instances.items():
-        telling = subject.telling.get(name, [])
-        if name not in reached and not _contradiction_in_all(subject, telling):
-            kind, place = schemas[0].kind, schemas[0].place.opening
-            yield DomainWarning(
-                f"{kind.value} `{name}` {_CANNOT[kind]} from the problem's :init on", place
-            )
+            yield _exclusion(f"{kind.value} `{name}` {_CANNOT[kind]}", pair, place)
 
 
 def _always_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
     for what, schemas in _possible(subject):
         kind, place = schemas[0].kind, schemas[0].place.opening
-        if kind is Kind.ACTION and all(_unsafe(schema, subject.theta) for schema in schemas):
+        unsafe = [schema for schema in schemas if _unsafe(schema, subject.theta)]
+        if kind is Kind.ACTION and len(unsafe) == len(schemas):
             yield DomainWarning(
                 f"{what} is unsafe wherever it can be applied: it is executed only where every "
                 "other action is unsafe too",
                 place,
             )
-        if kind is Kind.EVENT and any(
-            _makes_all_unsafe(schema, subject.theta) for schema in schemas
-        ):
+        if kind is Kind.EVENT and any(_always_fires(event, subject.theta) for event in unsafe):
             yield DomainWarning(f"{what} makes every action unsafe: it always fires", place)
 
 
 def _possible(subject: LintSubject) -> Iterator[tuple[str, list[g.GroundSchema]]]:
     """Yield kind with name, and instances, of the schemas that can happen."""
-    reached = {schema.schema for schema in subject.domain.model.ground.schemas}
     for name, schemas in subject.telling.items():
-        if name in reached and not _contradiction_in_all(subject, schemas):
+        if not _contradiction_in_all(subject, schemas):
             yield f"{schemas[0].kind.value} `{name}`", schemas
 
 
 def _contradiction_in_all(subject: LintSubject, schemas: list[g.GroundSchema]) -> Pair | None:
     """Return tests of the first instance that exclude each other if there are some in all."""
-    return _in_all(contradiction(schema.preconditions, subject.theta) for schema in schemas)
-
-
-def _in_all(pairs: Iterable[Pair | None]) -> Pair | None:
-    """Return the first pair if there is one everywhere."""
     first: Pair | None = None
-    for pair in pairs:
+    for schema in schemas:
+        pair = contradiction(schema.preconditions, subject.theta)
         if pair is None:
             return None
         first = first or pair
@@ -474,120 +301,58 @@ def _in_all(pairs: Iterable[Pair | None]) -> Pair | None:
 
 
 def _unsafe(schema: g.GroundSchema, theta: list[float]) -> bool:
-    for effect in schema.effects:
-        if isinstance(effect, g.SetBoolean) and effect.target == UNSAFE_TARGET and effect.value:
-            # The condition follows from the precondition where its opposite contradicts it.
-            opposite = g.Not(effect.condition, effect.place)
-            if contradiction((*schema.preconditions, opposite), theta):
-                return True
-    return False
-
-
-def _makes_all_unsafe(event: g.GroundSchema, theta: list[float]) -> bool:
-    """Say whether nothing keeps an event from firing, and from damage where it fires."""
-    fires = all(
-        contradiction((g.Not(condition, event.place),), theta) for condition in event.preconditions
+    """Whether the condition of an effect `(unsafe)` follows from the precondition."""
+    return any(
+        contradiction((*schema.preconditions, g.Not(effect.condition, effect.place)), theta)
+        for effect in schema.effects
+        if isinstance(effect, g.SetBoolean) and effect.target == UNSAFE_TARGET and effect.value
     )
-    return fires and _unsafe(event, theta)
+
+
+def _always_fires(event: g.GroundSchema, theta: list[float]) -> bool:
+    return all(contradiction((g.Not(test, event.place),), theta) for test in event.preconditions)
 
 
 def _dead_effects(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find effects under a `when` that can hold in no instance."""
     for what, schemas in _possible(subject):
-        yield from _never_in_any(what, schemas, subject.theta)
+        never: dict[Place, Pair | None] = {}
+        for schema in schemas:
+            for effect in schema.effects:
+                place, condition = effect.place, effect.condition
+                if never.get(place, True) and not isinstance(condition, g.Constant):
+                    pair = contradiction((*schema.preconditions, condition), subject.theta)
+                    never[place] = pair and (never.get(place) or pair)
+        for place, pair in never.items():
+            if pair:
+                yield _exclusion(f"`{place.text}` in {what} can never happen", pair, place)
 
 
-def _flags_never_set(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find events that wait for a flag which is only ever set where they cannot fire."""
-    ground, told = subject.anywhere, set[str]()
-    moved = {target for event in ground.events for target in g.writes(event)}
-    for event in ground.events:
-        for read in event.preconditions:
-            if not isinstance(read, g.Holds) or read.fluent not in (UNSAFE_TARGET, TERMINAL_TARGET):
-                continue
-            pairs = _excluded_setters(subject, event, read)
-            # What other events change may differ by the time this one reads the flag.
-            still = all(moved.isdisjoint(f) for p in pairs for t in p for f in [{*g.fluents_of(t)}])
-            if pairs and still and event.schema not in told:
-                told.add(event.schema)
-                yield DomainWarning(
-                    f"event `{event.schema}` can never fire: where `{read.place.text}` is made "
-                    f"true, {_exclude(pairs[0])}",
-                    read.place,
-                )
-
-
-def _excluded_setters(subject: LintSubject, event: g.GroundSchema, read: g.Holds) -> list[Pair]:
-    """Return what keeps an event from firing beside each setter of a flag; [] if one does not."""
-    others = [test for test in event.preconditions if test is not read]
-    pairs: list[Pair] = []
-    for schema in subject.anywhere.schemas:
-        for effect in schema.effects:
-            if effect.target != read.fluent or schema.name == event.name:
-                continue
-            tests = (*schema.preconditions, effect.condition, *others)
-            pair = contradiction(tests, subject.theta) if schema.kind is Kind.EVENT else None
-            if pair is None:  # an action sets it: what it finds may change within the step
-                return []
-            pairs.append(pair)
-    return pairs
-
-
-def _never_in_any(
-    what: str, schemas: list[g.GroundSchema], theta: list[float]
-) -> Iterator[DomainWarning]:
-    possible: set[Place] = set()
-    never: dict[Place, Pair] = {}
-    for schema in schemas:
-        for effect in schema.effects:
-            if effect.place in possible or isinstance(effect.condition, g.Constant):
-                continue
-            pair = contradiction((*schema.preconditions, effect.condition), theta)
-            if pair is None:
-                possible.add(effect.place)
-            else:
-                never.setdefault(effect.place, pair)
-    for place, pair in never.items():
-        if place not in possible:
-            yield DomainWarning(
-                f"`{place.text}` in {what} can never happen: {_exclude(pair)}",
-                _second(pair, place),
-                advice=_or_instead(pair),
-            )
-
-
-def _exclude(pair: Pair) -> str:
-    first, second = (_shown(test) for test in _in_order(pair))
-    return f"{first} never holds" if first == second else f"{first} and {second} exclude each other"
-
-
-def _or_instead(pair: Pair) -> str:
-    bounds = all(isinstance(test, g.Compare) for test in pair) and pair[0] != pair[1]
-    return "write `or` if one of the two is enough" if bounds else ""
-
-
-def _shown(test: g.Test) -> str:
-    return "a condition" if isinstance(test, g.Constant) else f"`{test.place.text}`"
-
-
-def _second(pair: Pair, otherwise: Place) -> Place:
-    second = _in_order(pair)[1]
-    return otherwise if isinstance(second, g.Constant) else second.place
-
-
-def _in_order(pair: Pair) -> Pair:
-    """Return two tests as they stand in the file."""
+def _exclusion(problem: str, pair: Pair, otherwise: Place) -> DomainWarning:
+    """Return the warning of two tests that exclude each other, at the second in the file."""
     first, second = pair
-    if isinstance(first, g.Constant) or isinstance(second, g.Constant):
-        return pair
-    same_file = first.place.source is second.place.source
-    return (second, first) if same_file and second.place.start < first.place.start else pair
+    if not isinstance(first, g.Constant) and not isinstance(second, g.Constant):
+        same_file = first.place.source is second.place.source
+        if same_file and second.place.start < first.place.start:
+            first, second = second, first
+    shown = ["a condition" if isinstance(test, g.Constant) else f"`{test.place.text}`"
+             for test in (first, second)]  # fmt: skip
+    bounds = isinstance(first, g.Compare) and isinstance(second, g.Compare) and first != second
+    why = (
+        f"{shown[0]} never holds"
+        if first == second
+        else f"{' and '.join(shown)} exclude each other"
+    )
+    return DomainWarning(
+        f"{problem}: {why}",
+        otherwise if isinstance(second, g.Constant) else second.place,
+        advice="write `or` if one of the two is enough" if bounds else "",
+    )
 
 
-RULES_OF_SEMANTICS = {
-    "contradictory-condition": _contradictory,
-    "not-reached": _not_reached,
+RULES = {
+    "always-true": _always_true,
     "always-unsafe": _always_unsafe,
+    "contradictory-condition": _contradictory,
     "dead-effect": _dead_effects,
-    "flag-never-set": _flags_never_set,
 }

@@ -1,14 +1,14 @@
-"""Rules: what a domain file that is right may still have forgotten."""
+"""Rules: what a domain declares and does not use, or uses and does not declare."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator
 
 from serp.authoring.lint.subject import SCHEMAS, LintSubject, groups_in, values_of, words_in
 from serp.model.ground import UNSAFE_TARGET, SetBoolean, writes
 from serp.pddl import syntax as x
-from serp.pddl.reader import Group, Node, Word, read_group
-from serp.pddl.scope import typed_list
+from serp.pddl.reader import Group, Node, Word
 from serp.pddl.source import DomainWarning, Edit, Fix
 
 
@@ -29,67 +29,27 @@ def _unused_names(subject: LintSubject) -> Iterator[DomainWarning]:
             )
 
 
-def _unused_variables(subject: LintSubject) -> Iterator[DomainWarning]:
+def _unused_parameters(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find parameters of actions, processes, events and quantifiers that nothing there reads."""
     understood = {schema.name for schema in subject.domain.syntax.schemas}
     for section in subject.sections(*SCHEMAS):
         if len(section.items) < 2 or section.items[1].place.text.lower() not in understood:
             continue
-        listed, rest = _split_parameters(section)
         what = " ".join(item.text for item in section.items[:2] if isinstance(item, Word))
-        yield from _unread(listed, rest, f"`({what}`")
+        parameters = values_of(section).get(":parameters")
+        yield from _unread(parameters, section, f"`({what}`")
         for group in groups_in(section):
             if group.head in ("forall", "exists") and len(group.items) == 3:
-                yield from _unread(group.items[1], group.items[2:], f"`({group.head}`")
+                yield from _unread(group.items[1], group, f"`({group.head}`")
 
 
-def _split_parameters(section: Group) -> tuple[Node | None, list[Node]]:
-    """Return the list of parameters of a schema, and all the rest of it."""
-    items = list(section.items)
-    for index, item in enumerate(items[:-1]):
-        if isinstance(item, Word) and item.text == ":parameters":
-            return items[index + 1], items[:index] + items[index + 2 :]
-    return None, items
-
-
-def _unread(listed: Node | None, rest: Iterable[Node], what: str) -> Iterator[DomainWarning]:
-    read = {word.text for node in rest for word in words_in(node)}
-    for word in words_in(listed) if listed is not None else ():
-        if word.text.startswith("?") and word.text not in read:
-            yield DomainWarning(f"parameter `{word.text}` of {what} is not used", word.place)
-
-
-def _unused_types(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find types that no parameter and no object has, nor one of a type below them."""
-    domain = subject.domain
-    syntax = domain.syntax
-    read = {
-        word.text
-        for source in (domain.source, domain.problem_source)
-        if source is not None
-        for section in read_group(source).items[2:]
-        if isinstance(section, Group) and section.head != ":types"
-        for word in words_in(section)
-    }
-    used: set[str] = set()
-    for name in read & syntax.parents.keys():
-        while name in syntax.parents and name not in used:  # what it is a kind of is used as well
-            used.add(name)
-            name = syntax.parents[name]
-    for section in subject.sections(":types"):
-        for word in words_in(section):
-            if word.text in syntax.parents and word.text not in used:
-                used.add(word.text)
-                yield DomainWarning(
-                    f"type `{word.text}` is declared, but no object or parameter has it", word.place
-                )
-
-
-RULES = {
-    "unused-name": _unused_names,
-    "unused-parameter": _unused_variables,
-    "unused-type": _unused_types,
-}
+def _unread(parameters: Node | None, form: Group, what: str) -> Iterator[DomainWarning]:
+    """Find variables of a list that occur in a form only once."""
+    if parameters is not None:
+        occurrences = Counter(word.text for word in words_in(form))
+        for word in words_in(parameters):
+            if word.text.startswith("?") and occurrences[word.text] == 1:
+                yield DomainWarning(f"parameter `{word.text}` of {what} is not used", word.place)
 
 
 _ADL = (":typing", ":negative-preconditions", ":disjunctive-preconditions", ":equality",
@@ -124,31 +84,6 @@ def _missing_requirements(subject: LintSubject) -> Iterator[DomainWarning]:
         yield DomainWarning(text, place.opening, fix=fix)
 
 
-def _unused_extension(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find the requirement that makes a file unreadable for other tools, and that it can go."""
-    declarations = subject.domain.syntax.declarations
-    sections = subject.sections(*SCHEMAS, ":goal", ":metric")
-    numeric = {name for name, declared in declarations.items() if declared.numeric}
-    used = {group.head for section in sections for group in groups_in(section)}
-    if used & (x.MATH_FUNCTIONS.keys() - numeric):
-        return
-    for section in subject.sections(":requirements"):
-        for word in words_in(section):
-            if word.text == x.MATH_REQUIREMENT:
-                yield DomainWarning(
-                    f"`{word.text}` is listed and nothing needs it; without it, other tools can "
-                    "read the file",
-                    word.place,
-                    fix=Fix((_without(word),)),
-                )
-
-
-def _without(word: Word) -> Edit:
-    """Return the edit that leaves a word out, and the blank before it."""
-    text, start = word.place.source.text, word.place.start
-    return Edit(len(text[:start].rstrip(" ")), word.place.end, "")
-
-
 def _needs(syntax: x.DomainSyntax) -> dict[str, None]:
     """Return the requirements that a domain makes use of, in order."""
     parameters = [p for s in syntax.schemas for p in s.parameters]
@@ -179,12 +114,6 @@ def _of_condition(condition: x.Condition) -> Iterator[str]:
             yield ":existential-preconditions"
         case x.Quantified():
             yield ":universal-preconditions"
-
-
-RULES_OF_REQUIREMENTS = {
-    "missing-requirement": _missing_requirements,
-    "unused-extension": _unused_extension,
-}
 
 
 def _no_action(subject: LintSubject) -> Iterator[DomainWarning]:
@@ -265,36 +194,13 @@ def _type_without_objects(
     return None
 
 
-def _untyped(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find parameters and objects without a type in a file that has types."""
-    if not subject.domain.syntax.parents:
-        return
-    for section in subject.sections(":constants", ":objects"):
-        for word, types in typed_list(section.items[1:], "an object", variables=False):
-            if not types:
-                yield DomainWarning(f"object `{word.text}` has no type", word.place)
-    for section in subject.sections(":predicates", ":functions", *SCHEMAS):
-        lists: Iterable[Sequence[Node]] = (
-            [item.items[1:] for item in section.items[1:] if isinstance(item, Group)]
-            if section.head not in SCHEMAS
-            else [node.items for node in (values_of(section).get(":parameters"),)
-                  if isinstance(node, Group)]
-        )  # fmt: skip
-        for nodes in lists:
-            for word, types in typed_list(nodes, "a parameter", variables=True):
-                if not types:
-                    yield DomainWarning(
-                        f"parameter `{word.text}` has no type, so it can be any object",
-                        word.place,
-                        advice=f"write `{word.text} - object` if that is meant",
-                    )
-
-
-RULES_OF_OMISSIONS = {
-    "untyped": _untyped,
+RULES = {
     "no-action": _no_action,
     "nothing-unsafe": _nothing_unsafe,
     "no-reward": _no_reward,
     "flag-read-in-action": _flags_read_in_actions,
     "schema-without-use": _schemas_without_use,
+    "unused-name": _unused_names,
+    "unused-parameter": _unused_parameters,
+    "missing-requirement": _missing_requirements,
 }

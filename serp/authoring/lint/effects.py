@@ -1,4 +1,4 @@
-"""Rules: effects that come to nothing, or say twice that something is negative."""
+"""Rules: effects that come to nothing, that have the wrong sign, or that nothing reads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from serp.authoring.lint.conditions import contradiction, threshold
+from serp.authoring.lint.conditions import threshold
 from serp.authoring.lint.subject import SCHEMAS, LintSubject, values_of
 from serp.model import ground as g
 from serp.model.ground import linear
@@ -24,7 +24,6 @@ _NEUTRAL = {
 
 
 def _no_change(subject: LintSubject) -> Iterator[DomainWarning]:
-    yield from _already_so(subject)
     for what, effect in _changes(subject):
         if effect.change is x.Change.ASSIGN:
             same = isinstance(effect.value, x.FunctionTerm) and (
@@ -35,34 +34,6 @@ def _no_change(subject: LintSubject) -> Iterator[DomainWarning]:
             same = isinstance(value, x.Number) and value.value == _NEUTRAL[effect.change]
         if same:
             yield DomainWarning(f"`{effect.place.text}` in {what} changes nothing", effect.place)
-
-
-def _already_so(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find effects that make a predicate what it has to be where they happen."""
-    refuted: set[Place] = set()
-    found: dict[Place, str] = {}
-    for name, schemas in subject.telling.items():
-        for schema in schemas:
-            for effect in schema.effects:
-                if not isinstance(effect, g.SetBoolean) or effect.target < 0:
-                    continue
-                if effect.place in refuted:
-                    continue
-                holds: g.Test = g.Holds(effect.target, effect.place)
-                otherwise = g.Not(holds, effect.place) if effect.value else holds
-                tests = (*schema.preconditions, effect.condition)
-                others = {e.target for e in schema.effects if e is not effect}
-                if (
-                    effect.target in others
-                    or contradiction(tests, subject.theta)
-                    or not contradiction((*tests, otherwise), subject.theta)
-                ):
-                    refuted.add(effect.place)
-                found.setdefault(effect.place, f"{schema.kind.value} `{name}`")
-    for place, what in found.items():
-        if place not in refuted:
-            text = f"`{place.text}` in {what} changes nothing: it is so wherever this happens"
-            yield DomainWarning(text, place)
 
 
 def _assigned_twice(subject: LintSubject) -> Iterator[DomainWarning]:
@@ -114,23 +85,6 @@ def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
                     )
 
 
-def _repeated(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find what one list of effects makes true, or sets, a second time in the same words."""
-    for schema in subject.domain.syntax.schemas:
-        for effects in _lists(schema.effects):
-            told: set[str] = set()
-            for effect in effects:
-                text = effect.place.text.lower()
-                adds = isinstance(effect, x.ChangeFunction) and effect.change.group != "assign"
-                if text in told and not adds:  # two increases count twice
-                    yield DomainWarning(
-                        f"`{effect.place.text}` in {schema.kind.value} `{schema.name}` stands "
-                        "there twice",
-                        effect.place,
-                    )
-                told.add(text)
-
-
 def _key(atom: x.Atom) -> tuple[str, ...]:
     return (atom.name, *(argument.name for argument in atom.arguments))
 
@@ -148,15 +102,6 @@ def _changes(subject: LintSubject) -> Iterator[tuple[str, x.ChangeFunction]]:
         for effect in x.nested_effects(schema.effects):
             if isinstance(effect, x.ChangeFunction):
                 yield f"{schema.kind.value} `{schema.name}`", effect
-
-
-RULES = {
-    "no-change": _no_change,
-    "assigned-twice": _assigned_twice,
-    "double-negative": _double_negative,
-    "set-and-unset": _set_and_unset,
-    "repeated-effect": _repeated,
-}
 
 
 _BELOW, _ABOVE = ("<", "<="), (">", ">=")
@@ -254,9 +199,6 @@ def _sign(change: Change, number: float) -> int:
     return 1 if (number > 0) == (change is Change.INCREASE) else -1
 
 
-RULES_OF_LIMITS = {"one-way": _one_way}
-
-
 _FLAGS = (x.REWARD, x.UNSAFE, x.TERMINAL)
 
 
@@ -299,59 +241,35 @@ def _frozen(subject: LintSubject) -> Iterator[DomainWarning]:
     A file that leaves its dynamics out altogether is left alone, and so is what a problem states.
     """
     domain, syntax = subject.domain, subject.domain.syntax
-    moving = _moving(syntax)
-    if not any(syntax.declarations[name].numeric for name in moving - {*_FLAGS}):
+    moving = _changed(syntax)
+    if not any(syntax.declarations[name].numeric for name in moving - set(_FLAGS)):
         return
     problem = domain.problem_syntax
     stated = {function.name for function, _ in problem.values} if problem else set()
-    told: set[str] = set()
+    warned: set[str] = set()
     for schema in syntax.schemas:
-        read = _read_by(schema)
-        frozen = [n for n in sorted(read) if syntax.declarations[n].numeric and n not in moving]
-        if schema.kind is not x.Kind.EVENT or not read or len(frozen) < len(read):
+        read = {name for condition in x.conditions_of(schema) for name in _names(condition)}
+        frozen = all(syntax.declarations[n].numeric and n not in moving for n in read)
+        if schema.kind is not x.Kind.EVENT or not frozen:
             continue
-        for name in frozen:
-            if name not in told and name not in stated:
-                told.add(name)
-                yield DomainWarning(
-                    f"nothing changes `{name}`, and event `{schema.name}` waits for nothing else: "
-                    "the planner never sees it begin or end",
-                    syntax.declarations[name].place,
-                    advice="write what changes it, if that is known",
-                )
-
-
-def _moving(syntax: x.DomainSyntax) -> set[str]:
-    """Return what actions and processes change, and events that this can set off."""
-    waiting = [(schema, _read_by(schema)) for schema in syntax.schemas]
-    moving: set[str] = set()
-    while True:
-        still: list[tuple[x.Schema, set[str]]] = []
-        for schema, read in waiting:
-            if schema.kind is x.Kind.EVENT and read and moving.isdisjoint(read):
-                still.append((schema, read))
-            else:
-                moving.update(_changed_by(schema))
-        if len(still) == len(waiting):
-            return moving
-        waiting = still
-
-
-def _read_by(schema: x.Schema) -> set[str]:
-    """Return what the conditions of a schema read."""
-    return {name for condition in x.conditions_of(schema) for name in _names(condition)}
+        for name in sorted(read - stated - warned):
+            warned.add(name)
+            yield DomainWarning(
+                f"nothing changes `{name}`, and event `{schema.name}` waits for nothing else: "
+                "the planner never sees it begin or end",
+                syntax.declarations[name].place,
+                advice="write what changes it, if that is known",
+            )
 
 
 def _changed(syntax: x.DomainSyntax) -> set[str]:
-    return {name for schema in syntax.schemas for name in _changed_by(schema)}
-
-
-def _changed_by(schema: x.Schema) -> Iterator[str]:
-    for effect in x.nested_effects(schema.effects):
-        if isinstance(effect, x.ChangeFunction):
-            yield effect.function.name
-        elif isinstance(effect, x.SetPredicate):
-            yield effect.atom.name
+    """Return the functions and predicates that any effect changes."""
+    return {
+        effect.function.name if isinstance(effect, x.ChangeFunction) else effect.atom.name
+        for schema in syntax.schemas
+        for effect in x.nested_effects(schema.effects)
+        if isinstance(effect, x.ChangeFunction | x.SetPredicate)
+    }
 
 
 def _names(node: x.Condition | x.Expression) -> Iterator[str]:
@@ -365,9 +283,6 @@ def _names(node: x.Condition | x.Expression) -> Iterator[str]:
         case x.Arithmetic(_, operands):
             for operand in operands:
                 yield from _names(operand)
-
-
-RULES_OF_DYNAMICS = {"never-read": _never_read, "frozen-fluent": _frozen}
 
 
 def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
@@ -411,4 +326,13 @@ def _sorted(node: Node | None) -> object:
     return tuple([*items[:1], *sorted(items[1:])] if node.head in ("and", "or") else items)
 
 
-RULES_OF_COPIES = {"same-schema": _same_schema}
+RULES = {
+    "no-change": _no_change,
+    "assigned-twice": _assigned_twice,
+    "double-negative": _double_negative,
+    "set-and-unset": _set_and_unset,
+    "one-way": _one_way,
+    "never-read": _never_read,
+    "frozen-fluent": _frozen,
+    "same-schema": _same_schema,
+}

@@ -1,4 +1,4 @@
-"""Everything that is wrong or doubtful in a domain and its problem, in one pass."""
+"""All findings about a domain and its problem, in one pass, and the comments that silence them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from serp._util.text import closest
-from serp.authoring.lint.catalogue import LOCAL, warnings_of
+from serp.authoring.lint.catalogue import warnings_of
+from serp.authoring.lint.codes import CODES, ERRORS, NOTES
 from serp.authoring.lint.portability import beyond_pddl, one_per_rule, outside_portable_subset
-from serp.authoring.lint.subject import CODES, MOST_INSTANCES, NOTES
+from serp.authoring.lint.subject import MOST_INSTANCES
 from serp.model.domain import Domain, problem_beside
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import (
@@ -35,13 +36,9 @@ _BLANK_OR_COMMENT = re.compile(r"\s*(;.*)?\Z")
 def silenced(
     warnings: Iterable[DomainWarning], sources: Iterable[Source], *, partial: bool
 ) -> Iterator[DomainWarning]:
-    """Yield the warnings that no comment silences, and comments that silence nothing.
+    """Yield the warnings that no comment silences, and warnings of comments that silence nothing.
 
-    Args:
-        warnings: Of these files.
-        sources: The files.
-        partial: Whether errors kept some rules from being asked, so that it is not known what a
-            comment would silence.
+    With `partial`, some rules were not applied, so that unused comments are no mistake.
     """
     sources = list(sources)
     comments = [comment for source in sources for comment in _comments(source)]
@@ -52,15 +49,13 @@ def silenced(
         if not matching:
             yield warning
     for comment in comments:
-        if comment.code not in CODES:
-            yield comment.unknown()
-        elif not comment.used and not partial:
-            yield comment.useless()
+        if comment.code not in CODES or not (comment.used or partial):
+            yield comment.warning()
 
 
 @dataclass
 class _Silence:
-    """One code in one comment; `line` is None for all of the file."""
+    """One code in one comment; `line` is None for all of the file, `comment` what to leave out."""
 
     code: str
     place: Place
@@ -74,21 +69,24 @@ class _Silence:
             return False
         return self.line is None or (place is not None and place.line == self.line)
 
-    def useless(self) -> DomainWarning:
-        kind = "an error, which nothing silences" if CODES[self.code].error else "not found here"
-        text = f"`{self.code}` is {kind}; this comment silences nothing"
-        fix = Fix((Edit(*self.comment, ""),)) if self.comment[0] < self.comment[1] else None
-        return DomainWarning(text, self.place, "useless-silence", "leave the comment out", fix)
-
-    def unknown(self) -> DomainWarning:
-        close = closest(self.code, CODES)
-        advice = f"did you mean `{close}`?" if close else "write the code of a warning in brackets"
-        fix = None
-        if close:
-            fix = Fix((Edit(self.place.start, self.place.end, close),), sure=False)
-        text = f"there is no code `{self.code}`" if self.code else "no code in brackets"
-        return DomainWarning(f"{text}; nothing is silenced", self.place, "useless-silence",
-                             advice, fix)  # fmt: skip
+    def warning(self) -> DomainWarning:
+        """Return the warning that the comment silences nothing."""
+        advice, fix = "write the code of a warning in brackets", None
+        if self.code in CODES:
+            kind = (
+                "an error, which no comment silences" if self.code in ERRORS else "not found here"
+            )
+            text = f"`{self.code}` is {kind}; this comment silences nothing"
+            advice = "leave the comment out"
+            if self.comment[0] < self.comment[1]:
+                fix = Fix((Edit(*self.comment, ""),))
+        else:
+            problem = f"there is no code `{self.code}`" if self.code else "no code in brackets"
+            text = f"{problem}; nothing is silenced"
+            if close := closest(self.code, CODES):
+                advice = f"did you mean `{close}`?"
+                fix = Fix((Edit(self.place.start, self.place.end, close),), sure=False)
+        return DomainWarning(text, self.place, "useless-silence", advice, fix)
 
 
 def _comments(source: Source) -> Iterator[_Silence]:
@@ -133,17 +131,17 @@ Severity = Literal["error", "warning", "note"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong or doubtful.
+    """An error, a warning or a note about a place in the files.
 
     Attributes:
-        code: What kind of thing; docs/reference/checks.md has all.
+        code: One of `CODES`.
         severity: `error` where the files cannot be used as they are, `note` where it is right for
             many files.
-        message: What, one sentence.
-        advice: What to do about it; may be empty.
-        place: Where; None where a file as a whole is meant, or cannot be read.
-        fix: What to change, where that is known or can be guessed.
-        rendered: The finding as the command prints it.
+        message: One sentence.
+        advice: What to write instead; may be empty.
+        place: None where a file as a whole is meant, or cannot be read.
+        fix: The correction, where it is known or can be guessed.
+        rendered: The finding as `serp check` prints it.
     """
 
     code: str
@@ -155,27 +153,16 @@ class Finding:
     rendered: str
 
     @classmethod
-    def of(cls, found: DomainError | DomainWarning) -> Finding:
-        """Return what an error or a warning tells."""
-        if isinstance(found, DomainError):
-            return cls(
-                found.code,
-                "error",
-                found.problem,
-                found.advice,
-                found.place,
-                found.fix,
-                f"{found} [{found.code}]" if "\n" not in str(found) else _coded(found),
-            )
-        return cls(
-            found.code,
-            "note" if found.code in NOTES else "warning",
-            found.text,
-            found.advice,
-            found.place,
-            found.fix,
-            f"{found}{f'; {found.advice}' if found.advice else ''} [{found.code}]",
-        )
+    def of(cls, problem: DomainError | DomainWarning) -> Finding:
+        """Return the finding of an error or a warning."""
+        code, place, advice, fix = problem.code, problem.place, problem.advice, problem.fix
+        if isinstance(problem, DomainError):
+            first, newline, rest = str(problem).partition("\n")
+            text = f"{first} [{code}]{newline}{rest}"
+            return cls(code, "error", problem.problem, advice, place, fix, text)
+        severity: Severity = "note" if code in NOTES else "warning"
+        text = f"{problem}{f'; {advice}' if advice else ''} [{code}]"
+        return cls(code, severity, problem.text, advice, place, fix, text)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding as JSON values; lines and columns count from 1, ends are exclusive."""
@@ -191,13 +178,8 @@ class Finding:
                     {**spot(source.place(e.start, e.end)), "text": e.text} for e in self.fix.edits
                 ],
             }
-        told = {k: getattr(self, k) for k in ("code", "severity", "message", "advice")}
-        return {**told, "place": place, "fix": fix}
-
-
-def _coded(error: DomainError) -> str:
-    first, rest = str(error).split("\n", 1)
-    return f"{first} [{error.code}]\n{rest}"
+        texts = {k: getattr(self, k) for k in ("code", "severity", "message", "advice")}
+        return {**texts, "place": place, "fix": fix}
 
 
 def spot(place: Place) -> dict[str, int]:
@@ -213,11 +195,9 @@ def spot(place: Place) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Examined:
-    """What was found in a domain and its problem.
+    """The findings of a domain and its problem, in the order of the files and places.
 
-    Attributes:
-        findings: In the order of files and places.
-        domain: The domain where nothing is wrong with it; None otherwise.
+    `domain` is None where one of them is an error.
     """
 
     findings: list[Finding]
@@ -225,23 +205,10 @@ class Examined:
 
 
 def findings_of(
-    domain: Source | str | Path,
-    problem: Source | str | Path | None = None,
-    *,
-    max_ground_schemas: int | None = None,
-    portable: bool = False,
+    domain: Source | str | Path, problem: Source | str | Path | None = None
 ) -> list[Finding]:
-    """Return all that is to be said of a domain; it never raises for what the files say.
-
-    Args:
-        domain: The domain file, or its text.
-        problem: The problem file, or its text; None for the one beside the domain file, if there is
-            one. Beside a text there is none.
-        max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
-        portable: Whether functions that no other PDDL tool knows are named.
-    """
-    limit = max_ground_schemas
-    return examine(domain, problem, max_ground_schemas=limit, portable=portable).findings
+    """Return all findings of a domain; see `examine`."""
+    return examine(domain, problem).findings
 
 
 def examine(
@@ -252,21 +219,22 @@ def examine(
     portable: bool = False,
     look: Callable[[Domain], Iterable[DomainWarning]] | None = None,
 ) -> Examined:
-    """Return the findings, and the domain where none is an error; see `findings_of`.
+    """Return the findings of a domain; nothing in the files raises an error.
 
     Args:
-        domain: See `findings_of`.
-        problem: See `findings_of`.
-        max_ground_schemas: See `findings_of`.
-        portable: See `findings_of`.
-        look: Returns what else there is to say of a domain without errors.
+        domain: The domain file, or its text.
+        problem: The problem file, or its text; None for the one beside the domain file, if there is
+            one. Beside a text there is none.
+        max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
+        portable: Whether functions that no other PDDL tool knows are findings.
+        look: Returns further warnings of a domain without errors.
 
     Raises:
         SerpError: `look` raised it.
     """
     recovery = Recovery()
     sources, unreadable = _read(domain, problem, recovery)
-    found: list[DomainError | DomainWarning] = [*unreadable]
+    problems: list[DomainError | DomainWarning] = [*unreadable]
     result: Domain | None = None
     if sources:
         result = _parse(sources, recovery, max_ground_schemas)
@@ -274,36 +242,30 @@ def examine(
         warnings = [*_warnings(result, sources, partial=bool(errors), portable=portable)]
         if look is not None and result is not None and not errors:
             warnings += [_moved(warning, sources) for warning in look(result)]
-        kept = silenced(warnings, sources, partial=bool(errors))
-        found = [*_unsupported_once(errors), *one_per_rule(kept)]
+        unsilenced = silenced(warnings, sources, partial=bool(errors))
+        problems = [*_unsupported_once(errors), *one_per_rule(unsilenced)]
     order = {source.name: number for number, source in enumerate(sources)}
 
     def position(finding: Finding) -> tuple[int, int]:
         place = finding.place
         return (order.get(place.source.name, -1), place.start) if place is not None else (-1, 0)
 
-    findings = sorted((Finding.of(one) for one in dict.fromkeys(found)), key=position)
+    findings = sorted((Finding.of(one) for one in dict.fromkeys(problems)), key=position)
     wrong = any(finding.severity == "error" for finding in findings)
     return Examined(findings, None if wrong else result)
 
 
-def _unsupported_once(errors: Iterable[DomainError]) -> list[DomainError]:
-    """Return errors with what is not supported, at several places of a file, told at the first."""
-    places: dict[tuple[str, str], list[DomainError]] = {}
+def _unsupported_once(errors: Iterable[DomainError]) -> Iterator[DomainError]:
+    """Yield errors; one for all places of a file with the same unsupported form, at the first."""
+    places: dict[tuple[object, ...], list[DomainError]] = {}
     for number, error in enumerate(errors):
         file = error.file if error.code == "unsupported" and error.place else number
-        places.setdefault((error.problem, str(file)), []).append(error)
-    return [
-        error[0]
-        if len(error) == 1
-        else DomainError(
-            f"{error[0].problem} ({len(error)} places)",
-            error[0].place,
-            error[0].advice,
-            code=error[0].code,
-        )
-        for error in places.values()
-    ]
+        places.setdefault((error.problem, file), []).append(error)
+    for first, *others in places.values():
+        if others:
+            text = f"{first.problem} ({1 + len(others)} places)"
+            first = DomainError(text, first.place, first.advice, code=first.code)
+        yield first
 
 
 def _read(
@@ -351,7 +313,7 @@ def _warnings(
     domain: Domain | None, sources: list[Source], *, partial: bool, portable: bool
 ) -> Iterator[DomainWarning]:
     if domain is not None:
-        yield from warnings_of(domain, LOCAL if partial else None)
+        yield from warnings_of(domain, partial=partial)
     else:
         for source in sources:
             yield from source.warnings

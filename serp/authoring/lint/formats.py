@@ -1,22 +1,19 @@
-"""Findings for other programs: JSON, SARIF 2.1.0, and workflow commands of GitHub."""
+"""Findings for other programs: JSON and SARIF 2.1.0."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import quote
 
 from serp import __version__
+from serp.authoring.lint.codes import CODES
 from serp.authoring.lint.findings import Finding, spot
-from serp.authoring.lint.subject import CODES
 
 _SARIF = "https://json.schemastore.org/sarif-2.1.0.json"
 _HELP = "docs/reference/checks.md has an example of each code, and how a warning is silenced."
-_ESCAPED = {"%": "%25", "\r": "%0D", "\n": "%0A"}
-_ESCAPED_VALUE = {**_ESCAPED, ":": "%3A", ",": "%2C"}
 
 
 def as_json(findings: Iterable[Finding]) -> str:
@@ -34,7 +31,7 @@ def as_sarif(findings: Iterable[Finding]) -> str:
     codes = sorted({finding.code for finding in found})
     rules = []
     for code in codes:
-        meaning = {"text": CODES[code].meaning if code in CODES else code}
+        meaning = {"text": CODES.get(code, code)}
         rules.append({"id": code, "shortDescription": meaning, "fullDescription": meaning,
                       "help": {"text": f"{meaning['text']} {_HELP}"}})  # fmt: skip
     run = {
@@ -91,27 +88,5 @@ def _uri(name: str) -> str:
     return path.as_uri() if path.is_absolute() else quote(str(PurePosixPath(path)))
 
 
-def as_github(findings: Iterable[Finding]) -> str:
-    """Return a workflow command a finding, which GitHub shows beside the line in a change."""
-    return "\n".join(map(_command, findings))
-
-
-def _command(finding: Finding) -> str:
-    values = {"title": f"serp check: {finding.code}"}
-    if finding.place is not None:
-        at = spot(finding.place)
-        last = at["end_line"] if at["end_line"] > at["line"] else None
-        values |= {"file": finding.place.source.name, "line": str(at["line"])}
-        values |= {"endLine": str(last)} if last else {"col": str(at["column"])}
-    listed = ",".join(f"{key}={_escaped(value, _ESCAPED_VALUE)}" for key, value in values.items())
-    text = finding.message + (f"\n{finding.advice}" if finding.advice else "")
-    level = "notice" if finding.severity == "note" else finding.severity
-    return f"::{level} {listed}::{_escaped(text, _ESCAPED)}"
-
-
-def _escaped(text: str, table: dict[str, str]) -> str:
-    return re.sub("[%\r\n:,]", lambda match: table.get(match[0], match[0]), text)
-
-
-FORMATS = {"json": as_json, "sarif": as_sarif, "github": as_github}
+FORMATS = {"json": as_json, "sarif": as_sarif}
 """Name → what writes findings in that format."""

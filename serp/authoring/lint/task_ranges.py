@@ -14,7 +14,7 @@ from serp.errors import SerpError
 from serp.model import ground as g
 from serp.pddl.source import DomainWarning, Place
 from serp.pddl.syntax import Change
-from serp.tasks.observation import FAR
+from serp.tasks.grounding import FAR
 from serp.tasks.task import BoundTask
 
 _SAMPLES = 256

@@ -10,7 +10,6 @@ from serp._util.text import listed, plural, readable
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision, Reason
 from serp.agent.explanation import Explanation, compared, explain
-from serp.agent.own_planners import own_planners
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import between, lesser, lines_of
 from serp.agent.veto import VetoPolicy
@@ -61,7 +60,7 @@ class Decider:
             SettingsError: There is no such planner.
             DomainError: The domain cannot be instantiated.
         """
-        own = {} if task is None else own_planners(task.loaded().planners)
+        own = {} if task is None else task.planners
         refuse_unknown_names(settings, own)
         model = domain.model.replace(dt=dt)
         actions = ActionMap(model, len(model.actions))

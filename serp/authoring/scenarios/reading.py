@@ -1,4 +1,4 @@
-"""Reads scenario files: one statement a line, in plain words; what is wrong is located."""
+"""Reads scenario files: one statement a line, in plain words; errors have their places."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from typing import Final
 
 from serp._util.text import closest, did_you_mean, listed
 from serp.authoring.scenarios import syntax as s
-from serp.authoring.scenarios.syntax import Line
 from serp.model.domain import Domain
 from serp.model.transition_model import StateError, TransitionModel
 from serp.pddl.source import DomainError, Place, Recovery, Source
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
 
-BEGINNINGS: Final = {
+EXAMPLES: Final = {
     "chooses": "chooses push-left",
     "does not choose": "does not choose push-left",
     "refuses": "refuses push-left because unsafe",
@@ -27,48 +26,20 @@ BEGINNINGS: Final = {
     "after": "after 3 steps (pole-angle) is about 0.05",
 }
 """How an expectation begins → an example."""
-
-
-def for_beginning(line: str, word: Place, fluents: Sequence[str]) -> DomainError:
-    """Return the error of a line that begins neither a situation nor an expectation.
-
-    Args:
-        line: It, as written.
-        word: The place of its first word.
-        fluents: Names that a situation may give.
-    """
-    name, equals, value = line.partition("=")
-    problem = f"`{word.text}` begins neither a situation nor an expectation"
-    if name.strip().lower() in fluents:
-        write = f"({name.strip()})" + (f" = {value.strip()}" if equals else "")
-        return DomainError(problem, word, f"a fluent stands in parentheses: `{write}`")
-    if closest(word.text, BEGINNINGS):
-        return DomainError(problem, word, did_you_mean(word.text, BEGINNINGS))
-    return DomainError(problem, word, "an expectation begins with " + listed(BEGINNINGS))
-
-
-def for_action(name: str, known: Sequence[str]) -> str:
-    """Return what to write instead of a name that no ground action has."""
-    if objects := [action for action in known if action.startswith(f"{name} ")]:
-        return f"write it with its objects: {listed(objects)}"
-    if begun := [action for action in known if name.startswith(f"{action} ")]:
-        action = max(begun, key=len)
-        return (
-            f"the action is `{action}`; a reason follows `because`, another action follows `or`, "
-            f"and `{name[len(action) + 1 :]}` is neither"
-        )
-    return did_you_mean(name, known)
-
-
 MOST_STEPS: Final = 10_000
 """Steps that one expectation looks ahead at most."""
+_NUMBER = r"[-−+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?"
+_WORD = re.compile(r"[(),=]|[^\s(),=]+")
+_OR, _BECAUSE, _IS = (rf"(?<=\s){word}(?=\s|\Z)" for word in ("or", "because", "is"))
+_FLUENT = r"\(|(?<=\s)not(?=[\s(])"
+"""Where the name of an action ends."""
 
 
 def observed_in(source: Source, domain: Domain) -> Domain:
     """Return a domain that observes what stands in the parentheses of a scenario file."""
     inside = re.findall(r"\(([^()\r\n]*)\)", re.sub(r";[^\r\n]*", "", source.text))
-    named = (" ".join(name.lower().split()) for name in inside)
-    return domain.observed(name for name in named if domain.declared(name) is not None)
+    names = (" ".join(name.lower().split()) for name in inside)
+    return domain.observed(name for name in names if domain.declared(name) is not None)
 
 
 def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scenario]:
@@ -80,8 +51,8 @@ def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> li
         model: Its model, which has the actions and fluents.
 
     Raises:
-        DomainError: A line is no statement, or names what the domain has not. What is wrong with
-            lines behind the first such one stands in the notes of the error.
+        DomainError: A line is no statement, or names what the domain has not. The errors of later
+            lines stand in its notes.
     """
     if source.recovery is not None:
         return _read(source, domain, model)
@@ -104,7 +75,7 @@ def _read(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scen
         if not text.strip():
             continue
         line = _Statement(source, start, text, domain, model)
-        if line.tokens[0].text == "scenario":
+        if line.skip("scenario"):
             _refuse_empty(current, begun)
             begun = source.errors_taken
             current = s.Scenario("", line.place)  # takes the lines below where this one is wrong
@@ -114,7 +85,7 @@ def _read(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scen
             current = s.Scenario("", line.place)
             with source.recovering():
                 raise DomainError(
-                    f"`{line.tokens[0].text}` stands before the first scenario",
+                    f"`{line.next_word.text}` stands before the first scenario",
                     line.place,
                     "a scenario begins with a line such as `scenario the pole leans to the right`",
                 )
@@ -129,33 +100,31 @@ def _read(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scen
 
 def _refuse_empty(scenario: s.Scenario | None, begun: int) -> None:
     """Refuse a scenario without expectations, unless something in it could not be read."""
-    if scenario is None or scenario.expectations:
+    if scenario is None or scenario.expectations or scenario.place.source.errors_taken > begun:
         return
-    source = scenario.place.source
-    if source.errors_taken > begun:
-        return
-    with source.recovering():
+    with scenario.place.source.recovering():
         raise DomainError(
             f"nothing is expected in the scenario `{scenario.title}`",
             scenario.place,
-            "an expectation is a line such as " + listed([*BEGINNINGS.values()][:4]),
+            "an expectation is a line such as " + listed([*EXAMPLES.values()][:4]),
         )
 
 
-class _Statement(Line):
-    """One line with a statement."""
+class _Statement:
+    """One line with a statement, read from left to right; `at` is how far."""
 
     def __init__(
         self, source: Source, start: int, text: str, domain: Domain, model: TransitionModel
     ) -> None:
-        super().__init__(source, start, text)
+        self.at = start + len(text) - len(text.lstrip())
+        self.place = source.place(self.at, start + len(text))
         self._domain, self._model = domain, model
 
     # Statements --------------------------------------------------------------------------------
 
     def scenario(self, known: dict[str, s.Scenario]) -> s.Scenario:
-        """Read `scenario TITLE`."""
-        title = self._rest(1)
+        """Read the title behind `scenario`."""
+        title = self._rest.strip()
         if not title:
             raise DomainError(
                 "a scenario has a title", self.place, write="scenario the pole leans to the right"
@@ -170,68 +139,71 @@ class _Statement(Line):
 
     def added_to(self, to: s.Scenario, known: dict[str, s.Scenario]) -> s.Scenario:
         """Return a scenario with what the line says."""
-        first = self._peek()
-        if first in ("(", "not"):
-            self._refuse_after_expectations(to)
+        first = self.next_word.text.lower()
+        if first in ("(", "not", "like"):
+            if to.expectations:
+                line = to.expectations[0].place.line
+                raise DomainError(
+                    "the situation comes before what is expected in it",
+                    self.place,
+                    f"move this line above line {line}, or begin another scenario",
+                )
+            if first == "like":
+                return self._like(to, known)
             return replace(to, given=(*to.given, self._given()))
-        if first == "like":
-            self._refuse_after_expectations(to)
-            return self._like(to, known)
-        found = self._expectation()
-        if self._at < len(self.tokens):
-            extra = self.tokens[self._at]
+        expectation = self._expectation()
+        extra = self.next_word
+        if extra.text:
             raise DomainError(
-                f"`{self._text(extra)}` is more than this line can say",
-                self.tokens[self._at].place,
+                f"`{extra.text}` is more than this line can say",
+                extra,
                 "begin a new line for another expectation",
             )
-        return replace(to, expectations=(*to.expectations, found))
-
-    def _refuse_after_expectations(self, to: s.Scenario) -> None:
-        if to.expectations:
-            raise DomainError(
-                "the situation comes before what is expected in it",
-                self.place,
-                f"move this line above line {to.expectations[0].place.line}, or begin another "
-                "scenario",
-            )
+        return replace(to, expectations=(*to.expectations, expectation))
 
     def _given(self) -> s.GivenValue:
-        negated = self._skip("not")
-        name, numeric, place = self._fluent(given=True)
+        negated = self.skip("not")
+        name, numeric, place = self._fluent()
+        if name in (REWARD, UNSAFE, TERMINAL):
+            raise DomainError(
+                f"`({name})` starts afresh in every step", place, "leave this line out"
+            )
         if not numeric:
-            if self._peek() == "=":
-                raise DomainError(
-                    f"`({name})` is true or false",
-                    self.place,
-                    write=f"({name})" if not negated else f"not ({name})",
-                )
-            return s.GivenValue(name, float(not negated), place)
-        if negated:
+            value = float(not negated)
+            if self.next_word.text == "=":
+                write = f"not ({name})" if negated else f"({name})"
+                raise DomainError(f"`({name})` is true or false", self.place, write=write)
+        elif negated:
             raise DomainError(f"`({name})` is a number", self.place, write=f"({name}) = 0")
-        self._expect("=", f"({name}) = 0")
-        return s.GivenValue(name, self._number()[0], place)
+        else:
+            self._expect("=", f"({name}) = 0")
+            value = self._number()[0]
+        return s.GivenValue(name, value, place)
 
     def _like(self, to: s.Scenario, known: dict[str, s.Scenario]) -> s.Scenario:
         if to.recorded is not None or to.given:
             raise DomainError(
                 "`like` comes first", self.place, "values that differ follow below it"
             )
-        self._at = 1
-        if self._peek() == "step" and len(self.tokens) > 2 and self.tokens[2].text.isdigit():
-            self._at, step, episode = 3, int(self.tokens[2].text), None
-            self._expect("of", "like step 12 of runs/seven")
-            if self._skip("episode"):
-                episode = self._whole("like step 3 of episode 2 of runs/seven")
-                self._expect("of", "like step 3 of episode 2 of runs/seven")
-            run = self._rest(self._at)
+        self.skip("like")
+        example = "like step 3 of episode 2 of runs/seven"
+        if match := self._take(r"step\s+(\d+)(?=\s)"):
+            step, episode = int(match[1]), None
+            self._expect("of", example)
+            if self.skip("episode"):
+                number = self._take(r"(\d{1,12})(?=\s)")
+                if number is None:
+                    raise self._missing("a whole number", example)
+                episode = int(number[1])
+                self._expect("of", example)
+            run = self._rest.strip()
             if not run:
-                raise self._missing("the folder of a run", "like step 12 of runs/seven")
+                raise self._missing("the folder of a run", example)
             return replace(to, recorded=s.StepOfRun(step, episode, run, self.place))
-        title = self._rest(1)
+        title = self._rest.strip()
         other = known.get(title.lower())
         if other is None or other.title == to.title:
-            earlier = [known[key].title for key in known if known[key].title != to.title]
+            earlier = [scenario.title for scenario in known.values() if scenario.title != to.title]
             raise DomainError(
                 f"there is no scenario `{title}` above",
                 self.place,
@@ -240,118 +212,102 @@ class _Statement(Line):
         return replace(to, recorded=other.recorded, given=other.given)
 
     def _expectation(self) -> s.Expectation:
-        for words, read in (
-            ("chooses", self._chooses),
-            ("does not choose", self._chooses),
-            ("refuses", self._refuses),
-            ("allows", self._allows),
-            ("is indifferent", lambda: s.Indifferent(self.place)),
-            ("value of", self._rates),
-            ("reward of", self._rates),
-            ("after", self._after),
-        ):
-            if self._begins(words.split()):
-                found: s.Expectation = read()
-                return found
-        fluents = [fluent.name for fluent in self._model.fluents]
-        raise for_beginning(self._rest(0), self.tokens[0].place, fluents)
+        for words, example in EXAMPLES.items():
+            if not self.skip(words):
+                continue
+            match words:
+                case "chooses" | "does not choose":
+                    actions = [self._action(_OR)]
+                    while self.skip("or"):
+                        actions.append(self._action(_OR))
+                    return s.Chooses(tuple(actions), words != "chooses", self.place)
+                case "refuses":
+                    action = self._action(_BECAUSE)
+                    reason = self._reason() if self.skip("because") else ""
+                    return s.Refuses(action, reason, self.place)
+                case "allows":
+                    return s.Allows(self._action(), self.place)
+                case "is indifferent":
+                    return s.Indifferent(self.place)
+                case "after":
+                    return self._after(example)
+                case _:
+                    action, what = self._action(_IS), words.removesuffix(" of")
+                    return s.Rates(what, action, self._bounds(example), self.place)
+        raise self._unknown_statement()
 
-    def _chooses(self) -> s.Expectation:
-        actions = [self._action({"or"})]
-        while self._skip("or"):
-            actions.append(self._action({"or"}))
-        return s.Chooses(tuple(actions), self.tokens[0].text == "does", self.place)
+    def _unknown_statement(self) -> DomainError:
+        word, (name, equals, value) = self.next_word, self._rest.partition("=")
+        problem = f"`{word.text}` begins neither a situation nor an expectation"
+        if name.strip().lower() in [fluent.name for fluent in self._model.fluents]:
+            write = f"({name.strip()})" + (f" = {value.strip()}" if equals else "")
+            return DomainError(problem, word, f"a fluent stands in parentheses: `{write}`")
+        advice = did_you_mean(word.text, EXAMPLES) if closest(word.text, EXAMPLES) else ""
+        advice = advice or "an expectation begins with " + listed(EXAMPLES)
+        return DomainError(problem, word, advice)
 
-    def _refuses(self) -> s.Expectation:
-        action = self._action({"because"})
-        if not self._skip("because"):
-            return s.Refuses(action, "", self.place)
-        words = " ".join(token.text for token in self.tokens[self._at :])
+    def _reason(self) -> str:
+        words = " ".join(self._rest.lower().split())
         if words not in s.REASONS:
-            place = self.tokens[self._at].place if words else self._end
-            raise DomainError(
-                f"`{words}` is no reason to refuse an action" if words else "the reason is missing",
-                place,
-                "reasons are " + listed(s.REASONS),
+            problem = (
+                f"`{words}` is no reason to refuse an action" if words else "the reason is missing"
             )
-        self._at = len(self.tokens)
-        return s.Refuses(action, words, self.place)
+            raise DomainError(problem, self.next_word, "reasons are " + listed(s.REASONS))
+        self.at = self.place.end
+        return words
 
-    def _allows(self) -> s.Expectation:
-        return s.Allows(self._action(set()), self.place)
-
-    def _rates(self) -> s.Expectation:
-        what = self.tokens[0].text
-        action = self._action({"is"})
-        return s.Rates(what, action, self._bounds(f"{what} of push-right is about 2"), self.place)
-
-    def _after(self) -> s.Expectation:
-        steps = self._steps()
-        negated = self._skip("not")
-        name, numeric, _ = self._fluent(given=False)
-        if numeric and not negated:
-            bounds = self._bounds(f"after 3 steps ({name}) is about 1")
-        elif numeric:
-            raise DomainError(
-                f"`({name})` is a number", self.place, "write `is about`, `is at most`"
-            )
+    def _after(self, example: str) -> s.After:
+        steps: int | tuple[int, ...]
+        if match := self._take(r"(\d{1,12})(?=\s|\Z)"):
+            steps, place = int(match[1]), self.place.source.place(*match.span(1))
+            if not self.skip("steps") and not self.skip("step"):
+                raise self._missing("`steps`", example)
+            if not 1 <= steps <= MOST_STEPS:
+                raise DomainError(f"{steps:,} steps", place, f"write 1 to {MOST_STEPS:,} steps")
+            if self.skip("of"):
+                steps = (self._action(_FLUENT),) * steps
         else:
+            actions = [self._action(f",|{_FLUENT}")]
+            while self.skip(","):
+                actions.append(self._action(f",|{_FLUENT}"))
+            steps = tuple(actions)
+        negated = self.skip("not")
+        name, numeric, _ = self._fluent()
+        if not numeric:
             bounds = s.Bounds(0.0, 0.0, "false") if negated else s.Bounds(1.0, 1.0, "true")
+        elif negated:
+            advice = "write `is about`, `is at most`"
+            raise DomainError(f"`({name})` is a number", self.place, advice)
+        else:
+            bounds = self._bounds(f"after 3 steps ({name}) is about 1")
         return s.After(steps, name, bounds, self.place)
-
-    def _steps(self) -> int | tuple[int, ...]:
-        first = self._peek()
-        if first.isdigit():
-            count = self._whole("after 3 steps (f) is about 1")
-            if not self._skip("steps") and not self._skip("step"):
-                raise self._missing("`steps`", "after 3 steps (f) is about 1")
-            if not 1 <= count <= MOST_STEPS:
-                raise DomainError(
-                    f"{count:,} steps", self.tokens[1].place, f"write 1 to {MOST_STEPS:,} steps"
-                )
-            if not self._skip("of"):
-                return count
-            return (self._action({"(", "not"}),) * count
-        actions = [self._action({",", "(", "not"})]
-        while self._skip(","):
-            actions.append(self._action({",", "(", "not"}))
-        return tuple(actions)
 
     # Parts of statements -----------------------------------------------------------------------
 
-    def _action(self, ends: set[str]) -> int:
-        """Return the position of a ground action, whose name ends before one of some words."""
-        begin = self._at
-        while self._at < len(self.tokens) and self.tokens[self._at].text not in ends:
-            self._at += 1
-        words = self.tokens[begin : self._at]
+    def _action(self, end: str = r"\Z") -> int:
+        """Return the position of the ground action whose name goes on until an end."""
+        match = self._take(rf"(.*?)\s*(?={end}|\Z)")
         known = [action.name for action in self._model.actions]
-        if not words:
+        if match is None or not match[1]:
             raise self._missing("an action", "", f"actions are {listed(known)}")
-        name = " ".join(token.text for token in words)
+        name = " ".join(match[1].lower().split())
         try:
             return self._model.action_index(name)
         except StateError:
-            place = self.place.source.place(words[0].place.start, words[-1].place.end)
+            place = self.place.source.place(*match.span(1))
             raise DomainError(
-                f"there is no action `{name}`", place, for_action(name, known)
+                f"there is no action `{name}`", place, _instead_of(name, known)
             ) from None
 
-    def _fluent(self, *, given: bool) -> tuple[str, bool, Place]:
+    def _fluent(self) -> tuple[str, bool, Place]:
         """Return name, whether it is a number, and place of `(f ...)`."""
-        begin = self._at
         self._expect("(", "(pole-angle)")
-        while self._at < len(self.tokens) and self.tokens[self._at].text not in "()":
-            self._at += 1
-        name = " ".join(token.text for token in self.tokens[begin + 1 : self._at])
+        begin = self.at - 1
+        match = self._take(r"([^()]*)")
+        name = " ".join(match[1].lower().split()) if match is not None else ""
         self._expect(")", f"({name})")
-        start = self.tokens[begin].place.start
-        place = self.place.source.place(start, self.tokens[self._at - 1].place.end)
+        place = self.place.source.place(begin, self.at)
         if name in (REWARD, UNSAFE, TERMINAL):
-            if given:
-                raise DomainError(
-                    f"`({name})` starts afresh in every step", place, "leave this line out"
-                )
             return name, name == REWARD, place
         declared = self._domain.declared(name)
         known = [fluent.name for fluent in self._model.fluents]
@@ -363,16 +319,75 @@ class _Statement(Line):
 
     def _bounds(self, example: str) -> s.Bounds:
         self._expect("is", example)
-        if self._skip("about"):
-            _, written = self._number()
-            within = None
-            if self._skip("within"):
-                within = self._number()[0]
-            return s.Bounds.about(written, within)
-        if self._skip("at"):
-            for word in ("least", "most"):
-                if self._skip(word):
-                    value, written = self._number()
-                    ends = (value, math.inf) if word == "least" else (-math.inf, value)
-                    return s.Bounds(*ends, f"at {word} {written}")
+        if self.skip("about"):
+            written = self._number()[1]
+            return s.Bounds.about(written, self._number()[0] if self.skip("within") else None)
+        for word in ("least", "most"):
+            if self.skip(f"at {word}"):
+                value, written = self._number()
+                ends = (value, math.inf) if word == "least" else (-math.inf, value)
+                return s.Bounds(*ends, f"at {word} {written}")
         raise self._missing("`about`, `at least` or `at most`", example)
+
+    def _number(self) -> tuple[float, str]:
+        """Return a number, and the number as it is written."""
+        word = self.next_word
+        if not word.text:
+            raise self._missing("a number", "")
+        match = self._take(rf"({_NUMBER})(?=\s|\Z)")
+        if match is None:
+            raise DomainError(f"`{word.text}` is not a number", word)
+        written = match[1].replace("−", "-")
+        if not math.isfinite(float(written)):
+            raise DomainError(f"`{word.text}` is too large", word)
+        return float(written), written
+
+    # Words -------------------------------------------------------------------------------------
+
+    def _take(self, pattern: str) -> re.Match[str] | None:
+        """Read what matches next, blanks aside; None where nothing does."""
+        compiled = re.compile(rf"\s*(?:{pattern})", re.IGNORECASE)
+        match = compiled.match(self.place.source.text, self.at, self.place.end)
+        if match is not None:
+            self.at = match.end()
+        return match
+
+    def skip(self, words: str) -> bool:
+        """Read words, or a sign, if they come next; return whether they do."""
+        pattern = r"\s+".join(map(re.escape, words.split()))
+        whole = r"(?=[\s(),=]|\Z)" if words[-1].isalpha() else ""
+        return self._take(pattern + whole) is not None
+
+    @property
+    def next_word(self) -> Place:
+        """The place of the next word; an empty one where the line ends."""
+        source, end = self.place.source, self.place.end
+        match = _WORD.search(source.text, self.at, end)
+        return source.place(*match.span()) if match is not None else source.place(end, end)
+
+    @property
+    def _rest(self) -> str:
+        return self.place.source.text[self.at : self.place.end]
+
+    def _expect(self, words: str, example: str) -> None:
+        if not self.skip(words):
+            raise self._missing(f"`{words}`", example)
+
+    def _missing(self, what: str, example: str, advice: str = "") -> DomainError:
+        word = self.next_word
+        problem = f"found `{word.text}`" if word.text else "the line ends"
+        advice = advice or (f"for example `{example}`" if example else "")
+        return DomainError(f"expected {what}, {problem}", word, advice)
+
+
+def _instead_of(name: str, known: Sequence[str]) -> str:
+    """Return what to write instead of a name that no ground action has."""
+    if objects := [action for action in known if action.startswith(f"{name} ")]:
+        return f"write it with its objects: {listed(objects)}"
+    if begun := [action for action in known if name.startswith(f"{action} ")]:
+        action = max(begun, key=len)
+        return (
+            f"the action is `{action}`; a reason follows `because`, another action follows `or`, "
+            f"and `{name[len(action) + 1 :]}` is neither"
+        )
+    return did_you_mean(name, known)

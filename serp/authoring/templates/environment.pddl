@@ -28,7 +28,7 @@ ${functions}
   ;   :effect (and (increase (${first}) 0.1))
   ; and a precondition when it can be done, such as (and (< (${first}) 1)).
 
-${actions}
+${schemas}
   ; What the world does by itself, per unit of time. Remove the semicolons:
 
   ; (:process drift

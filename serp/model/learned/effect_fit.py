@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from serp.model import ground as g
-from serp.model.learned.effect_search import CERTAIN, LASTING, improvement_of, search
+from serp.model.learned.effect_search import LASTING, improvement_of, search
 from serp.model.learned.parameter_fit import (
     AddedEffect,
     ParameterEstimator,
@@ -25,6 +25,7 @@ from serp.model.learned.regression_data import (
     RegressionData,
     predictions,
 )
+from serp.model.learned.robust_regression import CERTAIN
 from serp.model.transition_model import TransitionModel, Vector
 
 _AGREE = 2.0  # standard errors within which two estimates agree

@@ -24,7 +24,7 @@ from serp.model.learned.regression_data import (
     LiftedScope,
     RegressionData,
 )
-from serp.model.learned.robust_regression import independent, regress
+from serp.model.learned.robust_regression import CERTAIN, independent, regress
 from serp.model.transition_model import Vector
 from serp.pddl.syntax import Change, ChangeFunction, Kind
 
@@ -122,8 +122,6 @@ def may_change(lifted: LiftedModel, scope: LiftedScope, target: LiftedFluent) ->
 
 _MAX_EFFECTS = 12  # most added effects of one function
 _MAX_CHOICES = 30  # most choices that are examined in one round, the best first
-CERTAIN = 4.0
-"""Standard errors by which the coefficient of an added effect must differ from 0."""
 _COLLINEAR = 1e-6
 """Fraction of a column's squares not explained by other columns; below it they are collinear."""
 _WORLD_FACTOR = 1.05

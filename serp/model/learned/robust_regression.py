@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from serp.model.transition_model import Vector
 
+CERTAIN = 4.0
+"""Standard errors at which a deviation is certain: a file has many parameters, so false findings
+must be rare."""
 _HUBER, _REJECTED = 2.0, 6.0
 """Robust scales beyond which a row is down-weighted, and beyond which it is rejected."""
 _TRIMMED = 0.02

@@ -24,11 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, PositiveInt
 
+from serp._util.compilation import working_time
 from serp._util.files import read_regular, write_durably
 from serp._util.numbers import real
 from serp._util.processes import one_thread
 from serp._util.terminal import visible
-from serp.agent.agent import Agent
+from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
 from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import Interrupted, Notice, RunError, SerpError, TaskError
@@ -37,14 +38,23 @@ from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import outcome_of
 from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
-from serp.runs.guarded_env import RunLog, TaskEnv
-from serp.runs.rollout import Decide, Rollout, Watchdog, evaluation_seed, training_seed
+from serp.runs.guarded_env import TaskEnv
+from serp.runs.report import write_results
+from serp.runs.rollout import (
+    SLOW_STEP_SECONDS,
+    Decide,
+    Rollout,
+    Watchdog,
+    evaluation_seed,
+    training_seed,
+)
 from serp.runs.run import begin_run
-from serp.runs.tables import MetricsRow, read_metrics
+from serp.runs.run_log import RunLog
+from serp.runs.tables import MetricsRow, metrics_row, read_metrics
 from serp.runs.train import compiled_trainer, restore, train
 from serp.runs.trainer import Budget, Callbacks
 from serp.settings import Settings
-from serp.tasks.checks import single
+from serp.tasks.environment import single
 from serp.tasks.task import BoundTask, Judge, Task
 
 Columns = dict[str, NDArray[Any]]
@@ -275,35 +285,42 @@ def _train_external(
             return int(actions[0])
 
     evaluations = _Evaluations(job, agent, bound, arena, greedy)
-    log = RunLog(
-        bound, settings, job.algorithm.preset, seed, job.folder, datetime.datetime.now(),
-        baseline=True,
+    folder = begin_run(
+        job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
+        budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
     )  # fmt: skip
+    log = RunLog(folder, bound, settings.training)
+    clock = working_time()
 
     def after_step(step: StepRecord) -> None:
-        nonlocal made, episode
+        nonlocal made, episode, clock
         if made >= budget:
             raise _Spent
-        log.step(step, agent.guarded, made, episode)
+        log.step(step, env_step=made, episode=episode)
         made += 1
         if step.last:
-            log.episode(step.episode, 1.0, made, episode)
+            row = metrics_row(
+                step.episode, episode=episode, env_steps=made, rho=1.0, epsilon=None, losses=(),
+                wall_time=working_time() - clock,
+            )  # fmt: skip
+            log.episode(row)
             episode += 1
             if stopped():
                 raise Interrupted(f"stopped after {made} env steps", 0)
         # At the budget it still learns from the last steps, and then ends.
         if made in evaluations.due and made < budget:
-            with log.paused():
-                evaluations.evaluate(made)
+            begun = working_time()
+            evaluations.evaluate(made)
+            clock += working_time() - begun
 
     env.on_step = after_step
-    with log, Watchdog(bound, settings.training.slow_step_seconds, lambda: made + 1, _warn):
+    with folder, log, Watchdog(bound, SLOW_STEP_SECONDS, lambda: made + 1, _warn):
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
         if made < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
-        log.close(agent)
+        write_results(folder, account=account_of(agent))
 
 
 def _warn(line: str) -> None:

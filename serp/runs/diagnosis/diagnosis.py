@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from serp._util.saved_state import Saved
+from serp._util.text import percent, plural
 from serp.errors import RunError
 from serp.model.domain import Domain
 from serp.model.ground import Parameter
@@ -21,18 +20,16 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Place
 from serp.runs.agreeing import RunModel
 from serp.runs.diagnosis.accuracy import (
-    END,
-    REWARD,
+    WELL,
     Quantity,
     Steps,
     forecast_with,
     quantities_of,
-    without,
     worthwhile,
 )
 from serp.runs.diagnosis.analysis import findings
-from serp.runs.diagnosis.findings import Findings
-from serp.runs.diagnosis.remarks import Remark, remarks, unexplained, verdict
+from serp.runs.diagnosis.findings import Finding, Findings
+from serp.runs.diagnosis.remarks import place_of, remark, symbols_of
 
 
 @dataclass(frozen=True)
@@ -72,9 +69,7 @@ def read_recorded(run: Path) -> Recorded:
     """
     read = RunModel(run)
     checkpoint, adaptation = read.checkpoint, read.adaptation
-    whole = Saved("run", checkpoint.arrays, checkpoint.meta)
-    experience = adaptation.experience
-    if not len(experience):
+    if not len(adaptation.experience):
         raise RunError(
             f"{run} has no env step in its last checkpoint; train it for a while: "
             f"serp plan-and-learn --resume {run}"
@@ -85,56 +80,28 @@ def read_recorded(run: Path) -> Recorded:
         domain=read.domain,
         files={str(k): str(v) for k, v in read.folder.metadata["domain_files"].items()},
         model=read.model,
-        experience=experience,
+        experience=adaptation.experience,
         adoption=adaptation.adoption,
-        env_steps=whole.whole("env_steps"),
+        env_steps=Saved("run", checkpoint.arrays, checkpoint.meta).whole("env_steps"),
         learned_from=str(read.folder.metadata["config"].get("learned_from", "")),
         notice=None if damage is None else f"{damage} This diagnosis uses the one before.",
     )
 
 
-class Worst(NamedTuple):
-    """The step with the largest error of the file as written, from a state `[F]`."""
-
-    predicted: float
-    observed: float
-    state: Vector
-
-
-class FitRow(NamedTuple):
-    """The accuracy for a fluent, `reward` or `terminal` after a ground action, in its own unit.
+class Remark(NamedTuple):
+    """A finding in words.
 
     Attributes:
-        action, fluent: Their names.
-        steps: Transitions.
-        scale: Observed range over all actions.
-        change: Root mean square of the observed change in a step.
-        rmse_written: Root mean squared error of the file as written.
-        rmse_found: The same of the file patched with the findings worth mentioning.
-        cost: Cost of the error of the file, see `serp.runs.diagnosis.findings`.
-        predicted: Steps with a predicted change of a predicate, or a predicted end; 0 for numbers.
-        happened: Those of these in which it was observed.
-        unpredicted: Steps in which it was observed and not predicted.
-        worst: The step predicted worst; None where there is no error.
+        text: The sentence, without a full stop.
+        share: Fraction, 0 to 1, of the squared error of its fluents that the finding explains.
+        line: Line of the file; None where there is none.
+        finding: The finding.
     """
 
-    action: str
-    fluent: str
-    steps: int
-    scale: float
-    change: float
-    rmse_written: float
-    rmse_found: float
-    cost: float
-    predicted: int
-    happened: int
-    unpredicted: int
-    worst: Worst | None
-
-    @property
-    def missed(self) -> int:
-        """Steps in which a change came or was predicted, but not both."""
-        return self.predicted - self.happened + self.unpredicted
+    text: str
+    share: float
+    line: int | None
+    finding: Finding
 
 
 @dataclass(frozen=True)
@@ -147,10 +114,8 @@ class Diagnosis:
         expected: `[N, F + 2]` predictions of the file patched with the findings worth mentioning.
         findings: All findings.
         worthwhile: Findings worth mentioning; `serp repair` writes them into the file.
-        matter: Remarks on these, the most costly first.
-        others: Remarks on the other findings.
+        remarks: These in words, the most costly first.
         quantities: The accuracy for each symbol, the reward and the end.
-        fits: The accuracy for each ground action and fluent, reward and end, the most costly first.
     """
 
     recorded: Recorded
@@ -158,10 +123,8 @@ class Diagnosis:
     expected: Vector
     findings: Findings
     worthwhile: Findings
-    matter: tuple[Remark, ...]
-    others: tuple[Remark, ...]
+    remarks: tuple[Remark, ...]
     quantities: tuple[Quantity, ...]
-    fits: tuple[FitRow, ...]
 
     @property
     def sample(self) -> RegressionData:
@@ -170,20 +133,44 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """A sentence on the accuracy of the file."""
+        """A sentence on the accuracy of the file one step ahead."""
+        quantities = self.quantities
         if not len(self.sample):
             return "None of these steps can be compared with the file."
-        return verdict(self.quantities, bool(self.matter))
+        if not quantities:
+            return "Nothing changed in these steps, as predicted."
+        worst = max(quantities, key=lambda q: q.error)
+        good, good_left = (
+            sum(error <= WELL for error in errors)
+            for errors in ([q.error for q in quantities], [q.unexplained for q in quantities])
+        )
+        if good == len(quantities):
+            text = f"The file predicts well: every error is at most {percent(worst.error)} of the "
+            return text + f"change, that of {worst.shown}."
+        text = f"The file predicts {good} of {len(quantities)} quantities to within "
+        text += f"{percent(WELL)} of their change"
+        chance = ", apart from chance" if self.worthwhile.stochastic else ""
+        return text + (f", and {good_left} with the findings{chance}." if self.remarks else ".")
 
     @property
     def unexplained(self) -> list[str]:
-        """A sentence for each quantity that the findings do not explain, the worst first."""
-        return unexplained(self.quantities)
+        """A sentence for each quantity that the findings do not explain, the worst first.
 
-    def share(self, remark: Remark) -> float:
-        """Return the fraction, 0 to 1, of its symbols' squared error that a remark explains."""
-        error = sum(q.squared for q in self.quantities if q.name in remark.symbols)
-        return min(1.0, max(0.0, remark.cost / error)) if error > 0 else 0.0
+        A quantity is explained if the patched file predicts it to within 10 % of its change, apart
+        from the expected error of the stochastic effects found.
+        """
+        rest = sorted(self.quantities, key=lambda q: -q.unexplained)
+        return [_unexplained(quantity) for quantity in rest if quantity.unexplained > WELL]
+
+
+def _unexplained(quantity: Quantity) -> str:
+    if not quantity.change:
+        steps = plural(quantity.steps, "step")
+        return f"{quantity.shown} does not change in {steps}, but the file predicts changes"
+    text = f"{quantity.shown}: the error is {percent(quantity.error)} of the change"
+    if abs(quantity.squared_left - quantity.squared) > 0.01 * quantity.squared:
+        text += f", {percent(quantity.error_left)} with the findings"
+    return text
 
 
 def diagnose(run: str | Path) -> Diagnosis:
@@ -209,57 +196,17 @@ def make_diagnosis(recorded: Recorded, found: Findings) -> Diagnosis:
         return forecast.mean, quantities_of(model, steps, forecast)
 
     processes = {process.schema for process in model.ground.processes}
-    worthy = worthwhile(found, accuracy(found)[1], processes)
-    expected, quantities = accuracy(worthy)
-    return Diagnosis(
-        recorded=recorded,
-        steps=steps,
-        expected=expected,
-        findings=found,
-        worthwhile=worthy,
-        matter=tuple(remarks(worthy, model.ground)),
-        others=tuple(remarks(without(found, worthy), model.ground)),
-        quantities=quantities,
-        fits=tuple(_fits(model, steps, expected)),
-    )
-
-
-def _fits(model: TransitionModel, steps: Steps, expected: Vector) -> list[FitRow]:
-    names = [*(fluent.name for fluent in model.fluents), REWARD, END]
-    numeric = np.array([*(fluent.numeric for fluent in model.fluents), True, False])
-    rows: list[FitRow] = []
-    count = len(steps.sample)
-    if not count:
-        return rows
-    scale = np.ptp(np.concatenate((steps.before, steps.after)), axis=0)
-    for position, action in enumerate(model.actions):
-        done = np.flatnonzero(steps.sample.actions == position)
-        number = len(done)
-        if not number:
-            continue
-        before, after, predicted = steps.before[done], steps.after[done], steps.predicted[done]
-        change, off, left = (
-            np.sqrt(np.nanmean((after - other) ** 2, axis=0))
-            for other in (before, predicted, expected[done])
-        )
-        costs = number * (off / steps.units) ** 2 / count
-        said, came = (np.abs(to - before) > 0.5 for to in (predicted, after))
-        counts = np.stack([said.sum(axis=0), (said & came).sum(axis=0), (came & ~said).sum(axis=0)])
-        counts[:, numeric] = 0
-        errors = np.nan_to_num(np.abs(after - predicted))
-        worst = [
-            Worst(float(predicted[k, f]), float(after[k, f]), steps.sample.states[done[k]])
-            if errors[k, f]
-            else None
-            for f, k in enumerate(errors.argmax(axis=0).tolist())
-        ]
-        numbers = np.stack((scale, change, off, left, costs)).T.tolist()
-        columns = zip(names, numbers, counts.T.tolist(), worst, strict=True)
-        rows += [
-            FitRow._make((action.name, name, number, *own, *counted, case))
-            for name, own, counted, case in columns
-        ]
-    return sorted(rows, key=lambda row: -row.cost)
+    kept = worthwhile(found, accuracy(found)[1], processes)
+    expected, quantities = accuracy(kept)
+    remarks = []
+    listed: list[Finding] = [*kept.parameters, *kept.missing, *kept.stochastic, *kept.rules]
+    for finding in sorted(listed, key=lambda finding: -finding.cost):
+        error = sum(q.squared for q in quantities if q.name in symbols_of(finding))
+        share = min(1.0, max(0.0, finding.cost / error)) if error > 0 else 0.0
+        place = place_of(finding)
+        line = None if place is None else place.line
+        remarks.append(Remark(remark(finding, model.ground), share, line, finding))
+    return Diagnosis(recorded, steps, expected, found, kept, tuple(remarks), quantities)
 
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -277,41 +224,29 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "quantities": [
             {
                 **_plain(quantity),
-                "error_of_change": quantity.off,
-                "error_of_change_found": quantity.off_left,
+                "error": quantity.error,
+                "error_left": quantity.error_left,
                 "unexplained": quantity.unexplained,
             }
             for quantity in diagnosis.quantities
         ],
         "not_explained": diagnosis.unexplained,
-        "remarks": [
-            {**_plain(remark), "share": diagnosis.share(remark), "matters": matters}
-            for remarks, matters in ((diagnosis.matter, True), (diagnosis.others, False))
-            for remark in remarks
-        ],
+        "remarks": [_plain(remark) for remark in diagnosis.remarks],
         "parameters": _plain(diagnosis.findings.parameters),
-        "fits": [
-            {**_plain(row), "worst": _worst(row.worst, recorded.model)} for row in diagnosis.fits
-        ],
         "model_in_use": recorded.adoption.as_dict(),
     }
 
 
-def _worst(worst: Worst | None, model: TransitionModel) -> dict[str, Any] | None:
-    return None if worst is None else {**worst._asdict(), "state": model.values(worst.state)}
-
-
 def _plain(value: Any) -> Any:
     """Return records as objects with the names of their fields, findings with their kind."""
+    if isinstance(value, Parameter):
+        value = value.place
     if isinstance(value, Place):
         file = Path(value.source.name).name
         return {"file": file, "line": value.line, "column": value.column, "text": value.text}
-    if isinstance(value, Parameter):
-        return _plain(value.place)
     if dataclasses.is_dataclass(value):
-        fields = dataclasses.fields(value)
-        kind = {"kind": type(value).__name__} if any(f.name == "cost" for f in fields) else {}
-        return {**kind, **{f.name: _plain(getattr(value, f.name)) for f in fields}}
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return {name: _plain(getattr(value, name)) for name in value._fields}
-    return [_plain(each) for each in value] if isinstance(value, tuple | list) else value
+        fields = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"kind": type(value).__name__, **fields} if "cost" in fields else fields
+    if isinstance(value, Remark):
+        return {name: _plain(field) for name, field in value._asdict().items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value

@@ -1,40 +1,47 @@
-"""Findings about a domain file from observed transitions: records of `diagnose` and `repair`.
+"""Findings about a domain file from observed transitions, and how a file writes them.
 
 `samples` is the number of transitions that a finding is based on. `cost` is the fraction of the
 one-step prediction error that it accounts for: the reduction of the squared error of its quantity,
-divided by the squared change of that quantity. A file that predicts no change has an error of 1.
-Costs are comparable across kinds of findings and across fluents, rewards and ends of any scale.
+divided by the squared change of that quantity. Costs are comparable across kinds of findings and
+across fluents, rewards and ends of any scale.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from serp.model.ground import Parameter
+from serp.model.learned.robust_regression import CERTAIN
 from serp.pddl.source import Place
 
 
 @dataclass(frozen=True)
 class EffectTerm:
-    """One summand of an effect that the file does not mention.
-
-    Attributes:
-        coefficient: Estimate, in the units of the fluents.
-        error: Its standard error.
-        fluents: Names of the fluents whose product it multiplies; `()` for a constant.
-    """
+    """A summand of a missing effect: a coefficient times the product of the named fluents."""
 
     coefficient: float
     error: float
     fluents: tuple[str, ...]
 
+    @property
+    def size(self) -> str:
+        """The term without its sign, in PDDL."""
+        number = decimal(abs(self.coefficient), self.error)
+        fluents = ""
+        for name in self.fluents:
+            fluents = f"(* {fluents} ({name}))" if fluents else f"({name})"
+        if not fluents:
+            return number
+        return fluents if number == "1" else f"(* {number} {fluents})"
+
 
 @dataclass(frozen=True)
 class ParameterFinding:
-    """An estimate of a parameter: a number that the file writes in an effect or a rate.
+    """An estimate of a number that the file writes in an effect or a rate.
 
     Attributes:
-        parameter: The parameter, with its place.
+        parameter: The number, with its place.
         schema: Name of the action or process schema that contains it.
         fluent: Symbol of the function that the effect changes.
         written: Its value in the file.
@@ -51,15 +58,23 @@ class ParameterFinding:
     samples: int
     cost: float
 
+    @property
+    def number(self) -> str:
+        """What the file should have; 0 where the estimate has an uncertain sign and turned."""
+        turned = self.estimate * self.written < 0.0
+        if turned and abs(self.estimate) <= CERTAIN * self.error:
+            return "0"
+        return decimal(self.estimate, self.error)
+
 
 @dataclass(frozen=True)
 class MissingEffect:
-    """A change that was observed and that the file does not mention.
+    """An observed change that the file does not mention.
 
     Attributes:
-        schema: Name of the action schema; empty for a change under every action.
+        schema: Name of the action schema; empty for a change per unit of time under every action.
         place: Where that schema is written; None where there is none.
-        fluent: Name of the fluent that changes.
+        fluent: Name of the fluent that changes: `battery ?robot`.
         terms: The summands of the change.
     """
 
@@ -70,10 +85,10 @@ class MissingEffect:
     samples: int
     cost: float
 
-    @property
-    def rate(self) -> bool:
-        """Whether the terms are per unit of time and belong in a process."""
-        return not self.schema
+    def effect(self, term: EffectTerm) -> str:
+        """Return the effect of one term in PDDL."""
+        value = term.size if self.schema else f"(* #t {term.size})"
+        return f"({'decrease' if term.coefficient < 0 else 'increase'} ({self.fluent}) {value})"
 
 
 @dataclass(frozen=True)
@@ -81,7 +96,7 @@ class ObservedOutcome:
     """One outcome of a stochastic effect.
 
     Attributes:
-        changes: (symbol of the fluent, its change); `()` where nothing changes.
+        changes: (name of the fluent, its change); `()` where nothing changes.
         probability: Its probability, 0 to 1.
         error: Standard error of the probability.
         written: Whether it is the effect in the file.
@@ -98,13 +113,7 @@ class ObservedOutcome:
 
 @dataclass(frozen=True)
 class StochasticEffect:
-    """An action with several outcomes, or with another outcome than in the file.
-
-    Attributes:
-        schema: Name of the action schema.
-        place: Where it is written.
-        outcomes: Its outcomes, the most frequent first.
-    """
+    """An action schema with several outcomes, or with another outcome than in the file."""
 
     schema: str
     place: Place
@@ -125,7 +134,7 @@ class RuleFinding:
         place: Where it is written; None where there is no such place.
         fluent: `reward` or `terminal`.
         predicted: Steps in which the line was predicted to apply.
-        came: Number of these with the predicted reward or end.
+        correct: Number of these with the predicted reward or end.
         unpredicted: Steps in which the line applies to the observed state but was not predicted to;
             without a line, steps with an unpredicted reward or end.
         expected: Mean predicted reward of the steps counted by `predicted`; 1 for ends.
@@ -137,7 +146,7 @@ class RuleFinding:
     place: Place | None
     fluent: str
     predicted: int
-    came: int
+    correct: int
     unpredicted: int
     expected: float
     observed: float
@@ -150,12 +159,7 @@ Finding = ParameterFinding | MissingEffect | StochasticEffect | RuleFinding
 
 @dataclass(frozen=True)
 class Findings:
-    """All findings about a domain file.
-
-    Attributes:
-        parameters, missing, stochastic, rules: The findings by kind.
-        samples: Transitions compared.
-    """
+    """Findings about a domain file by kind, from a number of compared transitions."""
 
     parameters: tuple[ParameterFinding, ...] = ()
     missing: tuple[MissingEffect, ...] = ()
@@ -167,3 +171,24 @@ class Findings:
 def symbol_of(name: str) -> str:
     """Return the symbol of a fluent's printed name: `battery` of `battery ?robot`."""
     return name.strip("() ").split(" ")[0]
+
+
+def decimal(value: float, error: float) -> str:
+    """Format a number up to the first uncertain digit, with at most four digits.
+
+    A plain decimal, as every PDDL tool reads it: `0.21`, `-3`, never an exponent. The standard
+    error is 0 if there is none.
+    """
+    if value == 0.0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    most = 3 - size
+    decimals = most
+    if error > 0.0 and math.isfinite(error):
+        decimals = min(most, -math.floor(math.log10(error)))
+    if round(value, decimals) == 0.0:  # no digit is certain: show the order of magnitude
+        decimals = -size
+    text = f"{round(value, decimals):.{max(0, decimals)}f}"
+    if decimals == most and "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return text

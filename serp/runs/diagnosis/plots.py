@@ -1,4 +1,4 @@
-"""Pictures of predicted against observed changes, a panel for each ground action and fluent."""
+"""A picture of predicted against observed changes, a panel for each quantity."""
 
 from __future__ import annotations
 
@@ -6,116 +6,57 @@ from typing import Final, Literal
 
 import matplotlib.style
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from serp._util.figures import FAINT, INK, PALETTE, PLANNER, STYLE, render
-from serp._util.text import readable
-from serp.model.transition_model import Vector
-from serp.runs.diagnosis.accuracy import END, REWARD
-from serp.runs.diagnosis.diagnosis import Diagnosis, FitRow
+from serp._util.figures import INK, PALETTE, PLANNER, STYLE, render
+from serp._util.text import percent
+from serp.runs.diagnosis.accuracy import symbols_of
+from serp.runs.diagnosis.diagnosis import Diagnosis
 
 PANELS: Final = 12
 """Most panels of a picture."""
 
-_WRITTEN: Final = PALETTE["vermilion"][0]
-_FOUND: Final = PLANNER
-_POINTS: Final = 600
-_AREA: Final = 7.0  # of one step's point; that of equal steps grows with their number
-_LARGEST: Final = 300.0
-_COLUMNS: Final = 4
-_NAME: Final = 34  # characters of a title
-
 
 def picture(diagnosis: Diagnosis, kind: Literal["png", "svg"]) -> bytes:
-    """Return the bytes of a picture file, equal for equal diagnoses."""
-    return render(draw_diagnosis(diagnosis), kind)
+    """Draw predicted against observed changes of the at most 12 quantities with the largest errors.
 
-
-def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
-    """Draw predicted against observed changes of at most 12 pairs of action and fluent.
-
-    Reward and end count as fluents. The most costly pairs come first; if the file predicts all of
-    them exactly, the pairs with the largest changes are drawn.
-
-    Returns:
-        A figure outside matplotlib's global state.
+    A point is a pair of changes, the larger the more steps have it. Returns the bytes of a file,
+    equal for equal diagnoses.
     """
-    fits = panels_of(diagnosis)
-    wide = min(_COLUMNS, max(1, len(fits)))
-    high = max(1, -(-len(fits) // wide))
+    quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)[:PANELS]
+    steps = diagnosis.steps
+    symbols = symbols_of(diagnosis.recorded.model)
+    wide = min(4, max(1, len(quantities)))
+    high = max(1, -(-len(quantities) // wide))
     with matplotlib.style.context(["default", STYLE, {"font.size": 9, "axes.titlesize": 10}]):
-        size = max(5.6, 3.1 * wide + 0.4), 2.9 * high + 1.0
-        figure = Figure(figsize=size, layout="constrained")
-        for position, fit in enumerate(fits):
+        figure = Figure(figsize=(max(5.6, 3.1 * wide + 0.4), 2.9 * high + 1), layout="constrained")
+        for position, quantity in enumerate(quantities):
+            own = symbols == quantity.name
+            changes = (
+                after[:, own].ravel() - steps.before[:, own].ravel()
+                for after in (steps.after, steps.predicted, diagnosis.expected)
+            )
+            observed, written, patched = (np.round(change, 6) + 0.0 for change in changes)
             axes = figure.add_subplot(high, wide, position + 1)
-            _draw(axes, diagnosis, fit)
-            if position % wide == 0:
-                axes.set_ylabel("observed change")
-            if position + wide >= len(fits):  # none below it
-                axes.set_xlabel("predicted change")
-        figure.suptitle(
-            f"Predicted against observed: {diagnosis.recorded.domain.name}, "
-            f"{len(diagnosis.sample):,} single steps",
-            fontsize=13, fontweight="bold", x=0.01, horizontalalignment="left",
-        )  # fmt: skip
-        if fits:
-            entries = {
-                label: handle
-                for axes in figure.axes
-                for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+            series = {
+                f"file: {percent(quantity.error)}": (written, PALETTE["vermilion"][0]),
+                f"with findings: {percent(quantity.error_left)}": (patched, PLANNER),
             }
-            figure.legend(entries.values(), entries.keys(), loc="outside lower center",
-                          ncols=3, markerscale=2)  # fmt: skip
-    return figure
-
-
-def panels_of(diagnosis: Diagnosis) -> list[FitRow]:
-    """Return the pairs of action and fluent that are drawn, in their order."""
-    wrong = [fit for fit in diagnosis.fits if fit.cost > 0.0]
-    moving = sorted(diagnosis.fits, key=lambda fit: -fit.change / (fit.scale or 1.0))
-    return (wrong or [fit for fit in moving if fit.change > 0.0])[:PANELS]
-
-
-def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow) -> None:
-    model, steps = diagnosis.recorded.model, diagnosis.steps
-    column = [*(fluent.name for fluent in model.fluents), REWARD, END].index(fit.fluent)
-    action = [action.name for action in model.actions].index(fit.action)
-    rows = np.flatnonzero(diagnosis.sample.actions == action)
-    changes = np.stack(
-        [
-            after[rows, column] - steps.before[rows, column]
-            for after in (steps.after, steps.predicted, diagnosis.expected)
-        ]
-    )
-    changes = changes[:, np.isfinite(changes).all(axis=0)]
-    title = f"{fit.action}: {fit.fluent}"
-    axes.set_title(title if len(title) <= _NAME else title[: _NAME - 1] + "…", pad=18)
-    better = fit.rmse_found != fit.rmse_written
-    found = f" → {readable(fit.rmse_found)}" if better else ", nothing found"
-    axes.text(
-        0.0, 1.02, f"error {readable(fit.rmse_written)}{found}",
-        transform=axes.transAxes, fontsize=8, color=FAINT, verticalalignment="bottom",
-    )  # fmt: skip
-    few = np.unique(np.linspace(0, changes.shape[1] - 1, _POINTS).astype(int))
-    _scatter(axes, changes[1, few], changes[0, few], _WRITTEN, "file as written")
-    if better:
-        _scatter(axes, changes[2, few], changes[0, few], _FOUND, "with what was found")
-    low, high = float(changes.min()), float(changes.max())
-    margin = 0.1 * (high - low) or 1.0
-    ends = low - margin, high + margin
-    axes.plot(ends, ends, color=INK, linewidth=0.8, zorder=0.5, label="where both are equal")
-    axes.set_xlim(*ends)
-    axes.set_ylim(*ends)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(4))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: readable(value)))
-
-
-def _scatter(axes: Axes, predicted: Vector, observed: Vector, colour: str, label: str) -> None:
-    """Draw a point for each distinct pair, the larger the more steps it has."""
-    pairs = np.round(np.stack((predicted, observed)), 6) + 0.0
-    (x, y), counts = np.unique(pairs, axis=1, return_counts=True)
-    area = np.minimum(_AREA * counts**0.75, _LARGEST)
-    axes.scatter(x, y, s=area, color=colour, alpha=0.45, linewidths=0, rasterized=True, label=label)
+            if quantity.error_left == quantity.error:
+                series.popitem()
+            for label, (predicted, colour) in series.items():
+                fine = np.isfinite(predicted)
+                few = np.flatnonzero(fine)[:: max(1, int(fine.sum()) // 600)]
+                pairs = np.stack((predicted[few], observed[few]))
+                (x, y), counts = np.unique(pairs, axis=1, return_counts=True)
+                size = np.minimum(7.0 * counts**0.75, 300.0)
+                axes.scatter(x, y, s=size, color=colour, alpha=0.45, linewidths=0, rasterized=True,
+                             label=label)  # fmt: skip
+            axes.axline((0.0, 0.0), slope=1.0, color=INK, linewidth=0.8, zorder=0.5)
+            axes.set_title(quantity.shown[1:-1])
+            axes.legend(fontsize=7)
+            axes.set_xlabel("predicted change")
+            axes.set_ylabel("observed change")
+        count = f"{len(diagnosis.sample):,} single steps"
+        figure.suptitle(f"{diagnosis.recorded.domain.name}, {count}", fontweight="bold")
+    return render(figure, kind)

@@ -7,16 +7,14 @@ are only commented on. `serp.runs.diagnosis.accuracy` decides which findings are
 
 from __future__ import annotations
 
-import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from serp._util.text import measured
 from serp.model.domain import Domain
-from serp.model.learned.regression_data import WORLD
 from serp.pddl import syntax as x
 from serp.pddl.reader import Group, Word, read_group
 from serp.pddl.source import (
@@ -29,7 +27,6 @@ from serp.pddl.source import (
     line_start,
     newline_of,
 )
-from serp.runs.diagnosis.accuracy import CERTAIN
 from serp.runs.diagnosis.findings import (
     EffectTerm,
     Findings,
@@ -39,278 +36,13 @@ from serp.runs.diagnosis.findings import (
 )
 from serp.runs.diagnosis.remarks import outcomes_text, rule_text
 
-_DIGITS = 4  # most significant ones
-_WIDTH = 100
-_PLAIN = str.maketrans({"−": "-", "…": "...", "×": "*", "±": "+/-"})
-
-
-def decimal(value: float, error: float) -> str:
-    """Format a number up to the first uncertain digit, with at most four digits.
-
-    A plain decimal, as every PDDL tool reads it: `0.21`, `-3`, never an exponent.
-
-    Args:
-        value: The number.
-        error: Its standard error; 0 for none.
-    """
-    if value == 0.0:
-        return "0"
-    most = _DIGITS - 1 - math.floor(math.log10(abs(value)))
-    decimals = most
-    if error > 0.0 and math.isfinite(error):
-        decimals = min(most, -math.floor(math.log10(error)))
-    rounded = round(value, decimals)
-    if rounded == 0.0:  # no digit is certain: show the order of magnitude
-        decimals = -math.floor(math.log10(abs(value)))
-        rounded = round(value, decimals)
-    text = f"{rounded:.{max(0, decimals)}f}"
-    if decimals == most and "." in text:
-        text = text.rstrip("0").rstrip(".")
-    return text
-
-
-def effect_of(target: str, term: EffectTerm, *, rate: bool) -> str:
-    """Return `(increase (f) ...)` or `(decrease (f) ...)` for one term.
-
-    Args:
-        target: Name of the fluent, `battery ?robot`.
-        term: The term that changes it.
-        rate: Whether it is a change per unit of time, as in a process.
-    """
-    value = _product(abs(term.coefficient), term)
-    if rate:
-        value = f"(* #t {value})"
-    return f"({'decrease' if term.coefficient < 0 else 'increase'} ({target}) {value})"
-
-
-def plus(value: str, terms: Iterable[EffectTerm]) -> str:
-    """Return the expression of a value with terms added to it, in binary arithmetic."""
-    for term in terms:
-        operator = "-" if term.coefficient < 0 else "+"
-        value = f"({operator} {value} {_product(abs(term.coefficient), term)})"
-    return value
-
-
-def _product(coefficient: float, term: EffectTerm) -> str:
-    """Return a coefficient, which is not negative, times the fluents of a term."""
-    number = decimal(coefficient, term.error)
-    fluents = ""
-    for name in term.fluents:
-        fluents = f"(* {fluents} ({name}))" if fluents else f"({name})"
-    if not fluents:
-        return number
-    return fluents if number == "1" else f"(* {number} {fluents})"
-
-
-def comment(text: str, indent: str, newline: str) -> str:
-    """Return comment lines, each with the indent and a line break at its end."""
-    width = max(40, _WIDTH - len(indent) - 2)
-    plain = text.translate(_PLAIN)
-    lines = textwrap.wrap(plain, width, break_long_words=False, break_on_hyphens=False)
-    return "".join(f"{indent}; {line}{newline}" for line in lines)
-
-
-_OPPOSITE = {x.Change.INCREASE: x.Change.DECREASE, x.Change.DECREASE: x.Change.INCREASE}
-_HEAD = re.compile(r"\(\s*([^\s();]+)")
-
-
-class EffectEdit:
-    """An effect on a number, and its edits.
-
-    Attributes:
-        schema: Name of the action or process that contains it.
-        effect: The effect.
-        evidence: Comments on the edits, each with the place above which it is inserted.
-    """
-
-    def __init__(self, schema: str, effect: x.ChangeFunction) -> None:
-        self.schema = schema
-        self.effect = effect
-        self.evidence: list[tuple[Place, str]] = []
-        self._change = effect.change
-        self._numbers: dict[int, tuple[Place, str]] = {}
-        self._added: tuple[EffectTerm, ...] = ()
-
-    def set_number(self, place: Place, number: str) -> None:
-        """Replace a number of the value."""
-        self._numbers[place.start] = place, number
-
-    def make_increase(self) -> None:
-        """Turn an assignment into an increase by the assigned value."""
-        self._change = x.Change.INCREASE
-        value = self.effect.value
-        if isinstance(value, x.Number):  # which may be negative
-            self._numbers.setdefault(value.place.start, (value.place, value.place.text))
-
-    def add_terms(self, terms: Sequence[EffectTerm]) -> None:
-        """Add terms to the value of an assignment."""
-        self._added = tuple(terms)
-
-    def edits(self) -> list[Edit]:
-        """Return the edits; a negative factor exchanges `increase` and `decrease`."""
-        change = self._change
-        edits = []
-        for place, number in self._numbers.values():
-            bare = number.removeprefix("-")
-            if bare != number and change in _OPPOSITE and _is_factor(self.effect.value, place):
-                change, number = _OPPOSITE[change], bare
-            if number != place.text:
-                edits.append(Edit(place.start, place.end, number))
-        if change is not self.effect.change:
-            source, start = self.effect.place.source, self.effect.place.start
-            head = _HEAD.match(source.text, start)
-            assert head is not None
-            edits.append(Edit(head.start(1), head.end(1), change.value))
-        if self._added:
-            start, end = self.effect.value.place.start, self.effect.value.place.end
-            before, after = plus("\n", self._added).split("\n")
-            edits += [Edit(start, start, before), Edit(end, end, after)]
-        return edits
-
-
-def _is_factor(value: x.Expression, place: Place) -> bool:
-    """Return whether a value is a number, or a product with it."""
-    if isinstance(value, x.Number):
-        return value.place.start == place.start
-    return (
-        isinstance(value, x.Arithmetic)
-        and value.operator in ("*", "/")
-        and any(_is_factor(operand, place) for operand in value.operands)
-    )
-
-
+_ASCII = str.maketrans({"−": "-", "…": "...", "×": "*", "±": "+/-"})
+_HEAD = "Not explained by what serp observed"
 _IMPLYING = {
-    ":time": (":time", ":hybrid", ":processes", ":events", ":continuous-effects"),
-    ":numeric-fluents": (":numeric-fluents", ":fluents", ":action-costs", ":hybrid"),
+    ":numeric-fluents": {":numeric-fluents", ":fluents", ":action-costs", ":hybrid"},
+    ":time": {":time", ":hybrid", ":processes", ":events", ":continuous-effects"},
 }
-
-
-class InsertionPoints:
-    """The text of one domain file.
-
-    Args:
-        source: The file; it was parsed without an error.
-
-    Attributes:
-        text: All of it.
-    """
-
-    def __init__(self, source: Source) -> None:
-        self.text = source.text
-        self._newline = newline_of(source.text)
-        self._top = read_group(source)
-        self._groups = [item for item in self._top.items if isinstance(item, Group)]
-
-    def comment_above(self, position: int, text: str) -> Edit:
-        """Return the edit that inserts comment lines above the line of a position."""
-        start = line_start(self.text, position)
-        return Edit(start, start, comment(text, indent_at(self.text, position), self._newline))
-
-    def head(self, title: str, lines: Sequence[str]) -> list[Edit]:
-        """Return the edits that put a list at the head of the file, replacing an older one.
-
-        Args:
-            title: Its first line; an older list is recognised by the words before the first comma.
-            lines: The other lines; empty: no list.
-        """
-        end, mark = 0, f"; {title.partition(',')[0]}"
-        if self.text.startswith(mark):
-            end = self.text.find(self._newline * 2) + 2 * len(self._newline)
-        written = "".join(comment(f"* {line}", "", self._newline) for line in lines)
-        text = f"{comment(title, '', self._newline)}{written}{self._newline}" if lines else ""
-        return [Edit(0, end, text)] if text or end else []
-
-    def effects_in(self, schema: Place, effects: Sequence[tuple[str, str]]) -> list[Edit]:
-        """Return the edits that give an action further effects.
-
-        Args:
-            schema: Where the action is written.
-            effects: Each with its evidence, which is inserted above it as a comment.
-        """
-        group = next(g for g in self._groups if g.place.start == schema.start)
-        value = _field(group, ":effect")
-        base = indent_at(self.text, (value or group).place.start)
-        if value is None:
-            at = group.items[-1].place.end
-            lines = self._lines(effects, base + "    ")
-            return [Edit(at, at, f"{self._newline}{base}  :effect (and{lines})")]
-        start, end = value.place.start, value.place.end
-        lines = self._lines(effects, base + "  ")
-        if not value.items:
-            return [Edit(start, end, f"(and{lines})")]
-        if value.head != "and":
-            before = f"(and{lines}{self._newline}{base}  "
-            return [Edit(start, start, before), Edit(end, end, ")")]
-        # In front, because comments behind the last effect refer to it.
-        at = value.items[0].place.end
-        rest = self.text[at : line_end(self.text, at)].strip()
-        if not rest or rest.startswith(";"):
-            at = line_end(self.text, at)
-        elif len(value.items) > 1:  # the text before the first effect ends its indent
-            lines += self._newline + (base + "  ")[value.items[1].place.start - at :]
-        return [Edit(at, at, lines)]
-
-    def process(self, name: str, parameters: str, effects: Sequence[tuple[str, str]]) -> Edit:
-        """Return the edit that adds a process, after the last one or else the last action.
-
-        Args:
-            name: Its name.
-            parameters: As they are declared: `?r - robot`.
-            effects: Each with its evidence.
-        """
-        anchor = self.last_schema
-        base = indent_at(self.text, anchor.start)
-        line = self._newline
-        text = (
-            f"{line}{line}{base}(:process {name}{line}"
-            f"{base}  :parameters ({parameters}){line}"
-            f"{base}  :precondition (and){line}"
-            f"{base}  :effect (and{self._lines(effects, base + '    ')}))"
-        )
-        rest = self.text[anchor.end : line_end(self.text, anchor.end)].strip()
-        at = anchor.end
-        if not rest or rest.startswith(";"):
-            at = line_end(self.text, anchor.end)
-        return Edit(at, at, text)
-
-    @property
-    def last_schema(self) -> Place:
-        """Place of the last process, or else of the last action."""
-        processes = [g.place for g in self._groups if g.head == ":process"]
-        return (processes or [g.place for g in self._groups if g.head == ":action"])[-1]
-
-    def requirements(self, needs: Iterable[str]) -> list[Edit]:
-        """Return the edits that add missing entries to `:requirements`."""
-        section = next((g for g in self._groups if g.head == ":requirements"), None)
-        listed = {word.text for word in section.items if isinstance(word, Word)} if section else ()
-        missing = [need for need in needs if not set(_IMPLYING[need]) & set(listed)]
-        if not missing:
-            return []
-        if section is not None:
-            at = section.items[-1].place.end
-            return [Edit(at, at, "".join(f" {need}" for need in missing))]
-        at = self._top.items[1].place.end
-        words = " ".join([":strips", *missing])
-        return [Edit(at, at, f"{self._newline}  (:requirements {words})")]
-
-    def _lines(self, effects: Sequence[tuple[str, str]], indent: str) -> str:
-        """Return effects on separate lines, each after a line break."""
-        return "".join(
-            f"{self._newline}{comment(evidence, indent, self._newline)}{indent}{effect}"
-            for evidence, effect in effects
-        )
-
-
-def _field(group: Group, key: str) -> Group | None:
-    """Return the group that follows a key of a schema."""
-    for word, value in zip(group.items[2::2], group.items[3::2], strict=False):
-        if isinstance(word, Word) and word.text == key and isinstance(value, Group):
-            return value
-    return None
-
-
-_NEARLY_ONE = 0.01
-_HEAD_OF_REPAIR = "Not explained by what serp observed"
+"""Requirement → the requirements that imply it."""
 
 
 @dataclass(frozen=True)
@@ -349,160 +81,287 @@ def repair(domain: Domain, findings: Findings, unexplained: Sequence[str] = ()) 
     left = (*unexplained, *writer.in_problem)
     if not writer.changes:
         return Repaired(domain.source.text, (), left)
-    head = writer.points.head(f"{_HEAD}, in {findings.samples:,} steps:", left)
-    text = edited(domain.source.text, [*head, *edits])
+    text = edited(domain.source.text, [*writer.head(left), *edits])
     source = Source(f"{domain.source.name} (repaired)", text)
     limit = domain.max_ground_schemas
     Domain.parse(source, domain.problem_source, max_ground_schemas=limit).model  # noqa: B018
     return Repaired(text, tuple(sorted(writer.changes)), left)
 
 
+@dataclass
+class _EffectEdit:
+    """An effect on a number in a schema, and its edits; comments go above places inside it."""
+
+    schema: str
+    effect: x.ChangeFunction
+    change: x.Change
+    evidence: list[tuple[Place, str]] = field(default_factory=list)
+    numbers: dict[Place, str] = field(default_factory=dict)
+    added: Sequence[EffectTerm] = ()
+
+    def edits(self) -> list[Edit]:
+        """Return the edits; a negative factor exchanges `increase` and `decrease`."""
+        change, effect = self.change, self.effect
+        opposite = {x.Change.INCREASE: x.Change.DECREASE, x.Change.DECREASE: x.Change.INCREASE}
+        edits = []
+        for place, number in self.numbers.items():
+            if number.startswith("-") and change in opposite and _is_factor(effect.value, place):
+                change, number = opposite[change], number.removeprefix("-")
+            if number != place.text:
+                edits.append(Edit(place.start, place.end, number))
+        if change is not effect.change:
+            head = re.compile(r"\(\s*([^\s();]+)").match(
+                effect.place.source.text, effect.place.start
+            )
+            assert head is not None
+            edits.append(Edit(head.start(1), head.end(1), change.value))
+        start, end = effect.value.place.start, effect.value.place.end
+        for term in self.added:  # the first one innermost
+            sign = "-" if term.coefficient < 0 else "+"
+            edits.insert(0, Edit(start, start, f"({sign} "))
+            edits.append(Edit(end, end, f" {term.size})"))
+        return edits
+
+
+def _is_factor(value: x.Expression, place: Place) -> bool:
+    """Return whether a value is the number at a place, or a product with it."""
+    if isinstance(value, x.Number):
+        return value.place == place
+    return (
+        isinstance(value, x.Arithmetic)
+        and value.operator in ("*", "/")
+        and any(_is_factor(operand, place) for operand in value.operands)
+    )
+
+
 class _Writer:
-    """Collects the edits of one file and the lines that they change."""
+    """Collects the edits of one file and the lines that they change.
+
+    Attributes:
+        changes: The changed lines.
+        in_problem: Sentences about findings in the problem file.
+    """
 
     def __init__(self, domain: Domain, findings: Findings) -> None:
         self.changes: list[int] = []
         self.in_problem: list[str] = []
-        self.points = InsertionPoints(domain.source)
         self._findings = findings
         self._domain = domain
         self._syntax = domain.syntax
+        self._text = domain.source.text
+        self._newline = newline_of(self._text)
+        self._top = read_group(domain.source)
+        self._groups = [item for item in self._top.items if isinstance(item, Group)]
         self._effects = [
-            EffectEdit(schema.name, effect)
-            for schema in domain.syntax.schemas
+            _EffectEdit(schema.name, effect, effect.change)
+            for schema in self._syntax.schemas
             for effect in _changes(schema.effects)
         ]
-        self._needs: dict[str, None] = {}
+        self._needs: set[str] = set()
         self._names = {
-            *(s.name for s in domain.syntax.schemas),
-            *domain.syntax.declarations,
-            *domain.syntax.constants,
-            *domain.syntax.parents,
+            *(schema.name for schema in self._syntax.schemas),
+            *self._syntax.declarations,
+            *self._syntax.constants,
+            *self._syntax.parents,
         }
 
     def edits(self) -> list[Edit]:
         """Return all edits, and note the lines that they change."""
-        source = self._domain.source
-        for finding in self._findings.parameters:
-            place = finding.parameter.place
-            if place.source is source:
-                self._change(finding)
-            else:
-                found = measured(finding.estimate, finding.error)
-                where = f"{Path(place.source.name).name}, line {place.line}"
-                self.in_problem.append(f"{where}: {place.text} as written; observed {found}")
+        source, findings = self._domain.source, self._findings
+        for finding in findings.parameters:
+            self._set_parameter(finding)
         edits = self._additions()
-        comments: list[tuple[Place | None, str]]
-        comments = [(r.place, rule_text(r)) for r in self._findings.rules]
-        comments += [
-            (e.place, outcomes_text(e, self._domain.model.ground))
-            for e in self._findings.stochastic
-        ]
-        for at, text in comments:
-            if at is not None and at.source is source:
-                self.changes.append(at.line)
-                edits.append(self.points.comment_above(at.start, f"Observed: {text}."))
-        for edit in self._effects:
-            if edit.evidence:
-                self.changes.append(edit.effect.place.line)
-            edits += edit.edits()
-            edits += [self.points.comment_above(p.start, text) for p, text in edit.evidence]
-        return edits + self.points.requirements(self._needs)
+        ground = self._domain.model.ground
+        comments = [(rule.place, rule_text(rule)) for rule in findings.rules]
+        comments += [(e.place, outcomes_text(e, ground)) for e in findings.stochastic]
+        for place, text in comments:
+            if place is not None and place.source is source:
+                self.changes.append(place.line)
+                edits.append(self._comment_above(place, f"Observed: {text}."))
+        for effect in self._effects:
+            if effect.evidence:
+                self.changes.append(effect.effect.place.line)
+            edits += effect.edits()
+            edits += [self._comment_above(place, text) for place, text in effect.evidence]
+        return edits + self._requirements()
 
-    def _change(self, finding: ParameterFinding) -> None:
+    def head(self, lines: Sequence[str]) -> list[Edit]:
+        """Return the edits that put a list at the head of the file, replacing an older one."""
+        end, text = 0, ""
+        if self._text.startswith(f"; {_HEAD}"):
+            end = self._text.find(self._newline * 2) + 2 * len(self._newline)
+        if lines:
+            title = f"{_HEAD}, in {self._findings.samples:,} steps:"
+            items = (self._comment(item, "") for item in (title, *(f"* {line}" for line in lines)))
+            text = "".join(items) + self._newline
+        return [Edit(0, end, text)] if text or end else []
+
+    def _set_parameter(self, finding: ParameterFinding) -> None:
         place = finding.parameter.place
-        number = decimal(finding.estimate, finding.error)
-        turned = finding.estimate * finding.written < 0.0
-        if turned and abs(finding.estimate) <= CERTAIN * finding.error:
-            number = "0"  # its sign is uncertain
-        if float(number) == finding.written:
-            return
-        edit = next(
-            e
-            for e in self._effects
-            if e.effect.place.start <= place.start and place.end <= e.effect.place.end
-        )
-        edit.set_number(place, number)
         observed = measured(finding.estimate, finding.error)
-        evidence = f"{place.text} as written; observed {observed} in {finding.samples:,} steps"
-        edit.evidence.append((place, evidence))
+        if place.source is not self._domain.source:
+            where = f"{Path(place.source.name).name}, line {place.line}"
+            self.in_problem.append(f"{where}: {place.text} as written; observed {observed}")
+        elif float(finding.number) != finding.written:
+            edit = next(e for e in self._effects if place.within(e.effect.place))
+            edit.numbers[place] = finding.number
+            evidence = f"{place.text} as written; observed {observed} in {finding.samples:,} steps"
+            edit.evidence.append((place, evidence))
 
     def _additions(self) -> list[Edit]:
         """Return the edits that add missing effects, in the order of the declarations."""
         edits: list[Edit] = []
-        into: dict[str, list[tuple[str, str]]] = {}
+        by_action: dict[str, list[tuple[str, str]]] = {}
         order = {symbol: k for k, symbol in enumerate(self._syntax.declarations)}
         for missing in sorted(self._findings.missing, key=lambda m: order[symbol_of(m.fluent)]):
             terms = sorted(missing.terms, key=lambda term: (len(term.fluents), term.fluents))
-            if missing.schema == WORLD:
-                edits += [self._process(missing, terms)] if terms else []
+            if missing.schema:
+                terms = self._into_assignment(missing, terms)
+            if not terms:
                 continue
-            terms = self._into_assignment(missing, terms)
-            if terms:
-                effects = self._written(missing, terms, self._place(missing.schema).line)
-                into.setdefault(missing.schema, []).extend(effects)
-        for name, effects in into.items():
-            edits += self.points.effects_in(self._place(name), effects)
+            line = self._place(missing.schema).line if missing.schema else self._last.line
+            self.changes += [line] * len(terms)
+            self._needs.add(":numeric-fluents")
+            steps, per = f"{missing.samples:,} steps", "" if missing.schema else " per unit of time"
+            effects = [
+                (
+                    f"found in {steps}: {measured(term.coefficient, term.error)}{per}",
+                    missing.effect(term),
+                )
+                for term in terms
+            ]
+            if missing.schema:
+                by_action.setdefault(missing.schema, []).extend(effects)
+            else:
+                edits.append(self._process(symbol_of(missing.fluent), effects))
+        for name, effects in by_action.items():
+            edits += self._effects_in(self._place(name), effects)
         return edits
 
     def _into_assignment(self, missing: MissingEffect, terms: list[EffectTerm]) -> list[EffectTerm]:
         """Write terms into the assignment of the fluent, if there is one; return the rest."""
-        edit = next(
-            (
-                e
-                for e in self._effects
-                if e.schema == missing.schema
-                and e.effect.change is x.Change.ASSIGN
-                and _name_of(e.effect.function) == missing.fluent
-            ),
-            None,
-        )
-        if edit is None or not terms:
+        for edit in self._effects:
+            function = edit.effect.function
+            name = " ".join((function.name, *(term.name for term in function.arguments)))
+            if (edit.schema, edit.effect.change, name) == (
+                missing.schema, x.Change.ASSIGN, missing.fluent
+            ):  # fmt: skip
+                break
+        else:
             return terms
+        steps, value = f"{missing.samples:,} steps", edit.effect.value
         own = [t for t in terms if t.fluents == (missing.fluent,)]
-        steps = f"{missing.samples:,} steps"
-        if own and abs(own[0].coefficient - 1.0) <= _NEARLY_ONE:
+        if own and abs(own[0].coefficient - 1.0) <= 0.01:
             # The old value plus a change is an increase.
-            edit.make_increase()
+            edit.change = x.Change.INCREASE
+            if isinstance(value, x.Number):  # which may be negative
+                edit.numbers.setdefault(value.place, value.place.text)
             rest = [t for t in terms if t not in own]
             evidence = f"in {steps} it was added to the old value"
         else:
-            edit.add_terms(terms)
-            evidence, rest = f"further terms found in {steps}", []
+            edit.added, rest = terms, []
+            evidence = f"further terms found in {steps}"
         edit.evidence.append((edit.effect.place, f"assigned as written; {evidence}"))
         return rest
 
-    def _process(self, missing: MissingEffect, terms: Sequence[EffectTerm]) -> Edit:
-        self._needs[":time"] = None
-        symbol = symbol_of(missing.fluent)
+    def _effects_in(self, schema: Place, effects: Sequence[tuple[str, str]]) -> list[Edit]:
+        """Return the edits that give an action further effects, each with its evidence."""
+        group = next(g for g in self._groups if g.place.start == schema.start)
+        value = next(
+            (
+                value
+                for word, value in zip(group.items[2::2], group.items[3::2], strict=False)
+                if isinstance(word, Word) and word.text == ":effect" and isinstance(value, Group)
+            ),
+            None,
+        )
+        base = indent_at(self._text, (value or group).place.start)
+        if value is None:
+            at = group.items[-1].place.end
+            lines = self._lines(effects, base + "    ")
+            return [Edit(at, at, f"{self._newline}{base}  :effect (and{lines})")]
+        start, end = value.place.start, value.place.end
+        lines = self._lines(effects, base + "  ")
+        if not value.items:
+            return [Edit(start, end, f"(and{lines})")]
+        if value.head != "and":
+            before = f"(and{lines}{self._newline}{base}  "
+            return [Edit(start, start, before), Edit(end, end, ")")]
+        # In front, because comments behind the last effect refer to it.
+        at = self._behind(value.items[0].place)
+        if self._text[at : line_end(self._text, at)].strip() and len(value.items) > 1:
+            # The text before the first effect ends its indent.
+            lines += self._newline + (base + "  ")[value.items[1].place.start - at :]
+        return [Edit(at, at, lines)]
+
+    def _process(self, symbol: str, effects: Sequence[tuple[str, str]]) -> Edit:
+        """Return the edit that adds a process after the last one, or else the last action."""
+        self._needs.add(":time")
         name, number = f"{symbol}-changes", 1
         while name in self._names:
             number += 1
             name = f"{symbol}-changes-{number}"
         self._names.add(name)
-        effects = self._written(missing, terms, self.points.last_schema.line)
-        declared = self._syntax.declarations[symbol].parameters
-        return self.points.process(name, _parameters(declared), effects)
+        parameters = " ".join(map(_declared, self._syntax.declarations[symbol].parameters))
+        base, line = indent_at(self._text, self._last.start), self._newline
+        text = (
+            f"{line}{line}{base}(:process {name}{line}"
+            f"{base}  :parameters ({parameters}){line}"
+            f"{base}  :precondition (and){line}"
+            f"{base}  :effect (and{self._lines(effects, base + '    ')}))"
+        )
+        at = self._behind(self._last)
+        return Edit(at, at, text)
 
-    def _written(
-        self, missing: MissingEffect, terms: Sequence[EffectTerm], line: int
-    ) -> list[tuple[str, str]]:
-        """Return an effect for each term with its evidence, and note the changes."""
-        self._needs[":numeric-fluents"] = None
-        self.changes += [line] * len(terms)
-        found = f"found in {missing.samples:,} steps: "
-        per = " per unit of time" if missing.rate else ""
-        return [
-            (
-                f"{found}{measured(term.coefficient, term.error)}{per}",
-                effect_of(missing.fluent, term, rate=missing.rate),
-            )
-            for term in terms
-        ]
+    @property
+    def _last(self) -> Place:
+        """Place of the last process, or else of the last action."""
+        processes = [g.place for g in self._groups if g.head == ":process"]
+        return (processes or [g.place for g in self._groups if g.head == ":action"])[-1]
+
+    def _requirements(self) -> list[Edit]:
+        """Return the edits that add missing entries to `:requirements`."""
+        section = next((g for g in self._groups if g.head == ":requirements"), None)
+        listed = {word.text for word in section.items if isinstance(word, Word)} if section else ()
+        missing = [n for n in _IMPLYING if n in self._needs and not _IMPLYING[n] & set(listed)]
+        if not missing:
+            return []
+        if section is not None:
+            at = section.items[-1].place.end
+            return [Edit(at, at, "".join(f" {need}" for need in missing))]
+        at = self._top.items[1].place.end
+        return [Edit(at, at, f"{self._newline}  (:requirements {' '.join([':strips', *missing])})")]
 
     def _place(self, action: str) -> Place:
         schemas = self._syntax.schemas
         return next(s.place for s in schemas if s.kind is x.Kind.ACTION and s.name == action)
+
+    def _behind(self, place: Place) -> int:
+        """Return the position behind a place, and behind a comment that ends its line."""
+        end = line_end(self._text, place.end)
+        rest = self._text[place.end : end].strip()
+        return end if not rest or rest.startswith(";") else place.end
+
+    def _comment_above(self, place: Place, text: str) -> Edit:
+        start = line_start(self._text, place.start)
+        return Edit(start, start, self._comment(text, indent_at(self._text, place.start)))
+
+    def _comment(self, text: str, indent: str) -> str:
+        """Return comment lines, each with the indent and a line break at its end."""
+        lines = textwrap.wrap(
+            text.translate(_ASCII),
+            max(40, 98 - len(indent)),
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        return "".join(f"{indent}; {line}{self._newline}" for line in lines)
+
+    def _lines(self, effects: Iterable[tuple[str, str]], indent: str) -> str:
+        """Return effects below their evidence, each after a line break."""
+        return "".join(
+            f"{self._newline}{self._comment(evidence, indent)}{indent}{effect}"
+            for evidence, effect in effects
+        )
 
 
 def _changes(effects: Sequence[x.Effect]) -> Iterator[x.ChangeFunction]:
@@ -514,16 +373,9 @@ def _changes(effects: Sequence[x.Effect]) -> Iterator[x.ChangeFunction]:
             yield from _changes(effect.effects)
 
 
-def _name_of(function: x.FunctionTerm) -> str:
-    return " ".join((function.name, *(term.name for term in function.arguments)))
-
-
-def _parameters(parameters: Sequence[x.SchemaParameter]) -> str:
-    """Return parameters as they are declared: `?r - robot`."""
-    written = []
-    for parameter in parameters:
-        types = " ".join(parameter.types)
-        if len(parameter.types) > 1:
-            types = f"(either {types})"
-        written.append(parameter.name if types == x.OBJECT else f"{parameter.name} - {types}")
-    return " ".join(written)
+def _declared(parameter: x.SchemaParameter) -> str:
+    """Return a parameter as it is declared: `?r - robot`."""
+    types = " ".join(parameter.types)
+    if len(parameter.types) > 1:
+        types = f"(either {types})"
+    return parameter.name if types == x.OBJECT else f"{parameter.name} - {types}"

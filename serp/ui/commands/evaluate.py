@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from serp._util.text import plural, readable
-from serp.runs.evaluation import Policy
+from serp.runs import Policy
 from serp.ui.asked import open_run
 from serp.ui.options import policy_of_run
 from serp.ui.output import examples, open_console, print_json, print_table

@@ -1,4 +1,4 @@
-"""`serp export`: the trained policy of a run as a folder that a robot without serp decides by."""
+"""`serp export`: the trained policy of a run as a folder that a robot decides by."""
 
 from __future__ import annotations
 
@@ -23,14 +23,10 @@ from serp.ui.output import examples
 def command(run: Path, out: Path) -> None:
     """Export the trained policy of RUN, the folder that plan-and-learn made, to FOLDER.
 
-    FOLDER holds the learner as ONNX, model, planner and vetoes as data, and a controller in Python
-    that decides as the policy does and needs NumPy and onnxruntime alone. What it cannot reproduce
-    is refused.
+    FOLDER holds the domain file and what the agent has learned. A robot with serp decides by it,
+    without the environment of the task.
     """
-    from serp.runs.policy_export import export_policy
+    from serp.runs.policy import export_policy
 
     export_policy(open_run(run), out)
-    say(
-        f"{out} holds the policy. With NumPy and onnxruntime, in that folder: "
-        "from controller import Controller"
-    )
+    say(f"{out} holds the policy. On the robot: serp.Policy({str(out)!r}).decide(observation)")

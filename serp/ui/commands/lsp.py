@@ -17,4 +17,4 @@ def command() -> None:
     with needs_extra("lsp", "`serp lsp`"):
         from serp.authoring.language_server.server import server
 
-    server().start_io()
+    server.start_io()

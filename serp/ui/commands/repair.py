@@ -41,10 +41,10 @@ _STYLES = {"+": "green", "-": "red", "@": "cyan"}
 def command(run: Path, out: Path | None, force: bool) -> None:
     """Correct the domain file of RUN, a folder of plan-and-learn, and show what changes.
 
-    What `serp diagnose` lists is written: numbers are changed where they stand, and effects that
-    the file does not mention are added, each with its evidence as a comment; everything else stays
-    as it is. What is rewarded, unsafe or an end is never touched: what came of it, and what chance
-    does, is told in comments. What is not explained is listed, and stands at the head of the file.
+    Numbers are changed where they stand, and missing effects are added, each with its evidence as
+    a comment; everything else stays as it is. Rewards, unsafe and ends are never changed: comments
+    say what was observed of them, and of stochastic effects. The head of the file lists what is
+    not explained.
     """
     if out is not None and not force:
         _refuse_to_replace(out)

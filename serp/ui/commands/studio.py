@@ -40,8 +40,8 @@ def command(name: str, port: int, no_browser: bool) -> None:
 
     with needs_extra("studio", "serp studio"):
         from serp.ui.studio.serving import serve
-    from serp.ui.studio.opening import open_session
+    from serp.ui.studio.session import open_session
 
     session = open_session(name, Path.cwd(), asked_own_task(), own_task_name())
     say("serp studio runs at this address; Ctrl-C ends it.")
-    serve(session, port, browser=not no_browser, said=print_result, warned=say)
+    serve(session, port, browser=not no_browser, announce=print_result, warn=say)

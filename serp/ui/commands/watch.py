@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from serp._util.text import plural, readable
-from serp.runs.evaluation import Policy
+from serp.runs import Policy
 from serp.ui.asked import open_run
 from serp.ui.main import say
 from serp.ui.options import OutputFile, policy_of_run

@@ -15,7 +15,7 @@ _MARK = "\ufeff"
 
 
 class ChangedOnDisk(SerpError):
-    """A file that is to be saved has been changed, made or removed by somebody else."""
+    """Another program changed, made or removed a file that is to be saved."""
 
 
 class Document:
@@ -26,7 +26,7 @@ class Document:
 
     Args:
         path: The file; it need not exist.
-        folder: Files are written in this folder alone. A document from elsewhere is saved in it
+        folder: The only folder that files are written in. A document from elsewhere is saved in it
             under the same name.
         name: Name in `folder`, or path, under which it is saved, where the file itself must stay
             as it is.
@@ -46,28 +46,23 @@ class Document:
         inside = name is None and self._inside(path)
         self.target = path if inside else self._folder / (name or path.name)
         self._newline, self._mark = "\n", ""
-        self._digest: bytes | None = None
+        self._digest: bytes | None = None  # of the file at `target` as far as it is known
         self.text = self.saved = ""
         if path.exists():
             self._read(path)
-        if self.target != path:
-            self._digest = None  # it is not there, as far as is known
+        if self.elsewhere:
+            self._digest = None
 
     def _read(self, path: Path) -> None:
         text = Source.read(path).text
         content = path.read_bytes()
-        self._digest = _digest(content)
+        self._digest = hashlib.sha256(content).digest()
         self._mark = _MARK if content.startswith(_MARK.encode()) else ""
         self._newline = "\r\n" if "\r\n" in text else "\n"
         self.text = self.saved = text.replace("\r\n", "\n").replace("\r", "\n")
 
     def _inside(self, path: Path) -> bool:
         return path.resolve().is_relative_to(self._folder)
-
-    @property
-    def name(self) -> str:
-        """The file as messages call it."""
-        return str(self.path)
 
     @property
     def elsewhere(self) -> bool:
@@ -86,22 +81,30 @@ class Document:
         Raises:
             SerpError: It cannot be read.
         """
-        return self._on_disk() != self._digest
+        if not self.target.exists():
+            return self._digest is not None
+        if not self.target.is_file():  # reading a pipe would never end
+            raise SerpError(f"{self.target} is no regular file any more")
+        try:
+            return hashlib.sha256(self.target.read_bytes()).digest() != self._digest
+        except OSError as error:
+            raise SerpError(f"{self.target}: {error.strerror}") from error
 
     def save(self, *, anyway: bool = False) -> Path:
         """Write the text to `target` atomically, and return that.
 
         Args:
-            anyway: Whether to replace what somebody else has written there.
+            anyway: Whether to replace what another program has written there.
 
         Raises:
             ChangedOnDisk: The file there is not the one that was read or last written.
-            RunError: It cannot be written.
+            SerpError: It cannot be written.
         """
         if not anyway and self.outdated:
             raise ChangedOnDisk(f"{self.target} was changed by another program since it was read")
         content = self._write(self.target)
-        self._digest, self.saved, self.path = _digest(content), self.text, self.target
+        self._digest = hashlib.sha256(content).digest()
+        self.saved, self.path = self.text, self.target
         return self.target
 
     def keep(self) -> str:
@@ -114,13 +117,13 @@ class Document:
         try:
             self._write(aside)
         except SerpError as error:
-            return f"What was not saved of {self.name} is lost: {error}"
-        return f"What was not saved is in {aside}"
+            return f"The unsaved text of {self.path} is lost: {error}"
+        return f"The unsaved text is kept in {aside}"
 
     def _write(self, path: Path) -> bytes:
         if not self._inside(path):  # a link may have been put there
             raise SerpError(f"{path} leads out of the working folder {self._folder}")
-        content = (self._mark + self.text.replace("\n", self._newline)).encode()
+        content = (self._mark + self.text.replace("\n", self._newline)).encode(errors="replace")
         write_durably(path, content)
         return content
 
@@ -132,33 +135,21 @@ class Document:
         """
         self._read(self.target if self.target.exists() else self.path)
 
-    def _on_disk(self) -> bytes | None:
-        try:
-            return _digest(self.target.read_bytes())
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise SerpError(f"{self.target}: {error.strerror}") from error
-
 
 def save_together(domain: Document, problem: Document | None, *, anyway: bool) -> list[Path]:
     """Save a domain and its problem where they were changed; return their files.
 
     They move into the working folder together: commands look for the problem beside the domain.
     """
-    both = [domain] if problem is None else [domain, problem]
-    moving = any(each.changed for each in both) or read_instead(domain, problem) is not None
-    changed = [each for each in both if each.changed or (moving and each.elsewhere)]
-    return [each.save(anyway=anyway) for each in changed]
+    documents = [domain] if problem is None else [domain, problem]
+    moving = any(document.changed for document in documents) or misplaced(domain, problem)
+    changed = [d for d in documents if d.changed or (moving and d.elsewhere)]
+    return [document.save(anyway=anyway) for document in changed]
 
 
-def read_instead(domain: Document, problem: Document | None) -> Path | None:
+def misplaced(domain: Document, problem: Document | None) -> Path | None:
     """Return where commands look for the problem of a domain, if it is not this one."""
     beside = problem_beside(domain.path)
     if problem is None:
         return beside if beside.is_file() else None
     return None if problem.path.resolve() == beside.resolve() else beside
-
-
-def _digest(content: bytes) -> bytes:
-    return hashlib.sha256(content).digest()

@@ -7,23 +7,22 @@ import secrets
 import signal
 import socket
 import webbrowser
-from collections.abc import Awaitable, Callable, MutableMapping
-from typing import Any, Final
-from urllib.parse import parse_qs
+from collections.abc import Callable
+from typing import Final
 
 import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import HTMLResponse, PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from serp.errors import SerpError
 from serp.ui.studio.pages.page import show_page
 from serp.ui.studio.session import Session
 
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
-Application = Callable[[Scope, Receive, Send], Awaitable[None]]
-
+_LOOPBACK: Final = "127.0.0.1"
 _POLICY: Final = (
     # The pages are templates that the browser compiles, hence the two `unsafe-` of scripts. What
     # counts here: nothing is fetched from, sent to or framed by anybody else.
@@ -32,12 +31,20 @@ _POLICY: Final = (
     "connect-src 'self' ws://{host}; object-src 'none'; base-uri 'none'; form-action 'self'; "
     "frame-ancestors 'none'"
 )
-_HEADERS: Final = (
-    (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-    (b"cross-origin-opener-policy", b"same-origin"),
+_HEADERS: Final = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+}
+_WELCOME: Final = (
+    '<!doctype html><meta http-equiv="refresh" content="0;url=/"><title>serp studio</title>'
 )
+"""Lets the browser call again, without the token in the address.
+
+It is the page that calls again: a redirection that began at another site would come without the
+cookie.
+"""
 
 
 class Guard:
@@ -52,115 +59,70 @@ class Guard:
         port: The port of this machine at which it is served.
     """
 
-    def __init__(self, app: Application, port: int) -> None:
+    def __init__(self, app: ASGIApp, port: int) -> None:
         self.app = app
         self.token = secrets.token_urlsafe(32)
         self._cookie = secrets.token_urlsafe(32)
         self._cookie_name = f"serp-studio-{port}"
-        self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
-        self._host = f"127.0.0.1:{port}"
-
-    @property
-    def address(self) -> str:
-        """The address to open in a browser, with the token."""
-        return f"http://{self._host}/?token={self.token}"
+        self._hosts = (f"{_LOOPBACK}:{port}", f"localhost:{port}")
+        self.address = f"http://{_LOOPBACK}:{port}/?token={self.token}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
         if scope["type"] not in ("http", "websocket"):  # start and end of the server
             await self.app(scope, receive, send)
             return
-        headers = _single(scope["headers"])
-        refusal = self._refusal(scope, headers)
+        request = HTTPConnection(scope)
+        refusal = self._refusal(request)
         if refusal:
-            await _refuse(scope, send, refusal)
-        elif self._knows(headers):
-            await self.app(scope, receive, self._marked(send, headers["host"]))
-        elif self._has_token(scope):
-            await self._welcome(send)
+            pass
+        elif _equal(request.cookies.get(self._cookie_name, ""), self._cookie):
+            await self.app(scope, receive, _private(send, request.headers["host"]))
+            return
+        elif self._has_token(request):
+            welcome = HTMLResponse(_WELCOME, headers={**_HEADERS, "cache-control": "no-store"})
+            welcome.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="strict")
+            await welcome(scope, receive, send)
+            return
         else:
-            await _refuse(scope, send, "open the address that serp studio has printed")
+            refusal = "open the address that serp studio has printed"
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await PlainTextResponse(f"Refused: {refusal}.\n", 403, _HEADERS)(scope, receive, send)
 
-    def _refusal(self, scope: Scope, headers: dict[str, str]) -> str:
+    def _refusal(self, request: HTTPConnection) -> str:
         """Return why a request is refused whatever it knows; empty where it is not."""
-        host = headers.get("host", "")
-        if host not in self._hosts:
+        hosts, origins = (request.headers.getlist(name) for name in ("host", "origin"))
+        if len(hosts) != 1 or hosts[0] not in self._hosts:
             return "this is not the name of this server"
-        origin = headers.get("origin")
-        if origin is None and scope["type"] == "websocket":
+        if not origins and request.scope["type"] == "websocket":
             return "no origin is given"
-        if origin is not None and origin != f"http://{host}":
+        if origins and origins != [f"http://{hosts[0]}"]:
             return "requests of other pages are refused"
         return ""
 
-    def _knows(self, headers: dict[str, str]) -> bool:
-        for cookie in headers.get("cookie", "").split(";"):
-            name, _, value = cookie.strip().partition("=")
-            if name == self._cookie_name and _equal(value, self._cookie):
-                return True
-        return False
-
-    def _has_token(self, scope: Scope) -> bool:
+    def _has_token(self, request: HTTPConnection) -> bool:
+        scope = request.scope
         if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != "/":
             return False
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])
-        return _equal(given[0], self.token)
-
-    async def _welcome(self, send: Send) -> None:
-        """Set the cookie, and let the browser call again, without the token in the address.
-
-        It is the page that calls again: a redirection that began at another site would come
-        without the cookie.
-        """
-        cookie = f"{self._cookie_name}={self._cookie}; HttpOnly; SameSite=Strict; Path=/"
-        page = b'<!doctype html><meta http-equiv="refresh" content="0;url=/"><title>serp</title>'
-        headers = [
-            (b"content-type", b"text/html; charset=utf-8"),
-            (b"cache-control", b"no-store"),
-            (b"set-cookie", cookie.encode()),
-            *_HEADERS,
-        ]
-        await send({"type": "http.response.start", "status": 200, "headers": headers})
-        await send({"type": "http.response.body", "body": page})
-
-    def _marked(self, send: Send, host: str) -> Send:
-        """Return a `send` that adds the headers that keep a page to itself."""
-        added = [*_HEADERS, (b"content-security-policy", _POLICY.format(host=host).encode())]
-
-        async def marked(message: MutableMapping[str, Any]) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *added]
-            await send(message)
-
-        return marked
+        return _equal(request.query_params.get("token", ""), self.token)
 
 
-async def _refuse(scope: Scope, send: Send, why: str) -> None:
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-        return
-    headers = [(b"content-type", b"text/plain; charset=utf-8"), *_HEADERS]
-    await send({"type": "http.response.start", "status": 403, "headers": headers})
-    await send({"type": "http.response.body", "body": f"Refused: {why}.\n".encode()})
+def _private(send: Send, host: str) -> Send:
+    """Return a `send` that adds the headers that keep a page to itself."""
 
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            headers.update({**_HEADERS, "content-security-policy": _POLICY.format(host=host)})
+        await send(message)
 
-def _single(headers: list[tuple[bytes, bytes]]) -> dict[str, str]:
-    """Return headers by name; one that is given twice is none that is known."""
-    found: dict[str, str] = {}
-    for key, value in headers:
-        name = key.decode("latin-1").lower()
-        known = found.get(name)
-        text = value.decode("latin-1")
-        # HTTP/2 may split cookies; every other header here is given once.
-        found[name] = text if known is None else f"{known}; {text}"
-    return found
+    return sent
 
 
 def _equal(given: str, secret: str) -> bool:
     return secrets.compare_digest(given.encode(), secret.encode())
-
-
-_LOOPBACK = "127.0.0.1"
 
 
 def serve(
@@ -168,8 +130,8 @@ def serve(
     port: int,
     *,
     browser: bool,
-    said: Callable[[str], None],
-    warned: Callable[[str], None],
+    announce: Callable[[str], None],
+    warn: Callable[[str], None],
 ) -> None:
     """Serve the studio until the process is interrupted.
 
@@ -177,8 +139,8 @@ def serve(
         session: What is open.
         port: Port; 0 for any that is free.
         browser: Whether to open a browser.
-        said: Called with the address as soon as it can be called.
-        warned: Called at the end with what was not saved.
+        announce: Called with the address as soon as it can be called.
+        warn: Called at the end with what was not saved.
 
     Raises:
         SerpError: The port is taken.
@@ -202,37 +164,34 @@ def serve(
             server_header=False,
             timeout_graceful_shutdown=1,
         )
-        said(guard.address)
+        announce(guard.address)
         if browser:
             webbrowser.open(guard.address)
         gc.collect()
         gc.freeze()  # what was imported: passing over it took longer than a whole view
         server = uvicorn.Server(config)
-        _end_at_signals(server)
+        for name in ("SIGHUP", "SIGTERM"):  # a closed terminal keeps what was not saved, too
+            if hasattr(signal, name):
+                signal.signal(
+                    getattr(signal, name), lambda *_: setattr(server, "should_exit", True)
+                )
         try:
             server.run(sockets=[listening])
         finally:
-            for each in session.close():
-                warned(each)
-
-
-def _end_at_signals(server: uvicorn.Server) -> None:
-    """Let a closed terminal and SIGTERM end the server, so that what was not saved is kept."""
-    for name in ("SIGHUP", "SIGTERM"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), lambda *_: setattr(server, "should_exit", True))
+            for message in session.close():
+                warn(message)
 
 
 def _listening(port: int) -> socket.socket:
-    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind((_LOOPBACK, port))
-        found.listen()  # who calls before the server is ready waits
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((_LOOPBACK, port))
+        listening.listen()  # who calls before the server is ready waits
     except OSError as error:
-        found.close()
+        listening.close()
         raise SerpError(
             f"port {port} cannot be used ({error.strerror}); give another one, or --port 0 for any "
             "that is free"
         ) from error
-    return found
+    return listening

@@ -1,164 +1,35 @@
-"""All that the studio's pages show and do, without a browser."""
+"""What is open in the studio, without a browser: the files, the state, an episode, a training."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final
 
-from serp._util.text import plural
-from serp.agent.explanation import Explanation, explain
-from serp.agent.sentences import between, special_about
 from serp.authoring.lint.findings import Finding
 from serp.authoring.scenarios.syntax import SUFFIX
 from serp.errors import SerpError
-from serp.model.transition_model import Vector
+from serp.model.domain import Domain, problem_beside
 from serp.pddl.source import Place, Source, edited
-from serp.planning.replanner import MonitorReplanner, Plan
-from serp.tasks.task import Draw, Task
-from serp.ui.pictures.plan_picture import plan_svg
-from serp.ui.studio.document import Document, read_instead, save_together
-from serp.ui.studio.expectations import Expectations
-from serp.ui.studio.reading import Surroundings, Version, read
-from serp.ui.studio.recorded import PlayedEpisode, RecordedRun, play
-from serp.ui.studio.shown_state import Control, ShownState, controls
-from serp.ui.studio.training import BackgroundTraining, run_folder
-
-_MOST_ACTIONS: Final = 60
-
-
-@dataclass(frozen=True)
-class DecisionView:
-    """A decision of the planner.
-
-    Attributes:
-        account: The account of it.
-        order: Positions of the actions that are shown: as in the file, those that are not
-            applicable last; or the best first where there are too many.
-        verdict: Sentences that sum it up.
-        graph: The planning graph as SVG.
-        controls: How the fluents of the state can be set.
-    """
-
-    account: Explanation
-    order: tuple[int, ...]
-    verdict: tuple[str, ...]
-    graph: str
-    controls: tuple[Control, ...]
-
-
-@dataclass(frozen=True)
-class View:
-    """What is shown at a time.
-
-    Attributes:
-        findings: What is wrong in the files.
-        failure: Why there is no decision though the files are right; else empty.
-        decision: The decision; None where there is none.
-        drawing: The state as the task draws it, an SVG; empty where it does not.
-    """
-
-    findings: tuple[Finding, ...]
-    failure: str = ""
-    decision: DecisionView | None = None
-    drawing: str = ""
-
-
-def look(
-    version: Version,
-    surroundings: Surroundings,
-    shown: ShownState,
-    seen: Mapping[str, tuple[float, float]],
-    draw: Draw | None = None,
-) -> View:
-    """Read a version and decide in a situation.
-
-    Args:
-        version: The texts.
-        surroundings: Control period and planner.
-        shown: The state.
-        seen: Fluent → the least and greatest value that was observed.
-        draw: See `Task.draw`.
-    """
-    findings: tuple[Finding, ...] = ()
-    try:
-        reading = read(version, surroundings)
-        findings = reading.findings
-        if reading.planner is None:
-            return View(findings)
-        model = reading.planner.model
-        state = shown.state(model)
-        drawing = "" if draw is None else _drawn(draw, model.values(state))
-        return View(findings, "", decide(reading.planner, state, seen), drawing)
-    except SerpError as error:
-        return View(findings, str(error))
-
-
-def _drawn(draw: Draw, values: Mapping[str, float | bool]) -> str:
-    """Return a drawing; empty where a fluent that it needs is gone, or it fails otherwise."""
-    try:
-        return str(draw(values))
-    except Exception:  # a function of the task, on values that no environment may ever give
-        return ""
-
-
-def decide(
-    planner: MonitorReplanner, state: Vector, seen: Mapping[str, tuple[float, float]]
-) -> DecisionView:
-    """Return what is shown of the planner's decision in a state `[F]`."""
-    plan = planner.plan(state)
-    discount = planner.settings.discount
-    account = explain(
-        planner.model, state, plan.forecast, plan.action, paths=plan.paths, discount=discount
-    )
-    there = plan.forecast.applicable
-    order = sorted(range(len(there)), key=lambda k: not there[k])
-    if len(order) > _MOST_ACTIONS:
-        order.sort(key=lambda k: (k != plan.action, -plan.forecast.value[k]))
-    shown = tuple(order[:_MOST_ACTIONS])
-    for k in shown:
-        account.alternatives[k].behind  # noqa: B018  (traced now, in this thread)
-    return DecisionView(
-        account,
-        shown,
-        tuple(_verdict(plan, account)),
-        plan_svg(plan, planner),
-        tuple(controls(planner.model, state, seen)),
-    )
-
-
-def _verdict(plan: Plan, account: Explanation) -> list[str]:
-    if plan.name is None:
-        return ["No action is applicable here."]
-    said = special_about(plan.forecast)
-    if account.runner_up is not None and not plan.indifferent:
-        said.insert(0, between(account.runner_up, plan.name))
-    looked = f"{plural(plan.depth, 'action')} ahead, {plural(plan.nodes, 'state')}"
-    return [*said, f"Looked {looked}."]
-
+from serp.runs.folder import CONFIG, RunFolder
+from serp.runs.run import read_run_metadata
+from serp.settings import Settings, resolve
+from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
+from serp.tasks.task import Task
+from serp.ui.studio.document import Document, misplaced, save_together
+from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
+from serp.ui.studio.scenarios import EditedScenarios
+from serp.ui.studio.training import BackgroundTraining
+from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
 _INITIAL: Final = "the initial state of the problem"
-_PATIENCE: Final = 20.0
-"""Seconds that a training has to save when the studio ends."""
+_SAVING_SECONDS: Final = 20.0
+"""Time that a training has to save when the studio ends."""
 DOMAIN, PROBLEM, SCENARIOS = "domain", "problem", "scenarios"
-
-
-@dataclass(frozen=True)
-class Request:
-    """What a view is asked of; whatever is edited meanwhile does not change it."""
-
-    version: Version
-    surroundings: Surroundings
-    shown: ShownState
-    seen: dict[str, tuple[float, float]]
-    draw: Draw | None
-
-    def view(self) -> View:
-        """Return the view; this may run in a thread."""
-        return look(self.version, self.surroundings, self.shown, self.seen, self.draw)
 
 
 class Session:
@@ -178,9 +49,7 @@ class Session:
         shown: The state that decisions are shown for.
         played: The episode that was played last, if any.
         step: The step of it that is shown, from 0; None for none.
-        run_step: The step of the run with a veto that was shown last; None for none.
         training: The training that was begun last, if any.
-        revision: A number that changes with every change of a text or of the state.
         owner: Number of the page that changes the session, counted up from 1; 0 for none.
     """
 
@@ -204,12 +73,11 @@ class Session:
         self.task = task
         self.shown = ShownState({}, "all fluents 0 or false" if problem is None else _INITIAL)
         self.recorded = recorded
-        self.played: PlayedEpisode | None = None
+        self.played: ShownEpisode | None = None
         self.step: int | None = None
-        self.run_step: int | None = None
         self.training: BackgroundTraining | None = None
-        self.revision = 0
         self.owner = 0
+        self._veto = -1  # the step of the run that was shown last for its veto
         self._let_go: Callable[[], None] = lambda: None
 
     def take_over(self, let_go: Callable[[], None]) -> int:
@@ -223,7 +91,7 @@ class Session:
         self._let_go()
         self._let_go = let_go
         self.owner += 1
-        with suppress(SerpError):  # a file that cannot be read is told of when it is saved
+        with suppress(SerpError):  # a file that cannot be read is reported when it is saved
             if not self.changed and any(each.outdated for each in self.documents.values()):
                 self.reload()
         return self.owner
@@ -233,13 +101,12 @@ class Session:
     def edit(self, which: str, text: str) -> None:
         """Replace the text of a document."""
         self.documents[which].text = text.replace("\r\n", "\n")
-        self.revision += 1
 
     def document_of(self, place: Place | None) -> str | None:
         """Return the key of the document that a place is in; None for none."""
         if place is not None:
             for which, document in self.documents.items():
-                if document.name == place.source.name:
+                if str(document.path) == place.source.name:
                     return which
         return None
 
@@ -257,17 +124,10 @@ class Session:
     @property
     def version(self) -> Version:
         """The texts as they are edited."""
-        return self._version({which: each.text for which, each in self.documents.items()})
-
-    @property
-    def saved_version(self) -> Version:
-        """The texts as they are on the disk."""
-        return self._version({which: each.saved for which, each in self.documents.items()})
-
-    def _version(self, texts: dict[str, str]) -> Version:
         domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
-        name = domain.name if problem is None else problem.name
-        return Version(domain.name, texts[DOMAIN], name, texts.get(PROBLEM))
+        if problem is None:
+            return Version(str(domain.path), domain.text, str(domain.path), None)
+        return Version(str(domain.path), domain.text, str(problem.path), problem.text)
 
     @property
     def changed(self) -> bool:
@@ -284,27 +144,23 @@ class Session:
             ChangedOnDisk: Another program changed one of the files; those before it are saved.
             SerpError: A file cannot be written.
         """
-        with self._moved():
-            domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
-            saved = save_together(domain, problem, anyway=anyway)
-            if self.documents[SCENARIOS].changed:
-                saved.append(self.documents[SCENARIOS].save(anyway=anyway))
-            return saved
+        domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
+        saved = save_together(domain, problem, anyway=anyway)
+        if self.documents[SCENARIOS].changed:
+            saved.append(self.documents[SCENARIOS].save(anyway=anyway))
+        return saved
 
     def reload(self) -> None:
         """Take the texts that are on the disk; what was edited is lost."""
-        with self._moved():
-            for document in self.documents.values():
-                document.reload()
+        for document in self.documents.values():
+            document.reload()
 
-    @contextmanager
-    def _moved(self) -> Iterator[None]:
-        try:
-            yield
-        finally:
-            self.revision += 1
+    def set_depth(self, depth: int) -> None:
+        """Change the depth of the planner's lookahead."""
+        planner = self.surroundings.planner.replace(depth=depth)
+        self.surroundings = replace(self.surroundings, planner=planner)
 
-    # Looking -----------------------------------------------------------------------------------
+    # The state ---------------------------------------------------------------------------------
 
     def request(self) -> Request:
         """Return what the view of this moment is asked of."""
@@ -316,26 +172,36 @@ class Session:
 
     def set_fluent(self, name: str, value: float | bool) -> None:
         """Change one fluent of the state."""
-        self.shown = self.shown.changed(name, value)
-        self.revision += 1
+        self.shown = ShownState({**self.shown.values, name: value}, self.shown.origin)
 
-    def show(self, shown: ShownState) -> None:
-        """Show decisions in another state."""
-        self.shown, self.step = shown, None
-        self.revision += 1
+    def show_initial(self) -> None:
+        """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
+        self.shown, self.step = ShownState({}, _INITIAL), None
 
-    # Playing -----------------------------------------------------------------------------------
+    def show_step(self, number: int) -> None:
+        """Show the decision in a step of the episode, from 0."""
+        assert self.played is not None
+        steps = self.played.steps
+        origin = f"{self.played.name}, step {number} of {len(steps) - 1}"
+        self.shown, self.step = ShownState(steps[number].values, origin), number
 
-    def player(self, seed: int) -> Callable[[], PlayedEpisode]:
+    @property
+    def as_played(self) -> bool:
+        """Whether the state is that of the step, with no fluent changed by hand."""
+        if self.played is None or self.step is None:
+            return False
+        return dict(self.shown.values) == self.played.steps[self.step].values
+
+    def player(self, seed: int) -> Callable[[], ShownEpisode]:
         """Return what plays an episode with the planner of this moment; it may run in a thread."""
         return partial(play, self.task, self.version, self.surroundings, seed)
 
-    def take(self, played: PlayedEpisode) -> None:
+    def take(self, played: ShownEpisode) -> None:
         """Take over an episode, and show the first of its steps with something to decide."""
         self.played = played
         if played.supplied:
             self.surroundings = replace(self.surroundings, supplied=played.supplied)
-        self.show_step(played.telling)
+        self.show_step(next((k for k, s in enumerate(played.steps) if not s.indifferent), 0))
 
     def show_episode(self, number: int) -> None:
         """Show an episode of the run, from 1.
@@ -345,66 +211,31 @@ class Session:
         """
         assert self.recorded is not None
         self.take(self.recorded.episode(number))
-        self.run_step = None
+        self._veto = -1
 
     def show_next_veto(self) -> bool:
         """Show the next step of the run in which a proposal was refused; return whether one is."""
         assert self.recorded is not None
-        found = self.recorded.next_veto(-1 if self.run_step is None else self.run_step)
-        if found is None:
+        vetoes = self.recorded.vetoes
+        if not vetoes:
             return False
-        episode, number = self.recorded.place_of(found)
+        self._veto = next((step for step in vetoes if step > self._veto), vetoes[0])
+        episode, number = self.recorded.place_of(self._veto)
         self.played = self.recorded.episode(episode)
         self.show_step(number)
-        self.run_step = found
         return True
 
-    def show_initial(self) -> None:
-        """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
-        self.show(ShownState({}, _INITIAL))
-
-    def show_step(self, number: int) -> None:
-        """Show the decision in a step of the episode, from 0."""
-        assert self.played is not None
-        step = self.played.steps[number]
-        origin = f"step {number} of {self.played.name}"
-        self.show(ShownState(step.values, origin))
-        self.step = number
+    # Scenarios and trainings ---------------------------------------------------------------------
 
     @property
-    def as_played(self) -> bool:
-        """Whether the state is that of the step, with no fluent changed by hand."""
-        if self.played is None or self.step is None:
-            return False
-        return dict(self.shown.values) == self.played.steps[self.step].values
-
-    # Testing, comparing, training ----------------------------------------------------------------
-
-    @property
-    def expectations(self) -> Expectations:
+    def scenarios(self) -> EditedScenarios:
         """The scenarios, and what they are about, as they are edited."""
         document = self.documents[SCENARIOS]
-        source = Source(document.name, document.text)
-        return Expectations(source, self.version, self.surroundings, self.task)
-
-    def states(self) -> list[ShownState]:
-        """Return the state that is shown, and those of the episode, or from all over the run."""
-        if self.recorded is not None:
-            return [self.shown, *self.recorded.sample()]
-        steps = () if self.played is None else self.played.steps
-        return [self.shown, *(ShownState(each.values, f"step {k}") for k, each in enumerate(steps))]
-
-    def other_version(self, file: Path) -> Version:
-        """Return the version that another domain file is, with the same problem.
-
-        Raises:
-            DomainError: It cannot be read.
-        """
-        edited = self.version
-        return edited._replace(domain_name=str(file), domain=Source.read(file).text)
+        source = Source(str(document.path), document.text)
+        return EditedScenarios(source, self.version, self.surroundings, self.task)
 
     def begin_training(self, env_steps: int, seed: int) -> None:
-        """Train on the saved file, in a process of its own and a run folder in the working folder.
+        """Begin a training on the saved file, in a new run folder in the working folder.
 
         A file without a task is trained on in its own world.
 
@@ -414,7 +245,7 @@ class Session:
         document = self.documents[DOMAIN]
         if self.changed:
             raise SerpError("Save first: a training reads the files.")
-        if (problem := read_instead(document, self.documents.get(PROBLEM))) is not None:
+        if (problem := misplaced(document, self.documents.get(PROBLEM))) is not None:
             raise SerpError(
                 f"A training would read the problem from {problem}, which is not what is open "
                 "here. Press Ctrl+S if the files come from another folder; else make that file the "
@@ -424,31 +255,103 @@ class Session:
         if self.task is not None:
             command = ["plan-and-learn", "--domain", str(document.path)]
         command += [] if self.task_name is None else ["--task", self.task_name]
-        command += ["--env-steps", str(env_steps), "--seed", str(seed)]
-        run = run_folder(self.folder, document.path.stem)
+        run = self.folder / "runs" / f"{document.path.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
         if not run.resolve().is_relative_to(self.folder.resolve()):
             raise SerpError(f"{run} leads out of the working folder {self.folder}")
-        planner = read(self.saved_version, self.surroundings).planner
-        model = None if planner is None else planner.model
-        self.training = BackgroundTraining(command, run, model)
+        command += ["--env-steps", str(env_steps), "--seed", str(seed)]
+        self.training = BackgroundTraining(command, run)
 
     def close(self) -> list[str]:
-        """Keep what was changed and not saved, and stop what runs in the background.
-
-        Returns:
-            Where each of the texts is kept, or why it is not.
-        """
-        said = [each.keep() for each in self.documents.values() if each.changed]
+        """Keep unsaved texts, and stop the training; return what became of each text."""
+        messages = [each.keep() for each in self.documents.values() if each.changed]
         if self.training is not None:
-            self.training.stop(wait=_PATIENCE)
-        return said
+            self.training.stop(wait=_SAVING_SECONDS)
+        return messages
 
-    def set_planner(self, **changes: int | float) -> None:
-        """Change settings of the planner, such as `depth`.
 
-        Raises:
-            SettingsError: A value is outside its range.
-        """
-        planner = self.surroundings.planner.replace(**changes)
-        self.surroundings = replace(self.surroundings, planner=planner)
-        self.revision += 1
+# Opening -----------------------------------------------------------------------------------------
+
+
+def open_session(
+    name: str, folder: Path, own: Task | None = None, own_name: str | None = None
+) -> Session:
+    """Open a domain file, with the problem beside it and the task that it belongs to.
+
+    Args:
+        name: A domain file, its scenarios, the name of an installed task, or the folder of a run.
+        folder: The working folder.
+        own: The task of `--task`.
+        own_name: What `--task` says.
+
+    Raises:
+        SerpError: There is no such file, task or run.
+    """
+    if (Path(name) / CONFIG).is_file():
+        return _open_run(Path(name), folder, own, own_name)
+    if Path(name).suffix == SUFFIX:
+        name = str(Path(name).with_suffix(".pddl"))
+    file, task, problem = find_domain_file(name), own, None
+    if file is None:
+        task = own or load_task(name)
+        domain, problem = task.domain, task.problem
+        file = Path(domain.source.name if isinstance(domain, Domain) else domain)
+    if file.is_dir():
+        raise SerpError(f"{file}: a folder, but not that of a run; give a domain file")
+    if not file.is_file():
+        raise SerpError(f"{file}: there is no such file")
+    documents = _documents(file, problem_beside(file) if problem is None else Path(problem), folder)
+    task = task or _task_of(file)
+    surroundings = Surroundings(planner=Settings().planner)
+    if task is not None:
+        planner = resolve("default", task.settings).planner
+        surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
+    return Session(folder, *documents, surroundings, task, own_name)
+
+
+def _open_run(path: Path, folder: Path, own: Task | None, own_name: str | None) -> Session:
+    """Open the steps of a run, and the file of its name in the working folder.
+
+    Where there is none, the run's copies are opened, and saved elsewhere: they stay as they are.
+    """
+    run = RunFolder.open(path)
+    metadata = read_run_metadata(run)
+    domain, problem = run.copies()
+    name = Domain.parse(Source.read(domain)).name
+    file = find_domain_file(name)
+    if file is not None and file.is_file() and Domain.parse(Source.read(file)).name == name:
+        documents = _documents(file, problem_beside(file), folder)
+    else:
+        documents = (
+            Document(domain, folder, f"{name}.pddl"),
+            None if problem is None else Document(problem, folder, f"{name}-problem.pddl"),
+        )
+    surroundings = Surroundings(
+        dt=metadata.control_period,
+        planner=metadata.settings.planner,
+        observed=metadata.observed is not None,
+        supplied=frozenset(metadata.observed or ()),
+    )
+    task = None
+    if metadata.world is None:
+        task = own or load_task(metadata.task)
+    return Session(folder, *documents, surroundings, task, own_name, RecordedRun(path))
+
+
+def _documents(file: Path, problem: Path, folder: Path) -> tuple[Document, Document | None]:
+    """Return a domain and its problem; what comes from outside of the folder is saved beside."""
+    domain = Document(file, folder)
+    if not problem.is_file():
+        return domain, None
+    opened = Document(problem, folder)
+    if opened.elsewhere:
+        opened = Document(problem, folder, str(problem_beside(domain.target).absolute()))
+    return domain, opened
+
+
+def _task_of(file: Path) -> Task | None:
+    """Return the installed task of a file, which may be wrong; None where there is none."""
+    try:
+        domain = Domain.parse(Source.read(file))
+    except SerpError:
+        return load_task(file.stem) if file.stem in task_entries() else None
+    return task_of(domain, file)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 from serp._util.terminal import visible
-from serp._util.text import code, markdown_text, sentence, table
+from serp._util.text import code, markdown_text, table
 
 READER = MarkdownIt("commonmark", {"html": False}).enable("table")
 texts = st.text(st.characters(min_codepoint=1, max_codepoint=0x2FF), max_size=30)
@@ -28,15 +28,6 @@ def test_plain_text_is_a_paragraph_and_ordinary_text_is_left_as_it_is():
         assert READER.render(markdown_text(text)) == f"<p>{text.replace('>', '&gt;')}</p>\n"
     for text in ("0.97", "cartpole-no-gravity", "first 10 episodes (all)", "−5"):
         assert markdown_text(text) == text
-
-
-@given(texts | st.text("`a_ \\|<.", max_size=12))
-def test_names_in_a_sentence_are_code_and_all_else_is_shown_as_it_is(text):
-    html = READER.render(table(["a", "b"], [[sentence(text), "end"]], left=2))
-    cell, end = (c.split("</td>")[0] for c in html.split("<tbody>")[1].split("<td>")[1:])
-    shown = unescape(cell.replace("<code>", "`").replace("</code>", "`"))
-    assert (shown, end) == (visible(" ".join(text.split())), "end")
-    assert READER.render(sentence("a_b for `c_d ?x`")) == "<p>a_b for <code>c_d ?x</code></p>\n"
 
 
 @given(texts)

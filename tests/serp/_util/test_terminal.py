@@ -81,7 +81,7 @@ def test_what_a_file_holds_is_shown_and_not_done(tmp_path: Path) -> None:
     done = CliRunner().invoke(serp, ["check", str(wrong)])
     assert done.exit_code == 1
     assert not HIDDEN.search(done.output)
-    assert r"\x1b[2Jwrong.pddl: wrong" in done.output
+    assert r"\x1b[2Jwrong.pddl: 1 error" in done.output
 
 
 # The bar -----------------------------------------------------------------------------------------

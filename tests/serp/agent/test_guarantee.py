@@ -111,7 +111,7 @@ def test_every_decision_of_a_training_is_judged_again_by_the_file_as_written(
 ) -> None:
     """The model adapts itself meanwhile."""
     task = lava.task() if name == "lava" else find_task(name)
-    small = {"hidden": [16], "batch_size": 16, "members": 1, "symmetry": False}
+    small = {"hidden": [16], "batch_size": 16, "members": 1}
     settings: dict[str, Any] = {"learner": small, "guide": {"strategy": strategy}}
     counts = train(task.bind(), steps, 1, settings)
     assert counts["decisions"] >= steps

@@ -38,7 +38,7 @@ def test_it_fails_by_what_is_unsafe_within_the_horizon_of_a_prediction_and_the_e
             failed += lookahead.observe(*first)
         if second is not None:
             *seen, last = second
-            failed += lookahead.observe(*seen, last=False, lane=1)
+            failed += lookahead.observe(*seen, last=False, env_index=1)
             if last:
                 lookahead.cut_off(1)
     assert lookahead.failures == failed == failures(steps, horizon) + failures(others, horizon)

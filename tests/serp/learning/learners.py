@@ -7,36 +7,23 @@ from typing import Any
 import numpy as np
 
 from serp.learning.dqn import DQN
-from serp.learning.symmetry_group import Element, SymmetryGroup
 from serp.settings import LearnerSettings
 
 F, A = 4, 3
 
 TARGETS: dict[str, dict[str, Any]] = {
-    "none": {"target_period": None},
-    "copy": {"target_period": 7},
-    "polyak": {"target_period": None, "target_polyak": 0.05},
-}
-MIRROR = Element((1, 0, 2, 3), (1.0, 1.0, -1.0, 1.0), (2, 1, 0))
-TURN = Element((1, 2, 0, 3), (1.0,) * F, (1, 2, 0))
-GROUPS = {
-    "mirror": SymmetryGroup(F, A, [MIRROR]),
-    "turns": SymmetryGroup(F, A, [TURN]),
-    "large": SymmetryGroup(F, A, [TURN, Element((1, 0, 2, 3), (1.0,) * F, (1, 0, 2)), MIRROR]),
+    "none": {"target_polyak": None},
+    "polyak": {"target_polyak": 0.05},
 }
 
 
 def learner(
     seed: int | np.random.SeedSequence = 0,
     imitates: bool = False,
-    group: SymmetryGroup | None = None,
     **settings: Any,
 ) -> DQN:
-    small = {
-        "hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1,
-        "symmetry": group is not None,
-    }  # fmt: skip
-    made = DQN(F, A, LearnerSettings(**{**small, **settings}), seed, group, imitates)
+    small = {"hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1}
+    made = DQN(F, A, LearnerSettings(**{**small, **settings}), seed, imitates)
     made.imitation_weight = 0.7
     return made
 

@@ -49,15 +49,12 @@ def experience(agent: DQN, episodes: int, rng: np.random.Generator) -> None:
 
 
 RECIPES: dict[str, dict[str, Any]] = {
-    "paper": {"target_period": None, "double": False, "n_step": 1, "clip_targets": False},
-    "copied target": {"target_period": 50, "double": False, "n_step": 1},
-    "double": {"target_period": 50, "double": True, "n_step": 1},
-    "polyak": {"target_period": None, "target_polyak": 0.05, "n_step": 1},
-    "n-step": {"target_period": 50, "n_step": 3},
-    "huber": {"target_period": 50, "loss": "huber"},
-    "LayerNorm": {"target_period": 50, "layer_norm": True},
-    "members": {"target_period": 50, "members": 3},
-    "small memory": {"target_period": 50, "buffer_size": 60},
+    "paper": {"target_polyak": None, "n_step": 1, "guarded_targets": False},
+    "target": {"target_polyak": 0.05, "n_step": 1},
+    "n-step": {"target_polyak": 0.05, "n_step": 3},
+    "LayerNorm": {"target_polyak": 0.05, "layer_norm": True},
+    "members": {"target_polyak": 0.05, "members": 3},
+    "small memory": {"target_polyak": 0.05, "buffer_size": 60},
 }
 
 
@@ -81,8 +78,8 @@ def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
             ACTIONS,
             LearnerSettings(
                 discount=0.99,
-                target_period=None,
-                clip_targets=clip,
+                target_polyak=None,
+                guarded_targets=clip,
                 n_step=1,
                 learning_rate=0.003,
                 gradient_clip=None,

@@ -15,7 +15,9 @@ def test_equals_torch(members: int, largest_norm: float | None) -> None:
     parameters, gradient = torch.from_numpy(start.copy()), torch.zeros(members, 200)
     average = torch.zeros(members, 200)
     slow = average.clone()
-    ours = Adam(parameters, gradient, 0.01, largest_norm, average, 0.1)
+    ours = Adam(
+        *(t.numpy() for t in (parameters, gradient)), 0.01, largest_norm, average.numpy(), 0.1
+    )
     theirs = [torch.nn.Parameter(torch.from_numpy(row.copy())) for row in start]
     optimizer = torch.optim.Adam(theirs, lr=0.01, fused=True)
 

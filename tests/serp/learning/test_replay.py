@@ -12,9 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.learning.replay import ReplayBuffer, Samples, SampleSpec
-from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
-from tests.serp.learning.learners import GROUPS
 
 F, A = 2, 3
 DISCOUNT = 0.9
@@ -66,14 +64,13 @@ def streams(draw: st.DrawFn) -> list[Step]:
 
 def buffer(
     spec: SampleSpec = SampleSpec(F, A, imitates=True),  # noqa: B008
-    group: SymmetryGroup | None = None,
     **changes: Any,
 ) -> ReplayBuffer:
     usual: dict[str, Any] = {
         "buffer_size": 50, "batch_size": 8, "discount": DISCOUNT, "n_step": 1,
     }  # fmt: skip
     settings = LearnerSettings(**{**usual, **changes})
-    return ReplayBuffer(spec, settings, np.random.default_rng(0), group)
+    return ReplayBuffer(spec, settings, np.random.default_rng(0))
 
 
 def episodes(steps: list[Step]) -> list[list[Step]]:
@@ -144,7 +141,7 @@ def test_the_steps_of_two_environments_do_not_mix(
     ]
     ring = buffer(n_step=n, buffer_size=200)
     for pair in zip_longest(*lanes):
-        for ring.lane, step in enumerate(pair):
+        for ring.env_index, step in enumerate(pair):
             feed(ring, [] if step is None else [step])
     found = stored(ring, 200)
     assert [s for s in found if s[0][0] < 1000] == expected_samples(lanes[0], n)
@@ -172,30 +169,6 @@ def test_draws_are_uniform_whole_samples_and_differ_between_members() -> None:
             assert sample == by_number[sample[0][0]]
     expected = 200 * 96 / len(counts)
     assert all(abs(count - expected) < 5 * expected**0.5 for count in counts.values())
-
-
-@pytest.mark.parametrize("name", GROUPS)
-def test_every_sample_drawn_is_an_image_and_every_image_is_drawn(name: str) -> None:
-    group = GROUPS[name]
-    width = len(group.elements[0].columns)
-    memory = buffer(SampleSpec(width, A, imitates=True), group, batch_size=512, members=2)
-    rng = np.random.default_rng(1)
-    x, next_x = rng.standard_normal((2, width)).astype(np.float32)
-    allowed = np.array([True, False, True])
-    for imitated in (0, -1):
-        memory.add(x, 1, 0.5, next_x, False, False, allowed, imitated)
-
-    expected = [
-        (
-            e.of_input(x).tolist(), e.actions[1], 0.5, e.of_input(next_x).tolist(),
-            float(np.float32(DISCOUNT)), e.of_actions(~allowed).tolist(), imitated,
-        )
-        for e in group.elements
-        for imitated in (e.actions[0], -1)
-    ]  # fmt: skip
-    drawn = flat(memory.sample())
-    assert all(sample in expected for sample in drawn)
-    assert all(sample in drawn for sample in expected)
 
 
 def test_what_does_not_fit_is_refused() -> None:

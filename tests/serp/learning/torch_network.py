@@ -8,24 +8,19 @@ import torch
 
 from serp.learning import kernels
 from serp.learning.network import QNetwork
-from serp.learning.symmetry_group import SymmetryGroup
 
 
-def module_of(network: QNetwork, symmetry: SymmetryGroup | None = None) -> torch.nn.Module:
+def module_of(network: QNetwork) -> torch.nn.Module:
     """Return an independent copy of a network, ``[batch, F]`` → ``[batch, A]``.
 
-    It is a `torch.nn.Sequential`; with several members or symmetries, a module that returns the
-    mean over them.
+    It is a `torch.nn.Sequential`; with several members, a module that returns the mean over them.
     """
     members = [_sequential(network, member) for member in range(network.members)]
-    if symmetry is None and len(members) == 1:
-        return members[0]
-    group = symmetry or SymmetryGroup(network.sizes[0], network.sizes[-1])
-    return MeanModule(members, group)
+    return members[0] if len(members) == 1 else MeanModule(members)
 
 
 def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
-    flat = network.parameters[member]
+    flat = torch.from_numpy(network.parameters[member].copy())
     stack: list[torch.nn.Module] = []
     for layer in network.layers:
         weight = flat[layer.start : layer.bias].reshape(layer.inputs, layer.outputs)
@@ -43,21 +38,12 @@ def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
 
 
 class MeanModule(torch.nn.Module):
-    """The mean output of several networks over a symmetry group."""
+    """The mean output of several networks."""
 
-    columns: torch.Tensor
-    signs: torch.Tensor
-    actions: torch.Tensor
-
-    def __init__(self, members: Sequence[torch.nn.Module], group: SymmetryGroup) -> None:
+    def __init__(self, members: Sequence[torch.nn.Module]) -> None:
         super().__init__()
         self.members = torch.nn.ModuleList(members)
-        for name in ("columns", "signs", "actions"):
-            array = getattr(group, name)[: group.averaged]
-            self.register_buffer(name, torch.from_numpy(array.copy()))
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return ``[batch, A]`` of ``[batch, F]``."""
-        images = zip(self.columns, self.signs, self.actions, strict=True)
-        each = [m(inputs[:, c] * s)[:, a] for c, s, a in images for m in self.members]
-        return torch.stack(each).mean(0)
+        return torch.stack([member(inputs) for member in self.members]).mean(0)

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from serp.authoring.lint.codes import CODES
 from serp.authoring.lint.findings import findings_of
-from serp.authoring.lint.subject import CODES
 from serp.model.codegen import generate_code
 from serp.pddl.source import DomainError, Source
 from tests.generated import FULL, Texts, examples, load_texts, write_texts

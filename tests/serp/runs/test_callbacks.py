@@ -60,18 +60,17 @@ def test_wrong_callbacks_are_refused_before_anything_is_made(tmp_path: Path) -> 
 
 
 @without_pictures()
-def test_events_of_steps_and_episodes_go_on_with_the_run(tmp_path: Path) -> None:
+def test_events_of_episodes_go_on_with_the_run(tmp_path: Path) -> None:
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    settings: Any = {"training": {"tensorboard": "steps"}}
+    settings: Any = {"training": {"tensorboard": True}}
     task, out = corridor(tmp_path), tmp_path / "run"
     plan_and_learn(task, settings=settings, out=out, episodes=2, quiet=True)
     plan_and_learn(task, out=out, episodes=3, resume=True, quiet=True)
     events = accumulator.EventAccumulator(str(out / "tensorboard")).Reload()
     table = rows(out, "metrics")
     ends = [int(row["env_steps"]) for row in table]
-    episodes, steps = events.Scalars("episode/return"), events.Scalars("step/env_reward")
+    episodes = events.Scalars("episode/return")
     assert [event.step for event in episodes] == ends
     assert [event.value for event in episodes] == [
         pytest.approx(float(row["return"])) for row in table
     ]
-    assert [event.step for event in steps] == list(range(1, ends[-1] + 1))

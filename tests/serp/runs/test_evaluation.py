@@ -24,7 +24,7 @@ from serp.runs.evaluation import (
 )
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.observation import Grounding
+from serp.tasks.grounding import Grounding
 from tests.serp.sample_tasks import CableCut, Corridor, corridor
 
 POLICIES = get_args(Policy)

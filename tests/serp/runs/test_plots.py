@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from serp._util.figures import render
-from serp.runs.report import learning_curve
+from serp.runs.learning_curve import learning_curve
 from serp.runs.summary import moving_interval, moving_mean
 
 
@@ -57,7 +57,7 @@ _DRAW_TWICE = """
 import sys, matplotlib
 import numpy as np
 from serp._util.figures import render
-from serp.runs.report import learning_curve
+from serp.runs.learning_curve import learning_curve
 from serp.runs.tables import METRICS_COLUMNS
 before = matplotlib.rcParams.copy()  # not dict(): that asks for a backend
 metrics = {name: np.ones(3, int) for name in METRICS_COLUMNS}

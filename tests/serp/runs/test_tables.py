@@ -6,7 +6,7 @@ import math
 import os
 import subprocess
 import sys
-from enum import Enum, StrEnum
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -50,10 +50,6 @@ class Who(StrEnum):
     PLANNER = "planner"
 
 
-class Level(Enum):
-    HIGH = 3
-
-
 class Slow:
     def __str__(self):
         return "told, late"
@@ -75,7 +71,6 @@ class Slow:
         (math.nan, "nan"),
         ("two\nlines\r\nmore", "two lines more"),
         (Who.PLANNER, "planner"),
-        (Level.HIGH, "3"),
         (Slow(), "told, late"),
     ],
 )

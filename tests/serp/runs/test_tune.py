@@ -84,12 +84,12 @@ def test_trials_that_fail_are_reported_and_others_go_on(
 ) -> None:
     with pytest.raises(RunError, match="none of 1 trials succeeded; .* cable cut"):
         tuned(tmp_path, "a", task=walk(tmp_path, Pothole), seeds=[1], trials=1)
-    vary = {"learner.target_period": [200, 150], "learner.target_polyak": [None, 0.01]}
+    vary = {"planner.name": ["lookahead", "nosuch"]}
     found = tuned(tmp_path, "b", vary=vary, trials=4, seeds=1, quiet=False)
     states = {t.state.name for t in found.study.trials}
     shown = capsys.readouterr().err
     assert states == {"COMPLETE", "FAIL"}, shown
-    assert "failed. learner.target_polyak is 0.01, but must be none while" in shown
+    assert "failed. seed 1000: planner.name: there is no planner `nosuch`" in shown
     assert found.trials == 4
 
 
@@ -99,10 +99,10 @@ def test_trials_that_fail_are_reported_and_others_go_on(
         ("planner.depth", "2..7", IntDistribution(2, 7)),
         ("planner.discount", "0.5..1", FloatDistribution(0.5, 1.0)),
         ("learner.learning_rate", " log:1e-4 .. 1e-2", FloatDistribution(1e-4, 1e-2, log=True)),
-        ("learner.target_period", "none,100", CategoricalDistribution(["null", "100"])),
+        ("training.units", "none,100", CategoricalDistribution(["null", "100"])),
         ("learner.hidden", "[64,64],[8]", CategoricalDistribution(["[64, 64]", "[8]"])),
-        ("learner.loss", None, CategoricalDistribution(['"mse"', '"huber"'])),
-        ("training.tensorboard", "", CategoricalDistribution(["false", "true", '"steps"'])),
+        ("arbiter.veto_horizon", None, CategoricalDistribution(['"step"', '"lookahead"'])),
+        ("training.tensorboard", "", CategoricalDistribution(["false", "true"])),
     ],
 )
 def test_types_and_values_follow_from_the_settings(name: str, given: Any, expected: Any) -> None:
@@ -113,15 +113,15 @@ def test_types_and_values_follow_from_the_settings(name: str, given: Any, expect
     ("vary", "message"),
     [
         ({}, "say what to tune"),
-        ({"learner.los": ""}, "there is no setting `learner.los`; did you mean `loss`"),
-        ({"lerner.loss": ""}, "there is no section `lerner`; did you mean `learner`"),
+        ({"learner.member": ""}, "no setting `learner.member`; did you mean `members`"),
+        ({"lerner.members": ""}, "there is no section `lerner`; did you mean `learner`"),
         ({"planner.depth": None}, "planner.depth: say which values: A..B"),
         ({"planner.depth": "0..3"}, "planner.depth must be greater than or equal to 1, not 0"),
         ({"planner.depth": "1.5..3"}, "planner.depth must be a valid integer, not 1.5"),
         ({"planner.depth": "3..3"}, "its first end is smaller than its second"),
         ({"learner.learning_rate": "log:1..0.5"}, "and on a logarithmic scale above 0"),
-        ({"learner.loss": "mse..huber"}, "a range is for numbers"),
-        ({"learner.loss": "mse,l1"}, "learner.loss must be 'mse' or 'huber', not 'l1'"),
+        ({"arbiter.veto_horizon": "step..lookahead"}, "a range is for numbers"),
+        ({"arbiter.veto_horizon": "step,l1"}, "must be 'step' or 'lookahead', not 'l1'"),
         ({"planner.depth": 3}, "planner.depth: expected a list of values or a text"),
         (3, "tune.vary must be a mapping"),
     ],

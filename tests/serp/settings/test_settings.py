@@ -24,8 +24,7 @@ OUTSIDE: dict[str, list[Any]] = {
     "arbiter.r_min": ["low", math.nan, math.inf, True],
     "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
     "learner.discount": [1.0, -0.1, "0.9", False],
-    "learner.double": [1, "yes"],
-    "learner.loss": ["mae", ["mse"], np.array(["mse", "huber"])],
+    "learner.guarded_targets": [1, "yes"],
     "training.inputs": ["pixels", ["both"], np.array(["both", "state"])],
 }
 CHANGES = st.fixed_dictionaries(
@@ -74,16 +73,8 @@ def test_every_setting_has_a_description() -> None:
         ({"planner": {3: 4}}, "no setting `planner.3`"),
         ({"planer": {}}, "no section `planer`; did you mean `planner`"),
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
-        ({"correction": {}}, "section `correction` is now called `adaptation`"),
-        ({"correction": {"tries": 3}}, "`correction.tries` is `adaptation.min_visits`"),
-        ({"arbiter": {"surety": 1.0}}, "`arbiter.surety` was removed: the strategy `evidence`"),
-        ({"adaptation": {"mode": "literals"}}, "`literals` is now called `parameters`"),
         ({"planner": {"depth": 0}}, "planner.depth must be greater than or equal to 1, not 0"),
         ({"training": {"reward": "x"}}, "must be 'task', 'domain', 'environment' or 'sum'"),
-        (
-            {"learner": {"target_period": 200, "target_polyak": 0.01}},
-            "target_polyak is 0.01.*target_period is",
-        ),
     ],
 )
 def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) -> None:
@@ -112,7 +103,8 @@ def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place()
         "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
         "adaptation": {"min_visits": np.int8(2)},
         "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
-        "learner": {"hidden": np.array([8, 8]), "double": np.True_, "members": np.uint8(2)},
+        "learner": {"hidden": np.array([8, 8]), "members": np.uint8(2)},
+        "training": {"record": np.True_},
     }
     settings = Settings().replace(changes)
     assert settings.learner.hidden == (8, 8)
@@ -148,7 +140,5 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
     assert (paper.arbiter.rho_unit, paper.arbiter.veto_horizon) == ("episode", "step")
     assert (paper.learner.learning_rate, paper.learner.discount) == (0.001, 0.9)
     assert paper.learner.epsilon_start == paper.learner.epsilon_end == 0.3
-    assert (paper.learner.loss, paper.learner.n_step) == ("mse", 1)
-    assert not paper.learner.has_target
-    assert not paper.learner.double
+    assert (paper.learner.n_step, paper.learner.target_polyak) == (1, None)
     assert paper.training.random_steps > 0  # D_0

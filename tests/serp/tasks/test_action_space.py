@@ -61,9 +61,3 @@ def test_a_combination_is_named_by_its_tuple_or_number(tmp_path: Path, space: An
     for wrong in ((0, 2), (0,), (-1, 0), (0.5, 1), "01", None):
         with pytest.raises(TaskError, match=r"corridor.*actions: `left` is mapped to .*0 "):
             corridor(tmp_path, lambda: Valves(space), actions=named | {"left": wrong}).bind()
-
-
-def test_too_many_combinations_are_refused_with_a_way_out(tmp_path: Path) -> None:
-    hand = spaces.MultiDiscrete([1000] * 24)
-    with pytest.raises(TaskError, match=r"more than 4,096; offer those .*TransformAction"):
-        corridor(tmp_path, lambda: Valves(hand)).bind()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ import pytest
 from serp.errors import TaskError
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.symmetry import Symmetry
 from serp.tasks.task import Task
 from tests.serp.sample_tasks import Corridor, corridor
 
@@ -78,15 +76,3 @@ def test_one_that_does_not_fit_is_named_when_the_task_is_bound(
 ) -> None:
     with pytest.raises(TaskError, match=said):
         located(tmp_path, ground).bind()
-
-
-def test_an_optional_parameter_of_another_name_is_left_alone(tmp_path: Path) -> None:
-    bound = located(tmp_path, lambda seen, scale=2.0: [scale * seen[0]]).bind()
-    assert bound.grounding.takes == ()
-    assert bound.ground(np.array([3.0, 0.0])).tolist() == [6.0]
-
-
-def test_a_mirrored_observation_is_not_grounded_where_its_info_is_unknown(tmp_path: Path) -> None:
-    mirror = Symmetry(observation_signs=(1, -1))
-    task = dataclasses.replace(located(tmp_path, of_both), symmetries=[mirror])
-    Trainer(task.bind(), resolve("default", task.settings), 3).run_episode()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -86,15 +85,6 @@ def test_tasks_are_listed_without_importing_them(package: Path) -> None:
     assert "third_party_lab" not in sys.modules
 
 
-def test_a_package_that_is_installed_meanwhile_is_found(package: Path) -> None:
-    site = package.parent / "site"
-    os.utime(site, (0, 0))
-    assert "late" not in task_entries()
-    (site / "late-1.0.dist-info").mkdir()
-    (site / "late-1.0.dist-info" / "entry_points.txt").write_text("[serp.tasks]\nlate = lab:task")
-    assert "late" in task_entries()
-
-
 def test_the_task_of_an_installed_package_is_found_by_name(package: Path) -> None:
     for task in (load_task("corridor"), find_task("corridor")):
         assert (task.bind().name, task.description) == ("corridor", "walk to the goal")
@@ -148,26 +138,10 @@ def test_a_file_belongs_to_the_task_named_like_it_or_its_domain(
     assert task.load().name == name
 
 
-def test_a_problem_beside_the_file_is_taken(package: Path) -> None:
-    (package / "corridor.pddl").write_text(CORRIDOR)
-    (package / "corridor-problem.pddl").write_text(
-        "(define (problem p) (:domain corridor) (:init (= (x) 2)) (:goal (and)))"
-    )
-    model = find_task("corridor.pddl").bind().model
-    assert model.initial_state is not None
-    assert model.initial_state.tolist() == [2.0]
-
-
 def test_a_file_that_belongs_to_no_task_says_what_to_do(package: Path) -> None:
     (package / "zoo.pddl").write_text(CORRIDOR.replace("(domain corridor)", "(domain zoo)"))
     with pytest.raises(TaskError, match=r"zoo.*no task is installed for domain `zoo`.*serp.Task"):
         find_task("zoo.pddl")
-
-
-def test_a_folder_is_named_as_one(package: Path) -> None:
-    (package / "files").mkdir()
-    with pytest.raises(TaskError, match="is a folder; give one of the files in it"):
-        find_task("files")
 
 
 def test_a_variant_that_is_shipped_is_found_by_name_from_anywhere(

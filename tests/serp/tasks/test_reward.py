@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 
 from serp.errors import SettingsError
-from serp.runs.train import plan_and_learn
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.task import Task, describe_source
-from tests.serp.runs.runs import without_pictures
+from serp.tasks.task import Task
 from tests.serp.sample_tasks import CORRIDOR, corridor
 
 BONUS = 100.0
@@ -67,22 +64,3 @@ def test_rewards_that_the_file_does_not_give_cannot_be_learned_from(tmp_path: Pa
             Trainer(task.bind(), settings, 0)
     with pytest.raises(SettingsError, match="'environment' or 'sum', not 'both'"):
         resolve("default", task.settings, {"training": {"reward": "both"}})
-
-
-def test_the_source_is_the_file_where_the_world_is_made_of_it() -> None:
-    assert "rewards of the domain file, for" in describe_source(
-        "environment", in_file=True, world=True
-    )
-    assert "gives none" in describe_source("environment", in_file=False, world=True)
-    assert "planner plans with" in describe_source("environment", in_file=True)
-
-
-@without_pictures()
-def test_a_run_says_what_it_learns_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    task = task_with_bonus(tmp_path, "environment")
-    asked = {"training": {"reward": "sum"}}
-    plan_and_learn(task, settings=asked, episodes=3, out=tmp_path / "run")
-    said = "learner learns from the environment's reward plus those of the domain file."
-    assert said in capsys.readouterr().err
-    config = json.loads((tmp_path / "run" / "config.json").read_text())["config"]
-    assert (config["reward"], config["learned_from"]) == ("environment", "sum")

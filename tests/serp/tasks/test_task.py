@@ -17,7 +17,7 @@ from serp.errors import EnvironmentFailure, TaskError
 from serp.model.domain import load_domain
 from serp.pddl.source import DomainError
 from serp.tasks.task import BoundTask
-from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor
+from tests.serp.sample_tasks import CableCut, Corridor, corridor
 
 
 class Odd(Corridor):
@@ -88,23 +88,6 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
         assert [bound.model.step(state, "wait").unsafe for state in (shut, opened)] == [False, True]
 
 
-def test_everything_is_at_hand_once_bound(tmp_path: Path) -> None:
-    bound = corridor(tmp_path).bind()
-    assert bound.name == bound.domain.name == "corridor"
-    assert bound.actions.size == 4
-    assert bound.observation_size == 2
-    assert bound.rewarded_by == "domain"
-    raw, info = bound.reset(seed=3)
-    assert info == {"game": 0}
-    state = bound.ground(raw)
-    assert state.tolist() == [raw[0]]
-    after, reward, terminated, truncated, _ = bound.step(1)
-    assert after[0] in (raw[0], raw[0] + 1)
-    assert isinstance(reward, float)
-    assert (terminated, truncated) == (False, False)
-    bound.close()
-
-
 def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
     assert corridor(tmp_path, dt=0.25).bind().model.dt == 0.25
     assert corridor(tmp_path, dt=np.float32(0.25)).bind().model.dt == 0.25
@@ -112,39 +95,6 @@ def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
     for wrong in (0.0, -1, float("nan"), float("inf"), "a", None, True, [0.1]):
         with pytest.raises(TaskError, match=r"corridor.*control period.*a number > 0, not "):
             corridor(tmp_path, dt=wrong).bind()
-
-
-def test_a_grounding_may_return_an_array_or_truth_values(tmp_path: Path) -> None:
-    text = CORRIDOR.replace("(unsafe) (terminal)", "(lit) (unsafe) (terminal)", 1).replace(
-        "(and (> (x) -4))\n    :effect (and", "(and (lit))\n    :effect (and (not (lit))"
-    )
-    file = tmp_path / "lit.pddl"
-    file.write_text(text)
-    for ground in (
-        lambda seen: {"lit": True, "x": seen[0]},
-        lambda seen: {"x": np.float32(seen[0]), "lit": np.bool_(True)},
-        lambda seen: np.array([1, seen[0]], dtype=np.float32),
-        lambda seen: [True, seen[0]],
-    ):
-        bound = corridor(tmp_path, domain=file, ground=ground).bind()
-        assert bound.ground(np.array([2.0, 0.0])).tolist() == [1.0, 2.0]
-    kept = np.array([1.0, 1.0])
-    bound = corridor(tmp_path, domain=file, ground=lambda seen: kept).bind()
-    state = bound.ground(SEEN)
-    kept[:] = 9.0  # environments reuse their arrays
-    assert state.tolist() == [1.0, 1.0]
-
-
-def test_whose_reward_counts_is_decided_by_who_says_something(tmp_path: Path) -> None:
-    assert corridor(tmp_path, reward="environment").bind().rewarded_by == "environment"
-    silent = tmp_path / "silent.pddl"
-    silent.write_text(
-        "(define (domain silent) (:predicates (unsafe)) (:functions (x))"
-        " (:action left :parameters () :precondition (and) :effect (and (decrease (x) 1))))"
-    )
-    assert corridor(tmp_path, domain=silent).bind().rewarded_by == "environment"
-    with pytest.raises(TaskError, match="says nothing about reward"):
-        corridor(tmp_path, domain=silent, reward="domain").bind()
 
 
 # What does not fit -------------------------------------------------------------------------------
@@ -198,38 +148,6 @@ def unplugged() -> gym.Env[Any, Any]:
 def test_what_does_not_fit_is_named(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
     with pytest.raises((TaskError, DomainError), match=said):
         corridor(tmp_path, **changes).bind()
-
-
-def test_a_render_mode_is_passed_on_where_it_can_be(tmp_path: Path) -> None:
-    modes: list[Any] = []
-
-    def make(**options: Any) -> Corridor:
-        modes.append(options)
-        return Corridor()
-
-    corridor(tmp_path, make).bind()
-    corridor(tmp_path, make).bind(render_mode="rgb_array")
-    assert modes == [{}, {"render_mode": "rgb_array"}]
-    with pytest.raises(TaskError, match="render_mode"):
-        corridor(tmp_path, lambda: Corridor()).bind(render_mode="rgb_array")
-
-
-@pytest.mark.parametrize(
-    ("attributes", "changes"),
-    [
-        ({"action_space": None}, {}),
-        ({"observation_space": None}, {}),
-        ({"stuck": True, "action_space": None}, {}),
-        ({}, {"actions": {"left": 0}}),
-    ],
-)
-def test_an_environment_that_does_not_fit_is_closed_again(
-    tmp_path: Path, attributes: dict[str, Any], changes: dict[str, Any]
-) -> None:
-    closed: list[str] = []
-    with pytest.raises(TaskError):
-        corridor(tmp_path, lambda: Odd(closed=closed, **attributes), **changes).bind()
-    assert closed == ["closed"]
 
 
 def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) -> None:
@@ -321,13 +239,6 @@ def test_a_reset_that_returns_something_else_is_an_environment_failure(
 ) -> None:
     with pytest.raises(EnvironmentFailure, match="reset failed"):
         odd(tmp_path, reset=answer).reset()
-
-
-@pytest.mark.parametrize("one", [1, np.array([1.0])])
-def test_numbers_and_truth_values_may_be_arrays_of_one(tmp_path: Path, one: Any) -> None:
-    bound = odd(tmp_path, step=(SEEN, one, one, np.bool_(False), {}))
-    answer = bound.step(0)[1:4]
-    assert answer == (1.0, True, False) and list(map(type, answer)) == [float, bool, bool]
 
 
 def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_path: Path) -> None:

@@ -6,11 +6,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from serp.runs.rollout import Watchdog
 from serp.tasks.task import BoundTask
-from tests.serp.runs.runs import CHANGES, train
 from tests.serp.sample_tasks import Corridor, corridor
 
 
@@ -52,33 +49,3 @@ def test_a_call_that_takes_long_is_said_while_it_hangs_and_once(tmp_path: Path) 
     assert task.call is None
     (line,) = said
     assert "not returned for 0.05 s: reset, env step 1,234" in line
-
-
-def test_what_comes_back_in_time_is_not_mentioned(tmp_path: Path) -> None:
-    task, go = bound(tmp_path)
-    go.set()
-    with Watchdog(task, 5.0, lambda: 1, pytest.fail), Watchdog(task, 1e999, int, pytest.fail):
-        task.reset(seed=0)
-        task.step(1)
-
-
-def test_a_training_names_step_and_action(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    said = threading.Event()
-    lines: list[str] = []
-
-    def note(self: Any, text: str) -> None:
-        if "not returned for" in text:
-            lines.append(text)
-            said.set()
-
-    class Slow(Corridor):
-        def step(self, action: int) -> Any:
-            if self.made == 4:
-                assert said.wait(20)
-            return super().step(action)
-
-    monkeypatch.setattr("serp.runs.progress.Progress.note", note)
-    monkeypatch.setitem(CHANGES["default"], "training", {"slow_step_seconds": 0.2})
-    train(corridor(tmp_path, Slow), tmp_path / "run", episodes=1)
-    (line,) = lines
-    assert "for 0.2 s: step with action" in line and "env step 5." in line

@@ -75,16 +75,6 @@ def test_a_new_environment_goes_on_exactly_where_the_saved_one_was(make: Callabl
     assert episodes(other, range(3, 6)) == expected
 
 
-def test_gymnasiums_harmless_wrappers_carry_nothing() -> None:
-    env: Env = wrappers.TimeLimit(
-        wrappers.OrderEnforcing(wrappers.PassiveEnvChecker(wrappers.ClipReward(Found(), -1, 1))), 9
-    )
-    env = wrappers.FlattenObservation(wrappers.RecordEpisodeStatistics(env))
-    episodes(env, range(2))
-    assert [name for name, _ in save(env)["found"]] == ["noise"]
-    assert save(env)["own"] == []
-
-
 def test_statistics_can_be_taken_over_alone() -> None:
     trained: Any = wrappers.NormalizeObservation(Found())
     episodes(trained, range(3))

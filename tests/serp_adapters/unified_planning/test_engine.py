@@ -12,7 +12,6 @@ from unified_planning.engines import (
     SequentialPlanValidator,
 )
 from unified_planning.engines.sequential_simulator import UPSequentialSimulator
-from unified_planning.exceptions import UPUsageError
 from unified_planning.model import InstantaneousAction, Problem
 from unified_planning.model.metrics import MinimizeActionCosts
 from unified_planning.shortcuts import (
@@ -84,11 +83,6 @@ def test_unsolvable_is_said_to_be_proven_only_where_numbers_are_exact() -> None:
     assert solved(tenths).status is Status.UNSOLVABLE_INCOMPLETELY
 
 
-def test_no_time_is_no_plan() -> None:
-    result = SErPEngine().solve(EXAMPLES["robot_loader"].problem, timeout=0.0)
-    assert (result.status, result.plan) == (Status.TIMEOUT, None)
-
-
 @pytest.mark.parametrize(
     "name", ["hierarchical_blocks_world", "robot_fluent_of_user_type", "total-cost"]
 )
@@ -104,8 +98,3 @@ def test_actions_are_chosen_by_what_is_observed(name: str) -> None:
         selector.update({fluent: state.get_value(fluent) for fluent in problem.initial_values})
         steps += 1
     assert steps == 2 * len(solved(problem).plan.actions)
-
-
-def test_a_selector_refuses_a_problem_that_is_not_supported() -> None:
-    with pytest.raises(UPUsageError, match="serp-selector"):
-        SErPSelector(EXAMPLES["matchcellar"].problem)

@@ -112,12 +112,6 @@ def test_the_translated_problem_steps_as_the_model_does(name: str) -> None:
             ours = None if outcome is None else outcome.state
 
 
-def test_rewards_that_do_not_depend_on_the_state_are_costs() -> None:
-    names = [action.schema for action in rover().actions]
-    costs = {"drive": 1.0, "fly": 3.0, "sample": 1.0, "recharge": 2.0, "give-up": 0.0}
-    assert sent(rover())["costs"] == [costs[name] for name in names]
-
-
 def play(model: TransitionModel, name: str) -> PlanFollower:
     """Follow a planner to the end, while every third action fails."""
     model = TransitionModel(model.ground, own_code=False)  # there is nothing to compile
@@ -230,23 +224,3 @@ def test_what_no_engine_can_plan_is_refused_with_its_place(
 ) -> None:
     with pytest.raises(SerpError, match=message):
         planner.make(rover(event, more), PlannerSettings(name=name))
-
-
-@pytest.mark.parametrize(
-    ("engine", "message"),
-    [
-        ("", "name an engine, as in `up:.*; installed: .*pyperplan"),
-        ("fast", "no engine `fast`; installed: .*pyperplan.*; to add it: pip install up-NAME"),
-        ("aries", "to add it: pip install up-aries"),
-        ("pyperplan", "does not take .*REAL_FLUENTS.*; installed engines that do: "),
-    ],
-)
-def test_an_engine_that_cannot_be_used_is_refused(engine: str, message: str) -> None:
-    with pytest.raises(Refused, match=message):
-        Planning(engine, sent(rover()))
-
-
-def test_a_file_without_a_goal_is_refused_with_its_place() -> None:
-    cliff = load_domain(Path(__file__).parents[3] / "domains" / "cliff.pddl", observed=True).model
-    with pytest.raises(SerpError, match=r"cliff.pddl:\d+:1: .* need a goal"):
-        planner.make(cliff, PlannerSettings(name="up:pyperplan"))

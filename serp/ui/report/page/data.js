@@ -1,7 +1,7 @@
 // The data of the report: JSON, and arrays that are packed as gzip in base64.
 "use strict";
 
-const meta = JSON.parse(document.getElementById("meta").textContent);
+let meta, curves;
 const byId = (id) => document.getElementById(id);
 
 function decoded(base64) {

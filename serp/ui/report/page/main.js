@@ -54,6 +54,7 @@ function fit() {
   if (total()) redraw();
 }
 
+meta = JSON.parse(byId("meta").textContent);
 meta.episodes.forEach((episode, index) => { episode.index = index; });
 connectPage();
 const packed = await unpacked(byId("arrays").textContent);

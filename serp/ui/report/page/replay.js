@@ -4,7 +4,7 @@ const [VETOED, UNSAFE, NO_SAFE, INDIFFERENT, LARGE_ERROR] = [1, 2, 4, 8, 16];
 const [APPLICABLE, IS_UNSAFE, TERMINAL, UNDEFINED, RISKY, UNMODELLED] = [1, 2, 4, 8, 16, 128];
 const NONE = 0xffff, SAFE = 0xfffe;
 
-let curves, steps, sentences, scene = null, fluents, alternatives, run, inEpisode;
+let steps, sentences, scene = null, fluents, alternatives, run, inEpisode;
 let now = -1, chosen = -1, shownEpisode = null, queued = false, playing = null;
 let hits = null, hitList = null, extra = null, after = false, colors = null;
 

@@ -12,8 +12,9 @@ from serp._util.text import percent, readable
 from serp.agent.causes import Cause
 from serp.agent.explanation import Alternative
 from serp.agent.sentences import kind_of_return, told
-from serp.ui.studio.pages.live import Live, Pane
-from serp.ui.studio.session import Request, Session, View
+from serp.ui.studio.pages.live import Live
+from serp.ui.studio.session import Session
+from serp.ui.studio.view import Request, View
 
 _MOST_CAUSES = 3
 _DEEPEST = 30
@@ -24,17 +25,17 @@ _HEAD = (
 )
 
 
-class DecisionPane(Pane):
+class DecisionPane:
     """Shows decisions; where an error leaves none, the last one stays, faint.
 
     Args:
-        session, live: See `Pane`.
+        session: What is open.
+        live: Follows the session.
         jump: Shows a line and column of a file.
     """
 
     def __init__(self, session: Session, live: Live, jump: Callable[[str, int, int], None]) -> None:
-        super().__init__(session, live)
-        self._jump = jump
+        self._session, self._live, self._jump = session, live, jump
         with (
             ui.element("section")
             .classes("serp-decision")
@@ -52,7 +53,7 @@ class DecisionPane(Pane):
 
     def _deeper(self, event: Any) -> None:
         if event.value is not None:
-            self._session.set_planner(depth=min(_DEEPEST, max(1, int(event.value))))
+            self._session.set_depth(min(_DEEPEST, max(1, int(event.value))))
             self._live.changed()
 
     def _clicked(self, event: Any) -> None:
@@ -69,28 +70,22 @@ class DecisionPane(Pane):
                 self._verdict.set_text("The file has errors, so there is no decision yet.")
             return
         self._root.classes(remove="serp-stale")
-        alternatives = decision.account.alternatives
-        rows = "".join(_row(alternatives[k], decision.account.chosen) for k in decision.order)
-        if left := len(alternatives) - len(decision.order):
-            rows += f'<tr><td></td><td colspan="5">… and {left:,} more</td></tr>'
-        head = _HEAD.format(kind_of_return(decision.account.partial))
+        account = decision.account
+        alternatives = account.alternatives
+        rows = "".join(_row(alternatives[k], account.chosen) for k in decision.order)
+        if more := len(alternatives) - len(decision.order):
+            rows += f'<tr><td></td><td colspan="5">… and {more:,} more</td></tr>'
+        head = _HEAD.format(kind_of_return(account.partial))
         self._table.set_content(f'<table class="serp-actions">{head}<tbody>{rows}</tbody></table>')
-        self._verdict.set_text(" ".join(decision.verdict))
+        self._verdict.set_text(decision.verdict)
         self._graph.set_content(decision.graph)
 
 
 def _row(action: Alternative, chosen: int | None) -> str:
     taken = action.action == chosen
     harm = action.applicable and bool(action.path_risk)
-    kinds = [
-        name
-        for name, holds in (
-            ("serp-chosen", taken),
-            ("serp-harm", harm),
-            ("serp-out", not action.applicable),
-        )
-        if holds
-    ]
+    kinds = ["serp-chosen"] * taken + ["serp-harm"] * harm
+    kinds += ["serp-out"] * (not action.applicable)
     value = action.best_return if action.applicable else None
     risk = percent(action.path_risk) if harm else ""
     numbers = "".join(
@@ -113,8 +108,8 @@ def _why(action: Alternative, most: int) -> str:
     for cause in (*action.causes, *action.ahead):
         by_schema.setdefault((cause.after, cause.origin, cause.name), []).append(cause)
     items = "".join(_item(causes, action.name) for causes in [*by_schema.values()][:most])
-    if left := len(by_schema) - most:
-        items += f"<li>… and {left} more</li>" if left > 0 else ""
+    if len(by_schema) > most:
+        items += f"<li>… and {len(by_schema) - most} more</li>"
     remark = escape(action.remark) if not action.causes else ""
     return f'{remark}<ul class="serp-causes">{items}</ul>' if items else remark
 
@@ -126,7 +121,7 @@ def _item(causes: list[Cause], action: str) -> str:
     name = "" if first.name == action else f" · {first.name or first.origin}"
     place = first.place
     where = "" if place is None else f" · line {place.line}"
-    text = f"{when}{', '.join(map(_brought, causes))}{name}{where}"
+    text = f"{when}{', '.join(map(_effect, causes))}{name}{where}"
     if place is None:
         return f"<li>{escape(text)}</li>"
     at = f"{place.line}:{place.column}:{place.file}"
@@ -137,7 +132,7 @@ def _item(causes: list[Cause], action: str) -> str:
     )
 
 
-def _brought(cause: Cause) -> str:
+def _effect(cause: Cause) -> str:
     match cause.what:
         case "reward":
             text = readable(cause.amount)

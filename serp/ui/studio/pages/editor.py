@@ -22,54 +22,60 @@ from serp._util.text import plural
 from serp.authoring.lint.findings import Finding
 from serp.errors import SerpError
 from serp.ui.studio.document import ChangedOnDisk
-from serp.ui.studio.pages.live import Live, Pane
-from serp.ui.studio.reading import Version
-from serp.ui.studio.session import DOMAIN, SCENARIOS, Request, Session, View
+from serp.ui.studio.pages.live import Live
+from serp.ui.studio.session import DOMAIN, SCENARIOS, Session
+from serp.ui.studio.view import Request, Version, View
 
 _LANGUAGE = "Common Lisp"
 _THEMES = {False: "githubLight", True: "githubDark"}
-_REPLACE: Final = """((id, known, from, to, insert) => {
-  const editor = getElement(id).editor;
-  if (editor.state.doc.toString() === known) editor.dispatch({changes: {from, to, insert}});
+_REPLACE: Final = """((id, known, text) => {
+  const editor = getElement(id).editor, most = Math.min(known.length, text.length);
+  if (editor.state.doc.toString() !== known) return;
+  let from = 0, behind = 0;
+  while (from < most && known[from] === text[from]) from++;
+  while (behind < most - from && known.at(-1 - behind) === text.at(-1 - behind)) behind++;
+  const to = known.length - behind, insert = text.slice(from, text.length - behind);
+  editor.dispatch({changes: {from, to, insert}});
 })"""
-_IN_SIGHT: Final = """requestAnimationFrame(() => {
-  for (const {editor} of %s.map(getElement)) {
-    const cursor = editor.hasFocus && editor.coordsAtPos(editor.state.selection.main.head);
-    const end = editor.scrollDOM.getBoundingClientRect().bottom;
-    if (cursor && cursor.bottom > end && cursor.bottom < end + 0.4 * innerHeight)
-      editor.dispatch({scrollIntoView: true});
-  }
+_REVEAL: Final = """((id, number, column) => {
+  const editor = getElement(id).editor, doc = editor.state.doc;
+  const line = doc.line(Math.min(number, doc.lines));
+  const anchor = Math.min(line.from + column - 1, line.to);
+  editor.dispatch({selection: {anchor}, scrollIntoView: true});
+  editor.focus();
 })"""
-"""Scrolls to a cursor that has just come to lie below the text."""
+_PAUSE: Final = 0.3
+"""Seconds without a change after which places are underlined."""
+_MOST_FINDINGS: Final = 200
+_CLICK: Final = (
+    "(e) => { const b = e.target.closest('[data-finding]'); "
+    "if (b) emit(b.dataset.what, b.dataset.finding) }"
+)
 
 
-class EditorPane(Pane):
+class EditorPane:
     """Editors in tabs."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        super().__init__(session, live)
+        self._session, self._live = session, live
         self._editors: dict[str, ui.codemirror] = {}
+        documents = session.documents
         with ui.element("section").classes("serp-files"):
-            self._build_editors()
-
-    def _build_editors(self) -> None:
-        documents = self._session.documents
-        with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as tabs:
-            for which, document in documents.items():
-                ui.tab(which, label=document.path.name)
-        tabs.set_value(DOMAIN)
-        self._tabs = tabs
-        # Not panels of the tabs: an editor that was never shown would not be there to be told.
-        for which in documents:
-            with ui.element("div").classes("serp-document") as panel:
-                self._editors[which] = ui.codemirror(
-                    documents[which].text,
-                    language=None if which == SCENARIOS else _LANGUAGE,
-                    indent="  ",
-                    on_change=functools.partial(self._edited, which),
-                    keymap={"Mod-s": lambda: self.save()},
-                ).classes("serp-code")
-            panel.bind_visibility_from(tabs, "value", value=which)
+            with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as self._tabs:
+                for which, document in documents.items():
+                    ui.tab(which, label=document.path.name)
+            self._tabs.set_value(DOMAIN)
+            # Not panels of the tabs: an editor that was never shown could not be changed.
+            for which in documents:
+                with ui.element("div").classes("serp-document") as panel:
+                    self._editors[which] = ui.codemirror(
+                        documents[which].text,
+                        language=None if which == SCENARIOS else _LANGUAGE,
+                        indent="  ",
+                        on_change=functools.partial(self._edited, which),
+                        keymap={"Mod-s": lambda: self.save()},
+                    ).classes("serp-code")
+                panel.bind_visibility_from(self._tabs, "value", value=which)
 
     def dark(self, dark: bool) -> None:
         """Show the text light on dark, or dark on light."""
@@ -90,33 +96,18 @@ class EditorPane(Pane):
         """Underline places of a document."""
         self._editors[which].run_method("setDecorations", marks)
 
-    def keep_in_sight(self) -> None:
-        """Show the cursor where what is below the text has grown over it."""
-        self._tabs.client.run_javascript(
-            _IN_SIGHT % [editor.id for editor in self._editors.values()]
-        )
-
-    # Going there -------------------------------------------------------------------------------
-
-    def jump(self, file: str, line: int, column: int) -> None:
-        """Show a line and column of a file, both from 1, if it is open."""
-        for which, document in self._session.documents.items():
-            lines = document.text.split("\n")
-            if document.name == file and 0 < line <= len(lines):
-                start = sum(len(each) + 1 for each in lines[: line - 1]) + column - 1
-                self.reveal(which, start, line)
-
-    def reveal(self, which: str, start: int, line: int) -> None:
-        """Put the cursor before a character of a document and show its line."""
+    def reveal(self, which: str, line: int, column: int = 1) -> None:
+        """Put the cursor at a line and column of a document, both from 1, and show it."""
         editor = self._editors[which]
         self._tabs.set_value(which)
-        units = _units(self._session.documents[which].text[:start])
-        editor.client.run_javascript(
-            f"const e = getElement({editor.id}).editor;"
-            f"const at = Math.min({units}, e.state.doc.length);"
-            "e.dispatch({selection: {anchor: at}, scrollIntoView: true}); e.focus();"
-        )
+        editor.client.run_javascript(f"{_REVEAL}({editor.id}, {line}, {column})")
         editor.reveal_line(line)
+
+    def jump(self, file: str, line: int, column: int) -> None:
+        """Show a line and column of a file, if it is open."""
+        for which, document in self._session.documents.items():
+            if str(document.path) == file and line > 0:
+                self.reveal(which, line, column)
 
     # Saving ------------------------------------------------------------------------------------
 
@@ -161,48 +152,17 @@ class EditorPane(Pane):
     def refresh(self) -> None:
         """Propose the texts of the session to the browser, from where they come back as changes."""
         for which, editor in self._editors.items():
-            known, text = editor.value or "", self._session.documents[which].text
-            if known == text:
-                continue
-            first = _common(known, text)
-            last = _common(known[first:][::-1], text[first:][::-1])
-            begin = _units(known[:first])
-            end = begin + _units(known[first : len(known) - last])
-            told = (editor.id, known, begin, end, text[first : len(text) - last])
-            editor.client.run_javascript(f"{_REPLACE}({', '.join(map(json.dumps, told))})")
+            texts = editor.value or "", self._session.documents[which].text
+            if texts[0] != texts[1]:
+                arguments = ", ".join(map(json.dumps, (editor.id, *texts)))
+                editor.client.run_javascript(f"{_REPLACE}({arguments})")
 
 
-def _units(text: str) -> int:
-    """Return the length of a text as browsers count it."""
-    return len(text.encode("utf-16-le")) // 2
-
-
-def _common(one: str, other: str) -> int:
-    """Return the number of characters with which both texts begin."""
-    pairs = enumerate(zip(one, other, strict=False))
-    return next((k for k, (a, b) in pairs if a != b), min(len(one), len(other)))
-
-
-_PAUSE: Final = 0.3
-"""Seconds without a change after which places are underlined."""
-_MOST: Final = 200
-_CLICK: Final = (
-    "(e) => { const b = e.target.closest('[data-finding]'); "
-    "if (b) emit(b.dataset.what, b.dataset.finding) }"
-)
-
-
-class FindingsPane(Pane):
-    """The list of findings; each can be gone to, and mended where it is known how.
-
-    Args:
-        session, live: See `Pane`.
-        editor: Where the texts are edited.
-    """
+class FindingsPane:
+    """The list of findings; each can be gone to, and mended where it is known how."""
 
     def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
-        super().__init__(session, live)
-        self._editor = editor
+        self._session, self._live, self._editor = session, live, editor
         self._findings: tuple[Finding, ...] = ()
         self._listed: list[str] | None = None
         self._underlined: dict[str, list[tuple[str, int]]] = {}
@@ -221,13 +181,10 @@ class FindingsPane(Pane):
         if listed == self._listed:
             return
         self._listed, self._position = listed, -1
-        counted = Counter(finding.severity for finding in view.findings)
-        said = [
-            plural(counted[kind], kind) for kind in ("error", "warning", "note") if counted[kind]
-        ]
-        self._summary.set_text(view.failure or ", ".join(said) or "Nothing is wrong here.")
-        self._list.set_content("".join(map(self._item, range(_MOST), view.findings)))
-        self._editor.keep_in_sight()
+        counted = Counter(sorted(finding.severity for finding in view.findings))
+        counts = ", ".join(plural(count, kind) for kind, count in counted.items())
+        self._summary.set_text(view.failure or counts or "Nothing is wrong here.")
+        self._list.set_content("".join(map(self._item, range(_MOST_FINDINGS), view.findings)))
 
     def _underline(self, version: Version) -> None:
         """Underline the places of findings, unless the text has changed since.
@@ -240,10 +197,10 @@ class FindingsPane(Pane):
             placed = [f for f in self._findings if self._session.document_of(f.place) == which]
             marks = [mark for finding in placed if (mark := _mark(finding)) is not None]
             # The editor moves its marks along with their text.
-            told = [(mark["attributes"]["title"], mark["to"] - mark["from"]) for mark in marks]
-            if told != self._underlined.get(which, []):
+            texts = [(mark["attributes"]["title"], mark["to"] - mark["from"]) for mark in marks]
+            if texts != self._underlined.get(which, []):
                 self._editor.underline(which, marks)
-                self._underlined[which] = told
+                self._underlined[which] = texts
 
     def _item(self, position: int, finding: Finding) -> str:
         place, severity = finding.place, finding.severity
@@ -288,7 +245,7 @@ class FindingsPane(Pane):
     def _go(self, finding: Finding) -> None:
         which = self._session.document_of(finding.place)
         if which is not None and finding.place is not None:
-            self._editor.reveal(which, finding.place.start, finding.place.line)
+            self._editor.reveal(which, finding.place.line, finding.place.column)
 
 
 def _mark(finding: Finding) -> dict[str, Any] | None:
@@ -301,11 +258,10 @@ def _mark(finding: Finding) -> dict[str, Any] | None:
     end = min(max(place.end, place.start + 1), max(line_end, place.start + 1), len(text))
     if end <= place.start:
         return None
-    said = f"{finding.message}\n{finding.advice}".strip()
     return {
         "kind": "mark",
         "from": place.start,
         "to": end,
         "class": f"serp-mark-{finding.severity}",
-        "attributes": {"title": said},
+        "attributes": {"title": f"{finding.message}\n{finding.advice}".strip()},
     }

@@ -1,4 +1,4 @@
-"""Keeps what is shown up with what is edited: one view at a time, always of the newest state."""
+"""Keeps the page up with the session: one view at a time, always of the newest state."""
 
 from __future__ import annotations
 
@@ -8,19 +8,17 @@ from contextlib import contextmanager
 
 from nicegui import background_tasks, run, ui
 
-from serp.ui.studio.session import Request, Session, View
+from serp.ui.studio.session import Session
+from serp.ui.studio.view import Request, View
 
 Shown = Callable[[Request, View], None]
 
 
 class Live:
-    """Asks for a view after every change and hands it to whoever shows it.
+    """Asks for a view after every change and hands it to the panes.
 
     A change that comes while a view is computed is looked at next; those between are left out, so
     that a slow file delays what is shown and never the typing.
-
-    Args:
-        session: What is open.
 
     Attributes:
         closed: Whether the page no longer owns the session; it then may change nothing.
@@ -63,17 +61,9 @@ class Live:
                     shown(request, view)
 
 
-class Pane:
-    """A part of the page.
-
-    Args:
-        session: What is open.
-        live: Follows the session.
-    """
-
-    def __init__(self, session: Session, live: Live) -> None:
-        self._session = session
-        self._live = live
+def button(text: str, on_click: Callable[..., object]) -> ui.button:
+    """Return an outlined button."""
+    return ui.button(text, on_click=on_click).props("dense outline no-caps")
 
 
 @contextmanager

@@ -11,21 +11,20 @@ from serp._util.figures import PALETTE
 from serp.ui.studio.document import Document
 from serp.ui.studio.pages.decision import DecisionPane
 from serp.ui.studio.pages.editor import EditorPane, FindingsPane
-from serp.ui.studio.pages.expectations import ExpectationsPane
 from serp.ui.studio.pages.live import Live
+from serp.ui.studio.pages.panes import ScenariosPane, TrainingPane
 from serp.ui.studio.pages.situation import ScenePane
-from serp.ui.studio.pages.training import TrainingPane
-from serp.ui.studio.pages.versions import VersionsPane
-from serp.ui.studio.session import SCENARIOS, Request, Session, View
+from serp.ui.studio.session import SCENARIOS, Session
+from serp.ui.studio.view import Request, View
 
 _STYLE = Path(__file__).with_name("studio.css").read_text(encoding="utf-8")
-_PAGE = {
+_COLOURS = {
+    **PALETTE,
     "paper": ("#f6f7f9", "#0f1216"),
     "warn": ("#8a5a00", "#e3b341"),
     "glow": ("#e8f0fa", "#1f2c3d"),
 }
-"""Colours of the page beside those of the palette: light, dark."""
-_ALL = {**PALETTE, **_PAGE}
+"""Name → colour on light and on dark."""
 _PREFERS_DARK = "matchMedia('(prefers-color-scheme: dark)').matches"
 
 
@@ -44,7 +43,7 @@ async def show_page(session: Session) -> None:
             ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
 
     owner = session.take_over(let_go)
-    ui.add_css(_colours() + _STYLE)
+    ui.add_css(_variables() + _STYLE)
     dark = ui.dark_mode()
     with ui.element("header").classes("serp-head"):
         ui.label("serp studio").classes("serp-brand")
@@ -58,32 +57,31 @@ async def show_page(session: Session) -> None:
         with files:
             editor = EditorPane(session, live)
             FindingsPane(session, live, editor)
+        panes: dict[str, Callable[[], object]] = {
+            "Decision": lambda: DecisionPane(session, live, editor.jump),
+            "Scenarios": lambda: ScenariosPane(session, live, editor),
+            "Training": lambda: TrainingPane(session),
+        }
         with splitter.after, ui.element("div").classes("serp-right"):
             scene = ScenePane(session, live)
             with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as tabs:
-                names = ("Decision", "Versions", "Scenarios", "Training")
-                made = [ui.tab(name) for name in names]
+                for name in panes:
+                    ui.tab(name)
             with ui.tab_panels(tabs, value="Decision", animated=False, keep_alive=True).classes(
                 "serp-views"
             ):
-                panes: tuple[Callable[[], object], ...] = (
-                    lambda: DecisionPane(session, live, editor.jump),
-                    lambda: VersionsPane(session, live),
-                    lambda: ExpectationsPane(session, live, editor),
-                    lambda: TrainingPane(session),
-                )
-                for tab, pane in zip(made, panes, strict=True):
-                    with ui.tab_panel(tab), ui.element("section").classes("serp-panel"):
+                for name, pane in panes.items():
+                    with ui.tab_panel(name), ui.element("section").classes("serp-panel"):
                         pane()
     save.on_click(lambda: editor.save())
 
     def show_state(request: Request, view: View) -> None:
-        files = ", ".join(
-            _told(document)
+        files = [
+            _described(document)
             for which, document in session.documents.items()
             if which != SCENARIOS or document.text
-        )
-        state.set_text(files)
+        ]
+        state.set_text(", ".join(files))
         save.set_enabled(session.changed)
 
     live.shows(show_state)
@@ -106,17 +104,17 @@ async def show_page(session: Session) -> None:
     await scene.begin()
 
 
-def _told(document: Document) -> str:
+def _described(document: Document) -> str:
     """Return a file's name, whether it was changed, and where it is saved if elsewhere."""
     name = document.path.name + (" •" if document.changed else "")
-    if document.path == document.target:
-        return name
-    return f"{name} (to be saved as {document.target.name} in the working folder)"
+    if document.elsewhere:
+        name += f" (to be saved as {document.target.name} in the working folder)"
+    return name
 
 
-def _colours() -> str:
-    """Return the palette as CSS variables, light and dark."""
+def _variables() -> str:
+    """Return the colours as CSS variables, light and dark."""
     return "".join(
-        f"{where} {{{''.join(f'--{name}: {both[k]};' for name, both in _ALL.items())}}}\n"
+        f"{where} {{{''.join(f'--{name}: {both[k]};' for name, both in _COLOURS.items())}}}\n"
         for k, where in enumerate((":root", ".body--dark"))
     )

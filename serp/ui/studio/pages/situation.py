@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Final
 
 from nicegui import run, ui
 
 from serp.errors import SerpError
-from serp.ui.studio.pages.live import Live, Pane, busy
-from serp.ui.studio.session import PROBLEM, Request, Session, View
-from serp.ui.studio.shown_state import Control
+from serp.ui.studio.pages.live import Live, busy, button
+from serp.ui.studio.session import PROBLEM, Session
+from serp.ui.studio.view import Control, Request, View
 
-Changed = Callable[[Any], None]
-
-_MOST = 60
-"""Fluents that are shown at a time."""
+_MOST_FLUENTS: Final = 60
+_MOST_MARKERS: Final = 50
 
 
-class StatePane(Pane):
+class StatePane:
     """Sliders and switches."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        super().__init__(session, live)
+        self._session, self._live = session, live
         self._controls: tuple[Control, ...] = ()
-        self._setters: dict[str, list[Any]] = {}
+        self._elements: dict[str, list[Any]] = {}
         self._filter = ""
         with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
             self._search = ui.input(placeholder="find a fluent", on_change=self._filtered).props(
@@ -41,19 +40,15 @@ class StatePane(Pane):
         """Show the controls of a view."""
         if view.decision is None:
             return
-        controls = view.decision.controls
-        same = [_kind(each) for each in controls] == [_kind(each) for each in self._controls]
-        self._controls = controls
-        if not same:
+        before, self._controls = self._controls, view.decision.controls
+        if [replace(c, value=0) for c in before] != [replace(c, value=0) for c in self._controls]:
             self._build()
             return
-        for control in controls:
-            for element in self._setters.get(control.name, ()):
-                # What is being dragged or typed is ahead of this view.
-                newest = self._session.shown.values.get(control.name, control.value)
-                value = float(newest) if control.numeric else bool(newest)
-                if element.value != value:
-                    element.value = value
+        for control in self._controls:
+            # What is being dragged or typed is ahead of this view.
+            newest = self._session.shown.values.get(control.name, control.value)
+            for element in self._elements.get(control.name, ()):
+                element.set_value(float(newest) if control.numeric else bool(newest))
 
     def _filtered(self, event: Any) -> None:
         self._filter = (event.value or "").lower()
@@ -62,22 +57,22 @@ class StatePane(Pane):
     def _build(self) -> None:
         wanted = [each for each in self._controls if self._filter in each.name]
         self._search.set_visibility(len(self._controls) > 12)
-        self._setters = {}
+        self._elements = {}
         self._grid.clear()
         self._switches.clear()
-        for control in wanted[:_MOST]:
+        for control in wanted[:_MOST_FLUENTS]:
             changed = functools.partial(self._changed, control)
             make = self._slider if control.numeric else self._switch
             with self._grid if control.numeric else self._switches:
-                self._setters[control.name] = make(control, changed)
-        left = len(wanted) - _MOST
-        self._more.set_text(f"… and {left:,} more" if left > 0 else "")
+                self._elements[control.name] = make(control, changed)
+        hidden = len(wanted) - _MOST_FLUENTS
+        self._more.set_text(f"… and {hidden:,} more" if hidden > 0 else "")
 
-    def _switch(self, control: Control, changed: Changed) -> list[Any]:
+    def _switch(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
         switch = ui.switch(control.name, value=bool(control.value), on_change=changed)
         return [switch.props("dense").classes("serp-switch")]
 
-    def _slider(self, control: Control, changed: Changed) -> list[Any]:
+    def _slider(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
         with ui.element("div").classes("serp-control"):
             ui.label(control.name).classes("serp-name").tooltip(control.name)
             slider = ui.slider(
@@ -101,34 +96,23 @@ class StatePane(Pane):
             self._live.changed()
 
 
-def _kind(control: Control) -> tuple[object, ...]:
-    return control.name, control.numeric, control.low, control.high
-
-
-_MOST_MARKERS: Final = 50
-
-
-class ScenePane(Pane):
+class ScenePane:
     """Buttons that choose the state, the steps of the episode, two pictures, and the fluents."""
 
     def __init__(self, session: Session, live: Live) -> None:
-        super().__init__(session, live)
+        self._session, self._live = session, live
         with ui.element("section").classes("serp-panel").props('aria-label="Situation"'):
             with ui.element("div").classes("serp-row"):
                 if PROBLEM in session.documents:
-                    ui.button("Initial state", on_click=self._initial).props(
-                        "dense outline no-caps"
-                    )
-                self._play = ui.button("Play an episode", on_click=self.play).props(
-                    "dense outline no-caps"
-                )
+                    button("Initial state", self._initial)
+                self._play = button("Play an episode", self.play)
                 self._seed = ui.number("seed", value=0, min=0, precision=0).props("dense")
                 self._seed.classes("serp-seed")
                 if session.recorded is not None:
                     self._episode = ui.number("episode", value=1, min=1, precision=0)
                     self._episode.props("dense").classes("serp-seed")
-                    ui.button("Show", on_click=self._show_episode).props("dense outline no-caps")
-                    ui.button("Next veto", on_click=self._next_veto).props("dense outline no-caps")
+                    button("Show", self._show_episode)
+                    button("Next veto", self._next_veto)
                 self._origin = ui.label().classes("serp-faint")
             self._steps = ui.slider(min=0, max=1, step=1, value=0, on_change=self._chosen)
             self._steps.props('dense snap aria-label="Step of the episode"')
@@ -143,13 +127,13 @@ class ScenePane(Pane):
     async def play(self, *, unasked: bool = False) -> None:
         """Play an episode in the environment, in a thread, and show its steps.
 
-        What prevents it is told, unless nobody has asked for it.
+        What prevents it is shown, unless it was unasked.
         """
         with busy(self._play):
             try:
                 played = await run.io_bound(self._session.player(int(self._seed.value or 0)))
             except SerpError as error:
-                if not unasked:  # a place in a file is told beside the text, with its line
+                if not unasked:  # a place in a file stands beside the text, with its line
                     ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
                 return
         if self._live.closed:
@@ -208,27 +192,25 @@ class ScenePane(Pane):
         """Show where the state comes from, and its pictures."""
         session, played = self._session, self._session.played
         as_played = session.as_played
+        step = None if session.step is None or played is None else played.steps[session.step]
         origin = request.shown.origin
-        if session.step is not None and played is not None:
-            action = played.steps[session.step].action
-            origin = f"{played.name}, step {session.step} of {len(played.steps) - 1}"
-            origin += f", {action}" if action and as_played else ""
-        changed = request.shown.values and not as_played
-        self._origin.set_text(origin + (", changed by hand" if changed else ""))
+        if as_played and step is not None and step.action:
+            origin += f", {step.action}"
+        elif request.shown.values and not as_played:
+            origin += ", changed by hand"
+        self._origin.set_text(origin)
         if view.decision is not None:  # else the last one stays, as the decision does
             self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))
         picture = ""
-        if session.step is not None and played is not None:
-            url = played.steps[session.step].picture
-            if url:
-                said = "the environment at this step"
-                said += "" if as_played else "; the fluents have been changed since"
-                picture = _figure(f'<img src="{url}" alt="{said}">', said)
+        if step is not None and step.picture:
+            caption = "the environment at this step"
+            caption += "" if as_played else "; the fluents have been changed since"
+            picture = _figure(f'<img src="{step.picture}" alt="{caption}">', caption)
         self._picture.set_content(picture)
         self._picture.classes(
             add="" if as_played else "serp-stale", remove="serp-stale" if as_played else ""
         )
 
 
-def _figure(picture: str, said: str) -> str:
-    return f"<figure>{picture}<figcaption>{said}</figcaption></figure>" if picture else ""
+def _figure(picture: str, caption: str) -> str:
+    return f"<figure>{picture}<figcaption>{caption}</figcaption></figure>" if picture else ""

@@ -8,19 +8,16 @@ import pytest
 
 pytest.importorskip("pygls")
 
-from serp.authoring.language_server.completion import MEANINGS, choices, explained
-from serp.authoring.language_server.features import Positions, code_actions, renamed, symbols
+from serp.authoring.language_server.completion import completions, explained
+from serp.authoring.language_server.features import Positions, code_actions, renamed
 from serp.authoring.language_server.index import Index
 from serp.authoring.lint.findings import findings_of
 from serp.errors import SerpError
-from serp.pddl.parser import SUPPORTED_REQUIREMENTS
-from serp.pddl.reader import SECTIONS
-from serp.pddl.scope import REQUIREMENTS_INSTEAD, RESERVED_WORDS
 from serp.pddl.source import Source
 from tests.serp.pddl.test_fuzz import SHIPPED, damage
 from tests.serp.ui.cli.conftest import WALK
 
-POSITIONS = Positions("utf-16")
+POSITIONS = Positions()
 
 
 def test_damaged_files_are_explained_as_far_as_they_can_be_read() -> None:
@@ -29,7 +26,6 @@ def test_damaged_files_are_explained_as_far_as_they_can_be_read() -> None:
         texts = damage(random.choice(SHIPPED), random)
         source = Source("d.pddl", texts.domain)
         index = Index(source)
-        symbols(index, POSITIONS)
         whole = POSITIONS.range(source.place(0, len(source.text)))
         code_actions(findings_of(source), "d.pddl", whole, POSITIONS)
         for _ in range(15):
@@ -37,24 +33,12 @@ def test_damaged_files_are_explained_as_far_as_they_can_be_read() -> None:
             at = POSITIONS.position(source, position)
             assert POSITIONS.offset(source, at) == position
             explained(index, source, position)
-            choices(index, source, position)
+            completions(index, source, position)
             try:
                 places = renamed(index, source, position, "new-name")
             except SerpError:
                 continue
             assert len({place.text.lower() for place in places}) == 1
-
-
-def test_every_word_of_the_language_is_explained() -> None:
-    words = RESERVED_WORDS | SUPPORTED_REQUIREMENTS | REQUIREMENTS_INSTEAD.keys() | SECTIONS
-    assert sorted(words - {"preference"} - MEANINGS.keys()) == []
-    text = "(define (domain d) (:requirements :typing :durative-actions))"
-    source = Source("d.pddl", text)
-    found = [explained(Index(source), source, text.index(w)) for w in (":typing", ":durative")]
-    assert [said and said[0] for said in found] == [
-        "The file gives types to objects and parameters.",
-        "Not supported: write an action, and a process for what goes on meanwhile.",
-    ]
 
 
 @pytest.mark.parametrize(
@@ -79,5 +63,5 @@ def test_what_can_stand_there_is_offered_though_the_form_is_not_complete(
     index = Index(Source("d.pddl", WALK))
     start = next((k for k in range(len(before), 0, -1) if before[:k] in WALK), 0)
     text = WALK[: WALK.index(before[:start]) + start] + before[start:]
-    found = choices(index, Source("d.pddl", text), len(text))
-    assert [choice.text for choice in found] == texts
+    found = completions(index, Source("d.pddl", text), len(text))
+    assert [item.label for item in found] == texts

@@ -16,7 +16,6 @@ from lsprotocol import types
 from pygls.lsp.client import LanguageClient
 
 from serp.authoring.language_server.server import uri_of
-from serp.pddl.source import Source
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
 
@@ -35,15 +34,15 @@ class Editor:
     def __init__(self, client: LanguageClient, folder: Path) -> None:
         self.client = client
         self.folder = folder
-        self.told: dict[str, list[list[types.Diagnostic]]] = {}
+        self.published: dict[str, list[list[types.Diagnostic]]] = {}
         self.news = asyncio.Event()
         self.texts: dict[str, str] = {}
 
     def uri(self, name: str) -> str:
-        return uri_of(Source(str(self.folder / name), ""))
+        return uri_of(str(self.folder / name))
 
     def see(self, params: types.PublishDiagnosticsParams) -> None:
-        self.told.setdefault(Path(params.uri).name, []).append(list(params.diagnostics))
+        self.published.setdefault(Path(params.uri).name, []).append(list(params.diagnostics))
         self.news.set()
 
     def open(self, name: str, text: str) -> None:
@@ -63,10 +62,10 @@ class Editor:
 
     async def until(self, name: str, *codes: str) -> list[types.Diagnostic]:
         """Wait until the findings of a file are of some codes."""
-        while name not in self.told or [d.code for d in self.told[name][-1]] != [*codes]:
+        while name not in self.published or [d.code for d in self.published[name][-1]] != [*codes]:
             self.news.clear()
             await asyncio.wait_for(self.news.wait(), 20)
-        return self.told[name][-1]
+        return self.published[name][-1]
 
     def at(self, name: str, words: str, offset: int = 1) -> dict[str, Any]:
         before = self.texts[name][: self.texts[name].index(words) + offset]
@@ -119,7 +118,7 @@ def test_an_editor_is_served_while_files_are_being_written(tmp_path: Path) -> No
         assert isinstance(action, types.CodeAction) and action.title == "Write `walked`"
         assert edits(action.edit) == {"walk.pddl": ["walked"]}
         editor.open("walk-problem.pddl", WALK_PROBLEM.replace("(at home)", "(at hom)"))
-        await editor.until("walk-problem.pddl", "unknown-object")
+        await editor.until("walk-problem.pddl", "unknown-name")
         warned = text.replace("(assign (walked) 0)", "(increase (walked) 0)")
         editor.type("walk.pddl", warned)
         (found,) = await editor.until("walk.pddl", "no-change")
@@ -139,7 +138,7 @@ def test_files_that_belong_together_are_checked_together(tmp_path: Path) -> None
 
     async def use(editor: Editor) -> None:
         editor.open("walk.pddl", WALK)
-        await editor.until("walk-problem.pddl", "unknown-object")  # as it is on the disk
+        await editor.until("walk-problem.pddl", "unknown-name")  # as it is on the disk
         editor.open("walk-problem.pddl", moved)
         await editor.until("walk-problem.pddl")
         editor.open("walk.scenarios", scenarios)
@@ -153,10 +152,9 @@ def test_files_that_belong_together_are_checked_together(tmp_path: Path) -> None
         editor.type("walk.pddl", WALK.replace("(increase (walked) 1)", "(increase (walked) 0)"))
         await editor.until("walk.pddl", "no-change")
         editor.close("walk-problem.pddl")
-        await editor.until("walk-problem.pddl", "unknown-object")
+        await editor.until("walk-problem.pddl", "unknown-name")
         (tmp_path / "walk-problem.pddl").unlink()
-        gone = types.FileEvent(editor.uri("walk-problem.pddl"), types.FileChangeType.Deleted)
-        editor.client.workspace_did_change_watched_files(types.DidChangeWatchedFilesParams([gone]))
+        editor.close("walk.scenarios")
         await editor.until("walk-problem.pddl")
         editor.close("walk.pddl")
         await editor.until("walk.pddl")
@@ -175,20 +173,18 @@ async def completes_and_explains(editor: Editor) -> None:
         types.HoverParams(**editor.at("walk.pddl", "(walked) 1)"))
     )
     assert hover is not None and isinstance(hover.contents, types.MarkupContent)
-    for said in (
+    for text in (
         "métres 🤖 walked",
         "At the start: `(= (walked) 0)`",
         "Changed by action `go` (line 11), action `rest` (line 16)",
         "Read by action `rest` (line 15)",
     ):
-        assert said in hover.contents.value
+        assert text in hover.contents.value
     hover = await client.text_document_hover_async(
         types.HoverParams(**editor.at("walk.pddl", ":effect", 3))
     )
     assert hover is not None and "evaluated before" in str(hover.contents)
     document = types.TextDocumentIdentifier(editor.uri("walk.pddl"))
-    outline = await client.text_document_document_symbol_async(types.DocumentSymbolParams(document))
-    assert [symbol.name for symbol in outline or []][-2:] == ["go", "rest"]
     options = types.FormattingOptions(2, True)
     edited = await client.text_document_formatting_async(
         types.DocumentFormattingParams(document, options)
@@ -202,13 +198,6 @@ async def finds_and_renames(editor: Editor) -> None:
     definition = await client.text_document_definition_async(types.DefinitionParams(**here))
     assert isinstance(definition, types.Location)
     assert definition.range.start.line == 4
-    context = types.ReferenceContext(include_declaration=True)
-    places = await client.text_document_references_async(
-        types.ReferenceParams(context=context, **here)
-    )
-    assert [Path(place.uri).name for place in places or []] == [
-        "walk.pddl", "walk.pddl", "walk-problem.pddl",
-    ]  # fmt: skip
     changed = await client.text_document_rename_async(
         types.RenameParams(new_name="trapped", **here)
     )

@@ -1,4 +1,4 @@
-"""Seventy mistakes are found, in their places, and the suggestions are right."""
+"""Common mistakes are found, in their places, and the suggestions are right."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from serp.authoring.lint.codes import CODES, ERRORS
 from serp.authoring.lint.findings import Finding, examine, findings_of
-from serp.authoring.lint.subject import CODES
 from serp.authoring.lint.task_ranges import out_of_range
 from serp.model.domain import Domain
 from serp.pddl.parser import parse_domain, parse_problem
@@ -85,7 +85,7 @@ def test_a_mistake_is_found_in_its_place_with_the_right_suggestion(mistake: Mist
     assert mistake["code"] in CODES
     # What follows from the mistake is told at most twice more.
     assert len({(f.code, f.message) for f in found}) <= 3, [f.rendered for f in found]
-    if CODES[mistake["code"]].error:
+    if mistake["code"] in ERRORS:
         assert here.severity == "error"
         assert len({f.message for f in found if f.severity == "error"}) == 1
     if "fix" in mistake:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
+from unified_planning.io import PDDLReader
 
 from serp.authoring.lint.portability import beyond_pddl, one_per_rule, outside_portable_subset
-from serp.authoring.lint.unified_planning import ask_unified_planning, refused_by_unified_planning
 from serp.pddl.source import Source
 
+pytestmark = pytest.mark.filterwarnings("ignore::Warning")  # of unified-planning's parser
 ROOT = Path(__file__).resolve().parents[4]
 SHIPPED = sorted((ROOT / "domains").glob("*.pddl"))
 
@@ -48,15 +47,14 @@ def test_what_is_shipped_is_portable(file: Path) -> None:
     assert outside_portable_subset(source) == []
     if not file.stem.endswith("-problem"):
         sibling = file.with_name(f"{file.stem}-problem.pddl")
-        problem = Source.read(sibling) if sibling.exists() else None
-        assert refused_by_unified_planning(source, problem) is None
+        problem = str(sibling) if sibling.exists() else None
+        PDDLReader().parse_problem(str(file), problem)
 
 
 def test_plain_files_are_portable() -> None:
     assert breaches("; A Comment, 1e5\n" + PLAIN) == []
     assert breaches(PROBLEM) == []
-    files = Source("plain.pddl", PLAIN), Source("plain-problem.pddl", PROBLEM)
-    assert refused_by_unified_planning(*files) is None
+    PDDLReader().parse_problem_string(PLAIN, PROBLEM)
 
 
 @pytest.mark.parametrize(
@@ -91,37 +89,3 @@ def test_functions_beyond_pddl_are_said_unless_the_domain_declares_them() -> Non
         "f.pddl:10:48: `abs` is not PDDL; write two conditions, or two effects under `when`: "
         "one where it is negative (2 places)"
     ]
-
-
-def refusal(domain: str, problem: str | None = None) -> str:
-    source = Source("p.pddl", problem) if problem is not None else None
-    return str(refused_by_unified_planning(Source("d.pddl", domain), source))
-
-
-def test_what_unified_planning_cannot_read_is_said_with_its_place() -> None:
-    found = refusal(PLAIN.replace("(increase (x) (+", "(scale-up (x) (+"))
-    assert found == (
-        "d.pddl:10:26: unified-planning cannot read this: "
-        "Not able to handle: (scale-up (x) (+ 1.5 (- 0 2)))"
-    )
-    found = refusal(PLAIN.replace(":parameters ()\n    ", ""))
-    assert found.startswith("d.pddl:12:5: unified-planning cannot read this: Expected")
-    assert "at char" not in found
-
-
-@pytest.mark.parametrize("output", [b"", b"\xff"])
-def test_an_answer_that_is_none_is_said(output: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(stdout=output))
-    source = Source("d.pddl", PLAIN)
-    assert ask_unified_planning(source, None, 1.0) == (
-        "not known (its process gave no answer)", None,
-    )  # fmt: skip
-
-
-def test_a_requirement_that_unified_planning_does_not_know_is_named() -> None:
-    found = refusal(PLAIN.replace(":time", ":time :processes"))
-    assert found == "d.pddl:3:57: unified-planning does not know the requirement `:processes`"
-
-
-def test_the_problem_is_blamed_for_what_is_wrong_in_it() -> None:
-    assert refusal(PLAIN, PROBLEM.replace("(at hall)", "(at cellar)")).startswith("p.pddl")

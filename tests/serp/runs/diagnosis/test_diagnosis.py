@@ -17,6 +17,8 @@ from serp.runs.diagnosis.accuracy import WELL
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.diagnosis import Diagnosis, Recorded, make_diagnosis
 from serp.runs.diagnosis.findings import Findings
+from serp.runs.diagnosis.plots import picture
+from serp.runs.diagnosis.remarks import symbols_of
 from serp.runs.diagnosis.repair import Repaired, repair
 from tests.serp.model.learned.rolls import DOMAINS, from_text, on_ice
 from tests.serp.runs.diagnosis.made_up import (
@@ -139,20 +141,19 @@ def test_whatever_is_wrong_the_diagnosis_says_so_and_the_repair_writes_it(world:
     told = {q.name: q for q in diagnosis.quantities}
     # Every error is what it is by definition, and "well" is said where all are small.
     errors = errors_of(seen.domain, seen)
-    assert {name: q.off for name, q in told.items()} == pytest.approx(errors, abs=1e-9)
+    assert {name: q.error for name, q in told.items()} == pytest.approx(errors, abs=1e-9)
     well = diagnosis.verdict.startswith("The file predicts well")
     assert well == (max(errors.values()) <= WELL)
-    assert world != World() or (well and not diagnosis.matter and not diagnosis.unexplained)
+    assert world != World() or (well and not diagnosis.remarks and not diagnosis.unexplained)
     # What the repaired file predicts is what the diagnosis promises of what it lists.
     mended = repaired(diagnosis)
     after = errors_of(written(seen.domain, mended), seen)
-    chancy = {name for r in diagnosis.matter if "instead" in r.text for name in r.symbols}
-    promised = {name: q.off_left for name, q in told.items() if name not in chancy}
+    chancy = {name for finding in diagnosis.worthwhile.stochastic for name in symbols_of(finding)}
+    promised = {name: q.error_left for name, q in told.items() if name not in chancy}
     assert {name: after[name] for name in promised} == pytest.approx(promised, rel=0.02, abs=0.02)
     # What is predicted badly even then is said, in the file as well; and nothing else is.
     bad = {name for name, error in after.items() if error > WELL and name not in chancy}
-    named = {"terminal": "the task ended", "reward": "the reward"}
-    shown = {name: named.get(name, f"({name})") for name in after}
+    shown = {name: f"({name})" for name in after}
     for name, start in shown.items():
         sentence = [line for line in diagnosis.unexplained if line.startswith(start)]
         assert len(sentence) == (name in bad)
@@ -160,10 +161,9 @@ def test_whatever_is_wrong_the_diagnosis_says_so_and_the_repair_writes_it(world:
             assert (f"; * {start}" in mended.text) == (name in bad)
     assert mended.open == tuple(diagnosis.unexplained)
     # Each edit is of something that is listed, and all that is listed of this file is written.
-    listed = [finding for remark in diagnosis.matter for finding in remark.findings]
-    lines = {r.line for r in diagnosis.matter if r.line is not None}
+    lines = {r.line for r in diagnosis.remarks if r.line is not None}
     assert set(mended.changes) == lines
-    assert bool(mended.changes) == bool([f for f in listed if getattr(f, "place", f) is not None])
+    assert bool(mended.changes) == bool(lines)
     if not mended.changes:
         assert mended.text == ROVER
 
@@ -171,8 +171,8 @@ def test_whatever_is_wrong_the_diagnosis_says_so_and_the_repair_writes_it(world:
 @pytest.mark.parametrize(
     ("world", "line", "says"),
     [
-        (World(number=0.8), 6, "`(increase (x) 0.5)`; observed 0.8"),
-        (World(effect=0.4), 5, "`(wind)` changes by 0.4, which the file does not mention"),
+        (World(number=0.8), 6, "write 0.8 instead of 0.5 for `(x)`; observed 0.8"),
+        (World(effect=0.4), 5, "add `(increase (wind) 0.4)`; observed"),
         (World(broken=True), 5, "instead nothing changes in 100"),
         (World(endless=True), 10, "`(terminal)`, predicted in"),
         (World(prize=1.0), 10, "`(increase (reward) 4.0)`, predicted in"),
@@ -183,15 +183,15 @@ def test_each_error_is_told_in_the_words_of_the_file(
     world: World, line: int | None, says: str
 ) -> None:
     diagnosis = diagnosed(seen_in(world))
-    (remark,) = (r for r in diagnosis.matter if says in r.text and r.line == line)
-    assert diagnosis.share(remark) > 0.3
+    (remark,) = (r for r in diagnosis.remarks if says in r.text and r.line == line)
+    assert remark.share > 0.3
 
 
 def test_what_follows_from_a_wrong_number_is_not_told_again() -> None:
     """Ends come late because the way is longer: with the right number they come in time."""
     diagnosis = diagnosed(seen_in(World(number=0.2)))
-    assert {remark.symbols for remark in diagnosis.matter} == {("x",)}
-    assert {"reward", "terminal"} <= {q.name for q in diagnosis.quantities if q.off > WELL}
+    assert [symbols_of(remark.finding) for remark in diagnosis.remarks] == [{"x"}]
+    assert {"reward", "terminal"} <= {q.name for q in diagnosis.quantities if q.error > WELL}
     assert not diagnosis.unexplained
 
 
@@ -199,8 +199,8 @@ def test_chance_explains_what_it_makes_uncertain() -> None:
     domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
     diagnosis = diagnosed(taken(domain, on_ice(domain, 0)))
     rows = {q.name: q for q in diagnosis.quantities}
-    assert rows["row"].off_left > 0.5 and rows["row"].unexplained <= WELL
-    assert rows["column"].off_left > 0.5 and rows["column"].unexplained <= WELL
+    assert rows["row"].error_left > 0.5 and rows["row"].unexplained <= WELL
+    assert rows["column"].error_left > 0.5 and rows["column"].unexplained <= WELL
 
 
 def test_a_repair_of_a_repair_says_anew_what_is_not_explained() -> None:
@@ -214,7 +214,7 @@ def test_a_repair_of_a_repair_says_anew_what_is_not_explained() -> None:
         return repair(domain, told, sentences).text
 
     twice = again(once.text, 0.9, "the tide")
-    assert "; * the tide" in twice and "(wind) changes" not in twice
+    assert "; * the tide" in twice and "(wind):" not in twice
     assert again(twice, 1.1).startswith("(define")
     domain = from_text(twice)
     assert repair(domain, found(), ["the moon"]) == Repaired(twice, (), ("the moon",))
@@ -245,14 +245,14 @@ def test_what_is_uncertain_or_hardly_matters_is_told_apart(model: TransitionMode
     (kept,) = diagnosis.worthwhile.missing
     assert [term.fluents for term in kept.terms] == [("place ?r",)]
     assert diagnosis.worthwhile.stochastic == told.stochastic
-    assert len(diagnosis.others) == 1  # the other number agrees with what was observed
+    assert len(diagnosis.remarks) == 3
 
 
 def test_where_nothing_moves_a_file_that_moves_things_is_wrong(model: TransitionModel) -> None:
     states, actions = states_of(model, 60)
     told = diagnosed(recorded(model, states, actions, states))
     assert "predicts well" not in told.verdict
-    assert any("does not change in all" in sentence for sentence in told.unexplained) or told.matter
+    assert told.remarks or told.unexplained
 
 
 def test_where_nothing_can_be_compared_nothing_is_said(model: TransitionModel) -> None:
@@ -261,7 +261,53 @@ def test_where_nothing_can_be_compared_nothing_is_said(model: TransitionModel) -
     diagnosis = diagnosed(recorded(model, states, actions, states))
     assert diagnosis.sample.left_out == {"a value that is not a finite number": 60}
     assert diagnosis.verdict == "None of these steps can be compared with the file."
-    assert not (diagnosis.matter or diagnosis.unexplained or diagnosis.fits)
+    assert not (diagnosis.remarks or diagnosis.unexplained)
     still, rest = from_text(STILL), np.zeros((60, 1))
     still_diagnosis = diagnosed(recorded(still.model, rest, np.zeros(60, int), rest, domain=still))
     assert still_diagnosis.verdict.startswith("Nothing changed in these steps, as predicted")
+
+
+def test_a_picture_has_equal_bytes_for_equal_diagnoses() -> None:
+    diagnosis = diagnosed(seen_in(World(number=0.8, broken=True)))
+    assert picture(diagnosis, "svg") == picture(diagnosis, "svg")
+    still = from_text(STILL)
+    rest = recorded(still.model, np.zeros((9, 1)), np.zeros(9, int), np.zeros((9, 1)), domain=still)
+    assert picture(diagnosed(rest), "png").startswith(b"\x89PNG")
+
+
+# The file patched with findings -----------------------------------------------------------------
+
+GRID = """(define (domain grid)
+  (:requirements :conditional-effects :numeric-fluents)
+  (:functions (row) (column))
+  (:action down :parameters () :precondition (and)
+    :effect (and (when (< (row) 3) (increase (row) 1))))
+  (:action left :parameters () :precondition (and)
+    :effect (and (when (> (column) 0) (decrease (column) 1)))))
+"""
+
+
+def test_outcomes_count_as_their_mean(model: TransitionModel) -> None:
+    states, actions = states_of(model, 60)
+    findings = found(
+        chances(model, "drive", ({"place ?r": 1.5}, 0.5, True), ({"place ?r": -1.0}, 0.25, False))
+    )
+    truth = predicted_steps(model, states, actions)[:, :-2]
+    names = [action.name for action in model.actions]
+    columns = {fluent.name: fluent.index for fluent in model.fluents}
+    for robot in ("r1", "r2"):
+        rows = actions == names.index(f"drive {robot}")
+        truth[rows, columns[f"place {robot}"]] = states[rows, columns[f"place {robot}"]] + 0.5
+    np.testing.assert_allclose(predictions_with(model, findings, states, actions), truth)
+
+
+def test_an_outcome_like_another_action_stops_at_the_walls_of_that_action() -> None:
+    model = from_text(GRID).model
+    rng = np.random.default_rng(0)
+    states = rng.integers(0, 4, size=(200, 2)).astype(np.float64)
+    finding = chances(model, "down", ({"row": 1.0}, 0.5, True), ({"column": -1.0}, 0.5, False))
+    own, other = finding.outcomes
+    findings = found(replace(finding, outcomes=(own, replace(other, like="left"))))
+    actions = np.zeros(len(states), np.int64)
+    truth = (model.step(states, 0).state + model.step(states, 1).state) / 2
+    np.testing.assert_allclose(predictions_with(model, findings, states, actions), truth)

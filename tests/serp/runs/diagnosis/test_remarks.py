@@ -1,18 +1,52 @@
+"""Findings in words, and in PDDL."""
+
 from __future__ import annotations
 
-from pathlib import Path
+import math
+import re
+from dataclasses import replace
 
-from serp import load_domain
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from serp.model.transition_model import TransitionModel
-from serp.runs.diagnosis.findings import EffectTerm, Findings, MissingEffect, ParameterFinding
-from serp.runs.diagnosis.remarks import remarks, terms
-from tests.serp.runs.diagnosis.made_up import chances, found, missing, parameter
+from serp.runs.diagnosis.findings import EffectTerm, decimal
+from serp.runs.diagnosis.remarks import remark
+from tests.serp.runs.diagnosis.made_up import chances, missing, parameter
 
-CARTPOLE = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
+SIZES = st.floats(1e-6, 1e6).flatmap(lambda x: st.sampled_from([x, -x]))
 
 
-def texts(findings: Findings, model: TransitionModel) -> list[str]:
-    return [remark.text for remark in remarks(findings, model.ground)]
+@given(SIZES, st.floats(0.0, 0.3))
+def test_a_number_is_a_plain_decimal_within_its_error(value: float, share: float) -> None:
+    error = share * abs(value)
+    text = decimal(value, error)
+    assert re.fullmatch(r"-?\d+(\.\d+)?", text)
+    assert abs(float(text) - value) <= max(error, 5.001e-4 * abs(value))
+    assert (float(text) < 0) == (value < 0)
+    assert len(text.strip("-0.").replace(".", "")) <= max(4, math.log10(abs(value)) + 1.001)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "number"),
+    [
+        (0.2, 0.01, "0.20"),
+        (-0.105, 0.0096, "-0.105"),
+        (15.7734, 0.0005, "15.77"),
+        (1.0, 1e-9, "1"),
+        (1234.0, 20.0, "1230"),
+        (0.0, 0.1, "0"),
+    ],
+)
+def test_a_number_ends_where_it_is_uncertain(value: float, error: float, number: str) -> None:
+    assert decimal(value, error) == number
+
+
+def test_terms_are_binary_products() -> None:
+    assert EffectTerm(-0.5, 0.01, ("a",)).size == "(* 0.50 (a))"
+    assert EffectTerm(1.0, 1e-6, ("b ?x", "c")).size == "(* (b ?x) (c))"
+    assert EffectTerm(2.0, 0.1, ()).size == "2.0"
 
 
 def line_of(text: str, model: TransitionModel) -> int:
@@ -20,74 +54,36 @@ def line_of(text: str, model: TransitionModel) -> int:
     return source[: source.index(text)].count("\n") + 1
 
 
-def test_a_literal_and_what_is_missing_beside_it_are_told_together() -> None:
-    model = load_domain(CARTPOLE).model
-    parameter = model.parameters[1]
-    action = model.actions[0]
-    findings = found(
-        ParameterFinding(parameter, "push-left", "pole-velocity", 0.29, 0.2103, 0.021, 412, 0.5),
-        MissingEffect(
-            "push-left", action.place, "pole-velocity",
-            (EffectTerm(0.3123, 0.02, ("pole-angle",)),), 412, 0.25,
-        ),
-    )  # fmt: skip
-    (remark,) = remarks(findings, model.ground)
-    assert remark.text == (
-        "`push-left`, line 39: `(increase (pole-velocity) 0.29)`; observed 0.21 ± 0.02 in 412 "
-        "steps; plus 0.31 × pole-angle that the file does not mention"
+def test_a_remark_says_what_to_write(model: TransitionModel) -> None:
+    line = line_of("0.2 (*", model)
+    assert remark(parameter(model, 1, 0.4), model.ground) == (
+        f"`drive`, line {line}: write 0.40 instead of 0.2 for `(battery)`; "
+        "observed 0.40 ± 0.02 in 412 steps"
     )
-    assert remark.cost == 0.75
-    assert remark.line == 39
-    assert len(remark.findings) == 2
-
-
-def test_a_literal_among_others_is_named(model: TransitionModel) -> None:
-    effect = "(decrease (battery ?r) (+ 0.2 (* 0.1 (place ?r))))"
-    findings = found(parameter(model, 1, 0.4), parameter(model, 2, 0.3))
-    assert texts(findings, model) == [
-        f"`drive`, line {line_of(effect, model)}: `{effect}`; observed 0.40 ± 0.02 for 0.2 in 412 "
-        "steps; observed 0.30 ± 0.02 for 0.1 in 412 steps"
-    ]
-
-
-def test_a_literal_that_agrees_is_left_out(model: TransitionModel) -> None:
-    assert texts(found(parameter(model, 0, 1.53)), model) == []
-    assert len(texts(found(parameter(model, 0, 1.55)), model)) == 1
-    exact = parameter(model, 0, 1.5 + 1e-13, error=0.0)
-    assert texts(found(exact), model) == []
-
-
-def test_what_the_file_is_silent_of(model: TransitionModel) -> None:
     line = line_of("(:action drive", model)
-    assert texts(found(missing(model, "warmth", {("place ?r",): 0.5, (): -2.0})), model) == [
-        f"`drive`, line {line}: `(warmth)` changes by 0.50 × (place ?r) − 2.00, which the file "
-        "does not mention (412 steps)"
-    ]
-    (text,) = texts(found(missing(model, "place ?r", {(): 0.5})), model)
-    assert "changes by 0.50, beyond what the file says" in text
-    (text,) = texts(found(missing(model, "place ?robot", {(): 0.5}, schema="")), model)
-    assert text == (
-        "whatever the action: `(place ?robot)` changes by 0.50 per unit of time, which the file "
-        "does not mention (412 steps)"
+    absent = missing(model, "warmth", {("place ?r",): -0.5, (): 2.0})
+    assert remark(absent, model.ground) == (
+        f"`drive`, line {line}: add `(decrease (warmth) (* 0.50 (place ?r))) "
+        "(increase (warmth) 2.00)`; observed in 412 steps"
+    )
+    lasting = replace(absent, schema="", place=None, terms=absent.terms[1:])
+    assert remark(lasting, model.ground) == (
+        "after every action: add a process with `(increase (warmth) (* #t 2.00))`; "
+        "observed in 412 steps"
     )
 
 
-def test_outcomes_are_told_with_how_often_they_come(model: TransitionModel) -> None:
+def test_outcomes_have_their_probabilities(model: TransitionModel) -> None:
     line = line_of("(:action drive", model)
     finding = chances(
         model, "drive", ({"place": 1.5}, 0.334, True), ({}, 0.333, False),
         ({"place": -1.0, "lit ?r": -1.0}, 0.333, False),
     )  # fmt: skip
-    assert texts(found(finding), model) == [
+    assert remark(finding, model.ground) == (
         f"`drive`, line {line}: does what the file says ((place) +1.5) in 33 ± 2 % of 412 steps; "
         "instead nothing changes in 33 ± 2 %, (place) −1 and (lit ?r) becomes false in 33 ± 2 %"
-    ]
-    (text,) = texts(found(chances(model, "light", ({"lit": 1.0}, 1.0, False))), model)
-    assert "never does what the file says, in 412 steps; instead (lit) becomes true" in text
-
-
-def test_a_sum_is_written_with_its_signs() -> None:
-    assert terms([EffectTerm(-0.5, 0.1, ("a",)), EffectTerm(0.25, 0.01, ("a", "b c"))]) == (
-        "−0.50 × a + 0.250 × a × (b c)"
     )
-    assert terms([]) == "0"
+    never = chances(model, "light", ({"lit": 1.0}, 1.0, False))
+    assert "never does what the file says, in 412 steps; instead (lit) becomes true" in remark(
+        never, model.ground
+    )

@@ -25,7 +25,7 @@ from tests.serp.runs.runs import without_pictures
 from tests.serp.sample_tasks import corridor
 
 SMALL: dict[str, Any] = {
-    "hidden": [8], "members": 1, "batch_size": 4, "symmetry": False, "mask_targets": False,
+    "hidden": [8], "members": 1, "batch_size": 4,
     "learning_starts": 10, "epsilon_end": 0.3,
 }  # fmt: skip
 ALWAYS = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}, "learner": SMALL}

@@ -127,11 +127,6 @@ def test_a_task_is_made_of_a_file_in_one_line(tmp_path: Path) -> None:
         assert [bound.step(dive)[3] for _ in range(3)] == [False, False, True]
 
 
-def test_a_world_needs_a_start() -> None:
-    with pytest.raises(serp.DomainError, match=r"the :init of a problem(?s:.*)write `\(:init"):
-        FileWorld(ferry(None))
-
-
 def test_a_step_without_a_result_says_so() -> None:
     with pytest.raises(SerpError, match="world.failure must be less than 1"):
         serp.file_task(ferry(), failure=1.0)

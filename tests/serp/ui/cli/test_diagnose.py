@@ -9,9 +9,6 @@ from typing import Any
 
 import pytest
 
-from serp._util.files import finite
-from serp.runs.diagnosis import diagnosis as export
-from serp.runs.diagnosis.diagnosis import Diagnosis, diagnose
 from tests.serp.ui.cli.conftest import QUICK, Run, train
 
 CARTPOLE = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
@@ -39,29 +36,23 @@ def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: P
     assert {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()} == before
     line = CARTPOLE.read_text(encoding="utf-8").split(WRONG)[0].count("\n") + 1
     (remark,) = (r for r in shown["remarks"] if r["line"] == line)
-    effect = WRONG.replace("0.195", "0.39")
-    assert remark["text"].startswith(f"`push-left`, line {line}: `{effect}`; observed")
-    assert remark["matters"] and remark["share"] > 0.2
-    (number,) = (f for f in remark["findings"] if f["kind"] == "ParameterFinding")
-    assert number["written"] == 0.39
+    assert remark["text"].startswith(f"`push-left`, line {line}: write 0.19")
+    assert remark["share"] > 0.2
+    number = remark["finding"]
+    assert (number["kind"], number["written"]) == ("ParameterFinding", 0.39)
     assert number["estimate"] == pytest.approx(0.195, abs=0.01)
-    # The text has the same as the JSON, and --all has the rest of it.
+    # The text has the same as the JSON.
     assert shown["verdict"] in text and "predicts well" not in text
     in_use = shown["model_in_use"]
     assert in_use == json.loads((misled / "summary.json").read_text())["model"]
     assert f"planned with this model: {in_use['sentence']}" in text
-    assert all(fluent["why"] in text for fluent in in_use["fluents"])
-    for sentence in shown["not_explained"]:
-        assert f"* {sentence}" in text
-    everything = run("diagnose", str(misled), "--all").stdout
-    for remark in shown["remarks"]:
-        assert remark["text"] in everything
-        assert (remark["text"] in text) == remark["matters"]
+    assert all(remark["text"] in text for remark in shown["remarks"])
+    assert len(text.splitlines()) < 12 + len(shown["remarks"]) + len(shown["quantities"])
 
 
-def test_what_is_listed_is_what_is_repaired(run: Run, misled: Path) -> None:
+def test_a_repair_writes_what_is_listed(run: Run, misled: Path) -> None:
     shown, repaired = told(run, str(misled)), run("repair", str(misled))
-    listed = [f for r in shown["remarks"] if r["matters"] for f in r["findings"]]
+    listed = [remark["finding"] for remark in shown["remarks"]]
     numbers = [f for f in listed if f["kind"] == "ParameterFinding"]
     for number in numbers:
         assert f"; {number['parameter']['text']} as written; observed " in repaired.stdout
@@ -72,19 +63,11 @@ def test_what_is_listed_is_what_is_repaired(run: Run, misled: Path) -> None:
         assert sentence in repaired.stderr
 
 
-def test_json_and_pictures_are_those_of_the_diagnosis(
-    run: Run, misled: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def picture(diagnosis: Diagnosis, kind: str) -> bytes:
-        return f"{kind} of {export.as_dict(diagnosis)}".encode()
-
-    monkeypatch.setattr("serp.runs.diagnosis.plots.picture", picture)
-    diagnosis = diagnose(misled)
-    assert told(run, str(misled)) == json.loads(json.dumps(finite(export.as_dict(diagnosis))))
+def test_pictures_are_written(run: Run, misled: Path) -> None:
     result = run("diagnose", str(misled), "--png=a.png", "--svg=a.svg")
-    for kind in ("png", "svg"):
+    for kind, magic in (("png", b"\x89PNG"), ("svg", b"<?xml")):
         assert f"a.{kind}" in result.stderr
-        assert Path(f"a.{kind}").read_bytes() == picture(diagnosis, kind)
+        assert Path(f"a.{kind}").read_bytes().startswith(magic)
 
 
 def test_a_run_without_adaptation_can_be_diagnosed(run: Run) -> None:

@@ -27,7 +27,7 @@ from serp.ui.main import serp
 from serp.ui.report.recorded_steps import chosen_steps, recorded_episodes
 from serp.ui.report.scene import drawn_scenes
 from serp.ui.report.tables import CauseTable
-from serp.ui.studio.opening import open_session
+from serp.ui.studio.session import open_session
 from tests.serp.ui.cli.conftest import QUICK, Run, train
 from tests.serp.ui.studio.browser import CHROMIUM, chromium
 

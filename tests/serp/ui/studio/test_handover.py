@@ -11,8 +11,8 @@ pytest.importorskip("nicegui")
 from nicegui import Client, ui
 from nicegui.testing import user_simulation
 
-from serp.ui.studio.opening import open_session
 from serp.ui.studio.pages.page import show_page
+from serp.ui.studio.session import open_session
 
 ROOT = Path(__file__).resolve().parents[4]
 

@@ -1,1 +1,0 @@
-"""Model and lookahead for many states at once; modules of the same names above are for one."""

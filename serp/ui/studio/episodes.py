@@ -1,0 +1,192 @@
+"""Episodes whose steps can be shown: played with the text as it is, or recorded in a run."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import io
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from serp.errors import MissingExtra, TaskError
+from serp.model.domain import Domain
+from serp.pddl.source import DomainError
+from serp.planning.replanner import MonitorReplanner
+from serp.runs.recording import VETO_COLUMNS, open_recording, vetoed
+from serp.tasks.file_world import file_task
+from serp.tasks.task import BoundTask, Task
+from serp.ui.studio.view import Ranges, Surroundings, Version
+
+MOST_STEPS: Final = 100
+_WIDTH: Final = 640
+"""Largest width of a picture, in pixels."""
+
+
+@dataclasses.dataclass(frozen=True)
+class EpisodeStep:
+    """A moment of an episode.
+
+    Attributes:
+        values: Fluent → value.
+        action: Who does what there; empty at the end.
+        indifferent: Whether all actions promise the same there.
+        picture: The environment's picture as a data URL of a PNG; empty where there is none.
+    """
+
+    values: dict[str, float | bool]
+    action: str
+    indifferent: bool
+    picture: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class ShownEpisode:
+    """An episode.
+
+    Attributes:
+        steps: Its moments, from the reset on.
+        name: What it is, for people.
+        supplied: Facts of `:init` that the grounding observes.
+        note: Why there are no pictures; empty where there are.
+    """
+
+    steps: tuple[EpisodeStep, ...]
+    name: str
+    supplied: frozenset[str] = frozenset()
+    note: str = ""
+
+    def ranges(self) -> Ranges:
+        """Return the least and greatest value of each fluent."""
+        columns = {name: [float(step.values[name]) for step in self.steps]
+                   for name in self.steps[0].values}  # fmt: skip
+        return {name: (min(column), max(column)) for name, column in columns.items()}
+
+
+def play(
+    task: Task | None, version: Version, surroundings: Surroundings, seed: int
+) -> ShownEpisode:
+    """Play an episode with the planner of a version, for at most `MOST_STEPS` steps.
+
+    Without a task it is played in the file's own world.
+
+    Raises:
+        SerpError: The version is wrong, does not fit the task, or the environment fails.
+    """
+    domain = Domain.parse(*version.sources(), observed=task is not None and not task.closed)
+    note = ""
+    if task is not None:
+        bound, note = _drawable(dataclasses.replace(task, domain=domain, problem=None))
+    elif domain.problem_syntax is None or not domain.problem_syntax.has_init:
+        raise DomainError(
+            "an episode in the world of a file begins in the :init of a problem, and there is none",
+            domain.syntax.place,
+        )
+    else:
+        bound = file_task(domain, dt=surroundings.dt).bind()
+    with bound:
+        planner = dataclasses.replace(surroundings, dt=bound.model.dt).planner_of(bound.domain)
+        steps = tuple(_played(bound, planner, seed, pictures=task is not None and not note))
+        supplied = bound.domain.supplied or frozenset()
+    return ShownEpisode(steps, f"an episode of the planner, seed {seed}", supplied, note)
+
+
+def _drawable(task: Task) -> tuple[BoundTask, str]:
+    """Return the task with an environment that can be drawn, else with one that cannot, and why."""
+    try:
+        import PIL  # noqa: F401  (needed to write pictures)
+    except ModuleNotFoundError:
+        return task.bind(), str(MissingExtra("A picture of the environment", "watch"))
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
+    try:
+        return task.bind(render_mode="rgb_array"), ""
+    except TaskError as error:
+        return task.bind(), f"There is no picture of the environment: {error}"
+
+
+def _played(
+    bound: BoundTask, planner: MonitorReplanner, seed: int, *, pictures: bool
+) -> Iterator[EpisodeStep]:
+    raw, info = bound.reset(seed)
+    over = False
+    for number in range(MOST_STEPS + 1):
+        state = bound.ground(raw, info, bound.env)
+        plan = planner.plan(state)
+        over = over or plan.action is None or number == MOST_STEPS
+        picture = _picture(bound.env) if pictures else ""
+        action = "" if over else f"planner: {plan.name}"
+        yield EpisodeStep(bound.model.values(state), action, plan.indifferent, picture)
+        if over or plan.action is None:
+            return
+        action_of = bound.actions.environment_action
+        raw, _, terminated, truncated, info = bound.step(action_of[plan.action])
+        over = terminated or truncated
+
+
+def _picture(env: Any) -> str:
+    """Return what an environment draws as a data URL; empty where it draws nothing."""
+    from PIL import Image
+
+    try:
+        drawn = env.render()
+    except Exception:  # a picture is not worth a failure
+        return ""
+    if not isinstance(drawn, np.ndarray) or drawn.ndim != 3 or drawn.dtype != np.uint8:
+        return ""
+    image, buffer = Image.fromarray(drawn), io.BytesIO()
+    image.thumbnail((_WIDTH, _WIDTH))
+    image.save(buffer, "PNG")
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+class RecordedRun:
+    """The recording of a run, checked as a whole.
+
+    Attributes:
+        ranges: The least and greatest value of each fluent in the run.
+        vetoes: Positions of the steps in which a proposal was refused.
+
+    Raises:
+        RunError: It has no recording, or a part of that is damaged.
+    """
+
+    def __init__(self, run: Path) -> None:
+        self._name = run.name
+        self._recording = recording = open_recording(run)
+        recording.check()
+        self.ranges: Ranges = {}
+        if len(recording):
+            low, high = recording.ranges
+            names = recording.layout.fluents
+            limits = zip(low.tolist(), high.tolist(), strict=True)
+            self.ranges = dict(zip(names, limits, strict=True))
+        self.vetoes: list[int] = np.flatnonzero(vetoed(recording.columns(*VETO_COLUMNS))).tolist()
+
+    def episode(self, number: int) -> ShownEpisode:
+        """Return an episode, from 1.
+
+        Raises:
+            RunError: There is none of that number.
+        """
+        self._recording.find(number, 1)
+        steps = self._recording.episodes[number]
+        name = f"episode {number} of {self._name}"
+        return ShownEpisode(tuple(self._step(int(step)) for step in steps), name)
+
+    def place_of(self, step: int) -> tuple[int, int]:
+        """Return episode, from 1, and number in it, from 0, of a step."""
+        stored = self._recording.step(step)
+        return stored.episode, stored.number - 1
+
+    def _step(self, step: int) -> EpisodeStep:
+        layout, stored = self._recording.layout, self._recording.step(step)
+        decision = stored.decision
+        action = f"{decision.executed_by}: {layout.actions[decision.action]}"
+        if decision.vetoed:
+            proposed = layout.actions[decision.proposed] if decision.proposed >= 0 else "nothing"
+            action += f" instead of {proposed}: {decision.reason}"
+        values = dict(zip(layout.fluents, stored.state.tolist(), strict=True))
+        return EpisodeStep(values, action, bool(decision.forecast.indifferent))

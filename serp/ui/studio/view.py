@@ -1,0 +1,258 @@
+"""What the page shows of the texts in a state: findings, the planner's decision, a drawing."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from serp._util.text import plural
+from serp.agent.explanation import Explanation, explain
+from serp.agent.sentences import between, special_about
+from serp.authoring.lint.conditions import threshold
+from serp.authoring.lint.findings import Finding, examine
+from serp.errors import SerpError
+from serp.model import ground as g
+from serp.model.domain import Domain
+from serp.model.transition_model import TransitionModel, Vector
+from serp.pddl.source import DomainError, Source
+from serp.planning.replanner import MonitorReplanner, Plan
+from serp.settings import PlannerSettings
+from serp.tasks.task import Draw
+from serp.ui.pictures.plan_picture import plan_svg
+
+_SECONDS: Final = 2.0
+"""Time limit of one lookahead."""
+_MOST_ACTIONS: Final = 60
+_MARGIN: Final = 0.25
+"""What a slider has beyond the numbers that are known, as a share of their range."""
+
+Ranges = Mapping[str, tuple[float, float]]
+"""Fluent → the least and greatest value that was observed."""
+
+
+class Version(NamedTuple):
+    """The texts of a domain and its problem, and the names of their files in messages."""
+
+    domain_name: str
+    domain: str
+    problem_name: str
+    problem: str | None
+
+    def sources(self) -> tuple[Source, Source | None]:
+        """Return the domain and the problem as sources."""
+        problem = None if self.problem is None else Source(self.problem_name, self.problem)
+        return Source(self.domain_name, self.domain), problem
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a decision depends on beside the texts.
+
+    Attributes:
+        dt: Control period.
+        planner: Settings of the lookahead.
+        observed: Whether any state can be shown, or only what is reached from `:init`.
+        supplied: Names of the fluents that are observed.
+    """
+
+    dt: float = 1.0
+    planner: PlannerSettings = field(default_factory=PlannerSettings)
+    observed: bool = True
+    supplied: frozenset[str] = frozenset()
+
+    def planner_of(self, domain: Domain) -> MonitorReplanner:
+        """Return the lookahead of a domain, interpreted: a keystroke waits for no compiler."""
+        model = TransitionModel(domain.model.ground, dt=self.dt, own_code=False)
+        return MonitorReplanner.of(model, self.planner, time_budget=_SECONDS)
+
+
+@functools.lru_cache(1)
+def read(
+    version: Version, surroundings: Surroundings
+) -> tuple[tuple[Finding, ...], MonitorReplanner | None]:
+    """Return what is wrong in a version, and its planner; None where an error leaves no model."""
+    examined = examine(*version.sources())
+    findings = tuple(examined.findings)
+    domain = examined.domain
+    if domain is None:
+        return findings, None
+    if surroundings.observed:
+        try:
+            observed = domain.observed(surroundings.supplied)
+            observed.model  # noqa: B018  (instantiated now)
+            domain = observed
+        except DomainError:
+            pass  # too large for any state; `domain.model` says what else is wrong
+    return findings, surroundings.planner_of(domain)
+
+
+@dataclass(frozen=True)
+class ShownState:
+    """A state by name, so that it outlives edits of the file.
+
+    Attributes:
+        values: Fluent → value, of some or all fluents.
+        origin: Where they come from, for people.
+    """
+
+    values: Mapping[str, float | bool] = field(default_factory=dict)
+    origin: str = ""
+
+    def state(self, model: TransitionModel) -> Vector:
+        """Return the state `[F]` of a model; what has no value here is initial, or else 0."""
+        initial = model.initial_state
+        state = np.zeros(len(model.fluents)) if initial is None else np.array(initial)
+        for fluent in model.fluents:
+            value = float(self.values.get(fluent.name, math.nan))
+            if math.isfinite(value):
+                state[fluent.index] = value if fluent.numeric else float(value != 0.0)
+        return state
+
+
+@dataclass(frozen=True)
+class Control:
+    """A fluent as it can be set; low, high and step are those of a slider."""
+
+    name: str
+    numeric: bool
+    value: float
+    low: float
+    high: float
+    step: float
+
+
+def controls(model: TransitionModel, state: Vector, seen: Ranges) -> list[Control]:
+    """Return how each fluent can be set.
+
+    The range of a number covers what was seen of it, the numbers that conditions of the file
+    compare it with, and some more.
+    """
+    compared = _thresholds(model)
+    settable = []
+    for fluent in model.fluents:
+        value = float(state[fluent.index])
+        known = (0.0, value, *compared.get(fluent.index, ()))
+        limits = _slider(known, seen.get(fluent.name, ()))
+        settable.append(Control(fluent.name, fluent.numeric, value, *limits))
+    return settable
+
+
+def _thresholds(model: TransitionModel) -> dict[int, list[float]]:
+    """Return fluent → the numbers that conditions compare it with."""
+    theta = model.theta.tolist()
+    compared: dict[int, list[float]] = {}
+    for schema in model.ground.schemas:
+        conditions = [*schema.preconditions, *(effect.condition for effect in schema.effects)]
+        for test in (c for condition in conditions for c in g.comparisons_of(condition)):
+            limit = threshold(test, theta)
+            if limit is not None and math.isfinite(limit[2]):
+                compared.setdefault(limit[0], []).append(limit[2])
+    return compared
+
+
+def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float, float]:
+    """Return low, high and step."""
+    numbers = (*known, *seen)
+    low, high = min(numbers), max(numbers)
+    if seen and high - low >= 2 and all(number.is_integer() for number in numbers):
+        return low, high, 1.0
+    width = high - low or 1.0
+    step = float(f"{width / 200:.0e}")
+    low -= _MARGIN * width if low < 0 else 0.0
+    high += _MARGIN * width if high > low else 1.0
+    low, high = (float(f"{round(limit / step) * step:.12g}") for limit in (low, high))
+    return low, high, step
+
+
+@dataclass(frozen=True)
+class ShownDecision:
+    """A decision of the planner, its summary, and its planning graph as SVG.
+
+    `order` has the positions of the actions that are shown: as in the file, those that are not
+    applicable last; or the best first where there are too many.
+    """
+
+    account: Explanation
+    order: tuple[int, ...]
+    verdict: str
+    graph: str
+    controls: tuple[Control, ...]
+
+
+@dataclass(frozen=True)
+class View:
+    """What is shown at a time.
+
+    Attributes:
+        findings: What is wrong in the files.
+        failure: Why there is no decision though the files are right; else empty.
+        drawing: The state as the task draws it, an SVG; empty where it does not.
+    """
+
+    findings: tuple[Finding, ...]
+    failure: str = ""
+    decision: ShownDecision | None = None
+    drawing: str = ""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a view is asked of; whatever is edited meanwhile does not change it."""
+
+    version: Version
+    surroundings: Surroundings
+    shown: ShownState
+    seen: Ranges
+    draw: Draw | None
+
+    def view(self) -> View:
+        """Read the version and decide in the state; this may run in a thread."""
+        findings: tuple[Finding, ...] = ()
+        try:
+            findings, planner = read(self.version, self.surroundings)
+            if planner is None:
+                return View(findings)
+            state = self.shown.state(planner.model)
+            decision = decide(planner, state, self.seen)
+        except SerpError as error:
+            return View(findings, str(error))
+        drawing = ""
+        if self.draw is not None:
+            try:
+                drawing = str(self.draw(planner.model.values(state)))
+            except Exception:  # the task's own code, on values that no environment may ever give
+                drawing = ""
+        return View(findings, "", decision, drawing)
+
+
+def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecision:
+    """Return what is shown of the planner's decision in a state `[F]`."""
+    plan, model = planner.plan(state), planner.model
+    discount = planner.settings.discount
+    account = explain(model, state, plan.forecast, plan.action, paths=plan.paths, discount=discount)
+    applicable = plan.forecast.applicable
+    order = sorted(range(len(applicable)), key=lambda k: not applicable[k])
+    if len(order) > _MOST_ACTIONS:
+        order.sort(key=lambda k: (k != plan.action, -plan.forecast.value[k]))
+    order = order[:_MOST_ACTIONS]
+    for k in order:
+        account.alternatives[k].behind  # noqa: B018  (traced now, in this thread)
+    graph = plan_svg(plan, planner)
+    return ShownDecision(
+        account, tuple(order), _verdict(plan, account), graph, tuple(controls(model, state, seen))
+    )
+
+
+def _verdict(plan: Plan, account: Explanation) -> str:
+    if plan.name is None:
+        return "No action is applicable here."
+    sentences = special_about(plan.forecast)
+    if account.runner_up is not None and not plan.indifferent:
+        sentences.insert(0, between(account.runner_up, plan.name))
+    looked = f"Looked {plural(plan.depth, 'action')} ahead, {plural(plan.nodes, 'state')}."
+    return " ".join([*sentences, looked])

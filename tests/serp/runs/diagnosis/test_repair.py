@@ -1,0 +1,216 @@
+"""The repaired file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from serp.authoring.lint.portability import outside_portable_subset
+from serp.authoring.lint.unified_planning import refused_by_unified_planning
+from serp.model.learned.regression_data import predictions
+from serp.runs.diagnosis.findings import EffectTerm, MissingEffect, ParameterFinding
+from serp.runs.diagnosis.repair import Repaired, repair
+from tests.serp.model.learned.rolls import DT, balance, cartpole, from_text
+from tests.serp.model.learned.test_parameter_fit import CARTS
+from tests.serp.runs.diagnosis.made_up import (
+    found,
+    kept,
+    logic,
+    parameter,
+    repaired_by,
+    written,
+)
+from tests.serp.runs.diagnosis.test_analysis import FLEET, ROBOTS
+
+NAMES = ("cartpole", "cartpole-empty", "cartpole-no-velocity", "cartpole-reversed")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_real_run_repairs_its_file(name: str) -> None:
+    experience, _ = balance(cartpole().source.text, 3, 400, noise=0.1)
+    domain = cartpole(name)
+    repaired = repaired_by(domain, experience, DT)
+    assert repaired.changes
+    new = written(domain, repaired)
+    assert not outside_portable_subset(new.source)
+    assert refused_by_unified_planning(new.source, None) is None
+    assert logic(new) == logic(domain)
+    assert kept(domain.source.text, repaired.text)
+    predicted = predictions(new.model.replace(dt=DT), experience.states, experience.actions)
+    off, change = (
+        np.sqrt(((experience.next_states - p) ** 2).mean(0)) for p in (predicted, experience.states)
+    )
+    # What is left is what a straight line cannot say of a swinging pole.
+    assert (off <= 0.005 * change).all()
+
+
+def test_a_repaired_file_is_repaired() -> None:
+    seen, _ = balance(cartpole().source.text, 3, 400, noise=0.1)
+    domain = cartpole("cartpole-empty")
+    once = repaired_by(domain, seen, DT)
+    again = from_text(once.text)
+    other, _ = balance(cartpole().source.text, 4, 400, noise=0.1)
+    twice = repaired_by(again, other, DT)
+    assert len(twice.changes) <= 3
+
+
+def test_numbers_change_where_they_stand_and_nowhere_else() -> None:
+    domain = from_text(CARTS)
+    repaired = repair(domain, found(parameter(domain.model, 0, 0.7312, error=0.02)))
+    new = CARTS.replace("(increase (v ?c) 0.5)", "(increase (v ?c) 0.73)")
+    lines = [line for line in repaired.text.splitlines(True) if "as written" not in line]
+    assert "".join(lines) == new
+    assert "; 0.5 as written; observed 0.73 +/- 0.02 in 412 steps\n" in repaired.text
+    assert repaired.changes == (CARTS[: CARTS.index("0.5)")].count("\n") + 1,)
+
+
+@pytest.mark.parametrize(
+    ("effect", "number", "text"),
+    [
+        ("(increase (f) 1)", -0.5, "(decrease (f) 0.5)"),
+        ("(Decrease (f) 1)", -0.5, "(increase (f) 0.5)"),
+        ("(decrease (f) -1)", 0.5, "(decrease (f) 0.5)"),
+        ("(increase (f) (* (g) 3))", -5.0, "(decrease (f) (* (g) 5))"),
+        ("(increase (f) (/ (g) 3))", -5.0, "(decrease (f) (/ (g) 5))"),
+        ("(increase (f) (+ (g) 3))", -5.0, "(increase (f) (+ (g) -5))"),
+        ("(assign (f) 3)", -5.0, "(assign (f) -5)"),
+        ("(scale-up (f) 3)", -5.0, "(scale-up (f) -5)"),
+        ("(increase (f) 1)", -1e-9, "(increase (f) 0)"),  # its sign is uncertain
+    ],
+)
+def test_signs_go_into_the_word_where_that_means_the_same(
+    effect: str, number: float, text: str
+) -> None:
+    domain = from_text(f"""(define (domain d) (:functions (f) (g))
+      (:action a :parameters () :precondition (and) :effect {effect}))""")
+    assert text in repair(domain, found(parameter(domain.model, 0, number, error=1e-9))).text
+
+
+def test_an_assignment_takes_in_what_was_missing() -> None:
+    domain = from_text(CARTS)
+
+    def with_terms(*terms: EffectTerm) -> str:
+        missing = MissingEffect("stop", None, "v ?c", terms, 50, 1.0)
+        return repair(domain, found(missing)).text
+
+    own = EffectTerm(0.9996, 1e-5, ("v ?c",))
+    assert "(increase (v ?c) 0.125)" in with_terms(own)
+    assert "(increase (v ?c) 0.125)" in with_terms(own, EffectTerm(-0.3, 0.01, ("heat",)))
+    assert "(decrease (v ?c) (* 0.30 (heat)))" in with_terms(own, EffectTerm(-0.3, 0.01, ("heat",)))
+    half = with_terms(EffectTerm(0.5, 0.001, ("v ?c",)))
+    assert "(assign (v ?c) (+ 0.125 (* 0.500 (v ?c))))" in half
+    falling = repair(
+        domain,
+        found(
+            parameter(domain.model, 4, -0.5, error=0.01),
+            MissingEffect("stop", None, "v ?c", (own,), 50, 1.0),
+        ),
+    )
+    assert "(decrease (v ?c) 0.50)" in falling.text
+
+
+SHAPES = {
+    "an and": ":effect (and (increase (f) 1.0))",
+    "an and over lines": ":effect (and\n      (increase (f) 1.0)\n      (increase (f) 2.0))",
+    "comments behind": ":effect (and\n      (increase (f) 1.0) ; one\n      ; two (\n    )",
+    "an empty and": ":effect (and)",
+    "nothing": ":effect ()",
+    "one effect": ":effect (increase (f) 1.0)",
+    "no effect": "",
+    "a comment behind the brackets": ":effect (and\n      (increase (f) 1.0))  ; one",
+    "a comment in front": ":effect (and  ; none\n      (increase (f) 1.0))  ; one",
+    "a comment behind one line": ":effect (and (increase (f) 1.0))  ; one",
+    "a comment behind one effect": ":effect (increase (f) 1.0)  ; one",
+    "a comment behind nothing": ":effect (and)  ; none",
+}
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES.keys())
+def test_effects_fit_into_actions_of_any_shape(shape: str, newline: str) -> None:
+    text = f"""; before
+(define (domain d)
+  (:predicates (unsafe))
+  (:functions (f) (g))
+  (:action a
+    :parameters ()
+    :precondition (and (< (f) 9.0))
+    {shape}
+  )
+)
+; after
+""".replace("\n", newline)
+    domain = from_text(text)
+    findings = found(
+        MissingEffect("a", None, "g", (EffectTerm(0.5, 0.01, ("f",)),), 10, 1.0),
+        MissingEffect("a", None, "f", (EffectTerm(-2.0, 0.01, ()),), 10, 1.0),
+        MissingEffect("", None, "f", (EffectTerm(3.0, 0.01, ("g",)),), 10, 1.0),
+    )
+    repaired = repair(domain, findings)
+    new = written(domain, repaired).model
+    old = domain.model
+    state = {"f": 4.0, "g": 2.0}
+    after, before = (
+        model.values(model.replace(dt=0.1).step(model.state(state), "a").state)
+        for model in (new, old)
+    )
+    assert after["g"] == pytest.approx(4.0)
+    assert after["f"] == pytest.approx(before["f"] - 2.0 + 0.1 * 3.0 * 4.0)
+    assert (newline == "\r\n") == ("\r\n" in repaired.text)
+    assert repaired.text.count("\n") == repaired.text.count(newline)
+    assert all(len(line) <= 100 for line in repaired.text.splitlines())
+    assert kept(text, repaired.text)
+    for line in repaired.text.splitlines():  # each comment is where it was
+        if "; one" in line:
+            assert "(increase (f) 1.0)" in line
+
+
+@pytest.mark.parametrize(
+    ("listed", "needed"),
+    [
+        ("", "(:requirements :strips :numeric-fluents :time)"),
+        ("(:requirements :strips)", "(:requirements :strips :numeric-fluents :time)"),
+        ("(:requirements :strips :fluents)", "(:requirements :strips :fluents :time)"),
+        ("(:requirements :hybrid)", "(:requirements :hybrid)"),
+    ],
+)
+@pytest.mark.parametrize("schema", ["process", "event"])
+def test_a_process_follows_the_last_one_and_its_requirements_are_declared(
+    schema: str, listed: str, needed: str
+) -> None:
+    process = f"(:{schema} p :parameters () :precondition (and) :effect (and))  ; slow"
+    domain = from_text(f"""(define (domain d)
+  {listed}
+  (:functions (f))
+  (:action a :parameters () :precondition (and) :effect (and))  ; fast
+  {process}
+)""")
+    effect = MissingEffect("", None, "f", (EffectTerm(2.0, 0.01, ()),), 10, 1.0)
+    text = repair(domain, found(effect)).text
+    assert needed in text
+    assert f"; {'slow' if schema == 'process' else 'fast'}\n\n  (:process f-changes\n" in text
+
+
+def test_processes_have_new_names_and_typed_parameters() -> None:
+    text = FLEET.replace("(:action rest", "(:action wind-changes")
+    world = MissingEffect("", None, "wind", (EffectTerm(1.0, 0.01, ()),), 10, 1.0)
+    typed = replace(world, fluent="way ?r")
+    repaired = repair(from_text(text, ROBOTS), found(world, world, typed))
+    assert "(:process way-changes\n    :parameters (?r - robot)" in repaired.text
+    assert "(:process wind-changes-2" in repaired.text
+    assert "(:process wind-changes-3" in repaired.text
+
+
+def test_a_problem_file_is_not_touched(tmp_path: Path) -> None:
+    problem = ROBOTS.replace("(:init)", "(:init (= (gain) 2.0))")
+    text = FLEET.replace("(wind)", "(wind) (gain)").replace("(way ?r) 0.5", "(way ?r) (gain)")
+    domain = from_text(text, problem)
+    assert domain.problem_source is not None
+    gain = next(p for p in domain.model.parameters if p.role == "initial")
+    finding = ParameterFinding(gain, "drive", "way", 2.0, 3.0, 0.01, 100, 1.0)
+    (told,) = repair(domain, found(finding)).open
+    assert repair(domain, found(finding)) == Repaired(text, (), (told,))
+    assert told.startswith("world-problem.pddl, line ") and "2.0 as written; observed 3" in told

@@ -1,0 +1,122 @@
+"""An exported policy decides as the run does; damaged folders are refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as testing
+from hypothesis import strategies as st
+
+import serp
+from serp.errors import RunError
+from serp.runs import checkpoint
+from serp.runs.evaluation import play
+from serp.runs.policy import AGENT, DOMAIN, MANIFEST
+from tests.serp.runs.runs import without_pictures
+
+STEPS = {"cartpole": 400, "soccer": 300, "taxi": 300, "tea": 200}
+TEA = Path(__file__).parents[3] / "docs" / "examples" / "tea.pddl"
+
+
+@pytest.fixture(scope="module", params=[*STEPS])
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> serp.Run:
+    task, path = str(request.param), tmp_path_factory.mktemp("run") / "run"
+    with without_pictures():
+        played = serp.file_task(TEA) if task == "tea" else task
+        return serp.plan_and_learn(played, env_steps=STEPS[task], out=path, quiet=True, seed=1)
+
+
+@pytest.fixture(scope="module")
+def cartpole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("cartpole")
+    with without_pictures():
+        run = serp.plan_and_learn(
+            "cartpole", preset="paper", episodes=2, out=path / "run", quiet=True
+        )
+    return serp.export_policy(run, path / "policy")
+
+
+def test_what_a_run_plays_is_decided_alike(run: serp.Run, tmp_path: Path) -> None:
+    policy = serp.Policy(serp.export_policy(run, tmp_path / "policy"))
+    with run.environment() as task:
+        for step in next(play(run.agent, task, episodes=1, seed=3)).steps:
+            decision = policy.decide(task.observation(step.observation), state=step.state)
+            assert decision.action == step.decision.action
+            assert decision.reason == step.decision.reason
+
+
+def test_equal_runs_are_exported_to_equal_folders(run: serp.Run, tmp_path: Path) -> None:
+    one, other = (serp.export_policy(run.path, tmp_path / name) for name in "ab")
+    for file in one.iterdir():
+        assert file.read_bytes() == (other / file.name).read_bytes()
+
+
+def test_a_grounding_is_checked_by_recorded_pairs(cartpole: Path) -> None:
+    policy = serp.Policy(cartpole)
+    assert 1 < policy.check_grounding(lambda observation: observation) <= 32
+    with pytest.raises(RunError, match="`cart-position`"):
+        policy.check_grounding(lambda observation: observation + 1.0)
+    with pytest.raises(RunError, match="finite numbers"):
+        policy.decide([0.0], state=[0.0])
+
+
+def changed_manifest(folder: Path, **changes: Any) -> None:
+    manifest = json.loads((folder / MANIFEST).read_text())
+    (folder / MANIFEST).write_text(json.dumps(manifest | changes))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"format": 1}, {"files": {}}, {"actions": []}, {"fluents": []}, {"control_period": "x"},
+     {"ground_actions": [[5], [1]]}, {"settings": {"planner": {"depth": -1}}}, {"closed": "no"}],
+    ids=str,
+)  # fmt: skip
+def test_a_wrong_manifest_is_refused(
+    changes: dict[str, Any], cartpole: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(cartpole, tmp_path / "policy")
+    changed_manifest(folder, **changes)
+    if changes == {"closed": "no"}:  # any true value means the same
+        serp.Policy(folder)
+        return
+    with pytest.raises(RunError):
+        serp.Policy(folder)
+
+
+@pytest.mark.parametrize("name", [AGENT, DOMAIN])
+def test_a_changed_file_is_refused(name: str, cartpole: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(cartpole, tmp_path / "policy")
+    (folder / name).write_bytes((folder / name).read_bytes()[:-1])
+    with pytest.raises(RunError, match="was changed since it was exported"):
+        serp.Policy(folder)
+    (folder / name).unlink()
+    with pytest.raises(RunError, match="cannot read"):
+        serp.Policy(folder)
+
+
+@testing(deadline=None, max_examples=30)
+@given(st.data())
+def test_forged_arrays_are_refused(
+    cartpole: Path, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Any array that is missing or has another shape is refused by name, with a right digest."""
+    folder = shutil.copytree(cartpole, tmp_path_factory.mktemp("forged") / "policy")
+    arrays, meta = checkpoint.load(folder / AGENT)
+    name = data.draw(st.sampled_from(sorted(arrays)))
+    if data.draw(st.booleans()):
+        del arrays[name]
+    else:
+        arrays[name] = np.zeros((*arrays[name].shape, 2), arrays[name].dtype)
+    checkpoint.save(folder / AGENT, arrays, meta)
+    files = json.loads((folder / MANIFEST).read_text())["files"]
+    digest = hashlib.sha256((folder / AGENT).read_bytes()).hexdigest()
+    changed_manifest(folder, files=files | {AGENT: digest})
+    with pytest.raises(RunError):
+        serp.Policy(folder)
