@@ -28,10 +28,7 @@ _NOISE: Final = 1e-12
 
 @dataclass(frozen=True)
 class Location:
-    """A stretch of a file: its name as the user gave it, lines and columns from 1.
-
-    The end is the position after the last character.
-    """
+    """A stretch of a file: its name as given, lines and columns from 1; its end is exclusive."""
 
     file: str
     line: int
@@ -78,16 +75,11 @@ class Cause:
 
 
 def causes_of(model: TransitionModel, state: Vector, action: int) -> list[Cause]:
-    """Return what is behind a predicted step, in the order in which it takes place.
+    """Return what is behind a predicted step of a ground action, in its order.
 
     If the step has no result, this is the failed precondition, or what gives no result and, where
     it is certain by then, what makes the step unsafe. Of an adapted model the likeliest unsafe
     outcome is traced, if there is one; its amounts are not those of the expected reward.
-
-    Args:
-        model: The model.
-        state: `[F]`.
-        action: Position of the ground action.
     """
     passages, flags = model.passages(state, action)
     out, _ = model.transition(state.tolist(), action)

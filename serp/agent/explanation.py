@@ -1,60 +1,27 @@
-"""The one account of a decision, in the words of the file.
+"""The account of a decision, in the words of the file; every view of it renders this record.
 
-`explain` makes it of what a planner predicts in a state, whoever decided: `serp plan` and
-`serp why` print it, and whatever else shows a decision renders it, too. What of the file is behind
-an action is traced when it is asked for: of thousands of actions a few are shown.
+`explain` makes it of what a planner predicts in a state, whoever decided. What of the file is
+behind an action is traced when it is read: of thousands of actions a few are shown.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from serp._util.text import percent
 from serp.agent.causes import Cause, causes_of
 from serp.agent.refusals import unsafe_ahead, what_fails, what_flags
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
-from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
-from serp.planning.preference import path_score, rank_of
-
-if TYPE_CHECKING:
-    from serp.planning.preference import PathScore
-
-
-class Predicted(Protocol):
-    """What a planner predicts for each of some actions, `[A]` or `[E]`; see `Forecast`."""
-
-    @property
-    def value(self) -> NDArray[np.float64]:
-        """Discounted sum of rewards of the best path."""
-
-    @property
-    def path_risk(self) -> NDArray[np.float64]:
-        """Probability of an unsafe step on that path."""
-
-    @property
-    def safe_steps(self) -> NDArray[np.int64]:
-        """Control periods on that path before the first risk."""
-
-    @property
-    def reward(self) -> NDArray[np.float64]:
-        """Reward of one control period."""
-
-    @property
-    def flags(self) -> NDArray[np.int64]:
-        """Flags of one control period."""
-
-    @property
-    def bound(self) -> Bound:
-        """What ended the planner's sight."""
-
+from serp.model.transition_model import Outcome, TransitionModel, Vector
+from serp.planning.forecast import SAFE, Forecast
+from serp.planning.preference import PathScore, path_score, rank_of
+from serp.tasks.action_map import ActionForecast
 
 By = Literal["rank", "risk", "safe steps", "value", "delay", "order"]
 _BY: Final[tuple[By, ...]] = ("rank", "risk", "safe steps", "value")
@@ -62,6 +29,10 @@ _BY: Final[tuple[By, ...]] = ("rank", "risk", "safe steps", "value")
 _ALIKE: Final = 1e-12
 """Share of two values up to which they are alike: what is put off is worth the same at discount 1,
 and a planner that sees this tells the two apart by the least number that there is."""
+_ROUNDING: Final = 1e-9
+"""Share of a reward that is a difference by rounding."""
+_NOTICEABLE: Final = 1e-3
+"""Share of a best return beyond what is listed that is reported."""
 
 
 @dataclass(frozen=True)
@@ -88,21 +59,23 @@ class RunnerUp:
     path_risks: tuple[float, float]
 
 
-def runner_up_of(predicted: Predicted, names: Sequence[str], chosen: int | None) -> RunnerUp | None:
+def runner_up_of(
+    predicted: Forecast | ActionForecast, names: Sequence[str], chosen: int | None
+) -> RunnerUp | None:
     """Return the best action beside the one taken; None where no other is applicable."""
-    if chosen is None:
-        return None
     scores = {
         k: _score(predicted, k)
         for k, flags in enumerate(predicted.flags.tolist())
         if flags & APPLICABLE and k != chosen
     }
-    if not scores:
+    if chosen is None or not scores:
         return None
     return compared(predicted, names, chosen, max(scores, key=lambda k: (scores[k], -k)))
 
 
-def compared(predicted: Predicted, names: Sequence[str], chosen: int, other: int) -> RunnerUp:
+def compared(
+    predicted: Forecast | ActionForecast, names: Sequence[str], chosen: int, other: int
+) -> RunnerUp:
     """Return another action beside the one taken, as if it were the best other one."""
     own, others = _score(predicted, chosen), _score(predicted, other)
     if not int(predicted.flags[chosen]) & APPLICABLE:
@@ -116,41 +89,25 @@ def compared(predicted: Predicted, names: Sequence[str], chosen: int, other: int
     return RunnerUp(other, names[other], (own, -chosen) > (others, -other), by, gap, risks)
 
 
-def _score(of: Predicted, k: int) -> PathScore:
-    rank, steps = rank_of(int(of.flags[k])), int(of.safe_steps[k])
-    return path_score(rank, float(of.path_risk[k]), steps, float(of.value[k]))
+def _score(predicted: Forecast | ActionForecast, k: int) -> PathScore:
+    rank, steps = rank_of(int(predicted.flags[k])), int(predicted.safe_steps[k])
+    return path_score(rank, float(predicted.path_risk[k]), steps, float(predicted.value[k]))
 
 
-_NOISE: Final = 1e-9
-"""Share of a reward that is a difference by rounding."""
-_NOTICEABLE: Final = 1e-3
-"""Share of a best return beyond what is listed that is told."""
+class _Traced(NamedTuple):
+    """What the causes of an alternative are traced in."""
 
-
-@dataclass(frozen=True)
-class Behind:
-    """What of the file is behind the prediction for an action.
-
-    Attributes:
-        remark: What is special, in one line that quotes the file; may be empty.
-        causes: What is behind one control period. The amounts of its rewards add up to `reward`.
-        next_state: Fluent → value predicted after one control period; None where not applicable.
-        ahead: What follows on the best path, as far as it is known, in its order.
-        beyond: Best return less the discounted sum of the rewards in `causes` and `ahead`: what
-            later steps bring, and other outcomes. 0 where that is hardly anything or the path is
-            not known.
-    """
-
-    remark: str
-    causes: tuple[Cause, ...]
-    next_state: dict[str, float | bool] | None
-    ahead: tuple[Cause, ...] = ()
-    beyond: float = 0.0
+    model: TransitionModel
+    state: Vector
+    ground: int
+    flags: int
+    path: Sequence[int] | None
+    discount: float
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """What is predicted for one action, and what is behind that, see `Behind`.
+    """What is predicted for one action; what is behind that is traced when it is read.
 
     Attributes:
         action: Its position.
@@ -165,7 +122,6 @@ class Alternative:
             applicable.
         path_risk: Probability of an unsafe step on that path.
         safe_steps: Control periods on that path before the first risk; None where there is none.
-        trace: Called once, when it is asked what is behind the prediction.
     """
 
     action: int
@@ -178,42 +134,54 @@ class Alternative:
     best_return: float
     path_risk: float
     safe_steps: int | None
-    trace: Callable[[], Behind] = field(repr=False, compare=False)
+    _traced: _Traced = field(repr=False, compare=False)
 
     @functools.cached_property
-    def behind(self) -> Behind:
-        """What of the file is behind it."""
-        return self.trace()
-
-    @property
-    def remark(self) -> str:
-        """See `Behind`."""
-        return self.behind.remark
-
-    @property
     def causes(self) -> tuple[Cause, ...]:
-        """See `Behind`."""
-        return self.behind.causes
+        """What is behind one control period. The amounts of its rewards add up to `reward`."""
+        model, state, ground, flags, *_ = self._traced
+        return tuple(step_causes(model, state, ground, flags, self.reward)) if ground >= 0 else ()
 
-    @property
+    @functools.cached_property
     def next_state(self) -> dict[str, float | bool] | None:
-        """See `Behind`."""
-        return self.behind.next_state
+        """Fluent → value predicted after one control period; None where not applicable."""
+        model, state, ground, *_ = self._traced
+        return model.values(model.step(state, ground).state) if self.applicable else None
 
-    @property
+    @functools.cached_property
     def ahead(self) -> tuple[Cause, ...]:
-        """See `Behind`."""
-        return self.behind.ahead
+        """What follows on the best path, as far as it is known, in its order."""
+        return tuple(causes_ahead(self._traced.model, self._traced.state, self._traced.path or ()))
 
-    @property
+    @functools.cached_property
     def beyond(self) -> float:
-        """See `Behind`."""
-        return self.behind.beyond
+        """Best return less the discounted rewards in `causes` and `ahead`.
+
+        It is what later steps bring, and other outcomes. 0 where that is hardly anything or the
+        path is not known.
+        """
+        if self._traced.path is None or not self.applicable:
+            return 0.0
+        listed = 0.0
+        for cause in (*self.causes, *self.ahead):
+            if cause.what == "reward":
+                listed += self._traced.discount**cause.after * (cause.amount or 0.0)
+        beyond = self.best_return - listed
+        return (
+            beyond if abs(beyond) > _NOTICEABLE * max(abs(self.best_return), abs(listed)) else 0.0
+        )
+
+    @functools.cached_property
+    def remark(self) -> str:
+        """What is special about it, in one line that quotes the file; may be empty."""
+        return _remark(self, self._traced.ground, self._traced.flags)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return JSON values (infinities among them)."""
-        told = {each.name: getattr(self, each.name) for each in fields(self)[:-1]}
-        return {**told, **asdict(self.behind)}
+        """Return JSON values (infinities among them), with all that is traced."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)[:-1]}
+        causes = {name: [asdict(c) for c in getattr(self, name)] for name in ("causes", "ahead")}
+        traced = {name: getattr(self, name) for name in ("remark", "next_state", "beyond")}
+        return {**values, **causes, **traced}
 
 
 @dataclass(frozen=True)
@@ -225,7 +193,7 @@ class Explanation:
         alternatives: All actions, in their order.
         chosen: Position of the action that was taken; None for none.
         runner_up: The best other action, and what is between the two; None where there is none.
-        partial: Whether the best returns are those of the steps in sight alone.
+        partial: Whether the best returns omit what comes after the last step that was planned.
     """
 
     state: dict[str, float | bool]
@@ -254,7 +222,7 @@ class Explanation:
 def explain(
     model: TransitionModel,
     state: Vector,
-    predicted: Predicted,
+    predicted: Forecast | ActionForecast,
     chosen: int | None,
     *,
     names: Sequence[str] | None = None,
@@ -273,73 +241,74 @@ def explain(
         names: Names of the actions; None: those of the ground actions.
         ground: The ground action of each, -1 where the model does not know it; None: the same.
         paths: Ground actions of the best path that begins with each action, each for one control
-            period; None: what is ahead is not told.
+            period; None: what is ahead is not known.
         discount: Weight of a reward one control period later, in the best returns.
     """
-    if ground is None:
-        ground = range(len(model.actions))
-    if names is None:
-        names = [action.name for action in model.actions]
-    alternatives = tuple(
-        _alternative(
-            model, state, predicted, k, names[k], g, None if paths is None else paths[k], discount
+    ground = range(len(model.actions)) if ground is None else ground
+    names = [action.name for action in model.actions] if names is None else names
+    alternatives = []
+    for k, g in enumerate(ground):
+        flags, steps = int(predicted.flags[k]), int(predicted.safe_steps[k])
+        path = None if paths is None else paths[k]
+        alternatives.append(
+            Alternative(
+                action=k,
+                name=names[k],
+                applicable=bool(flags & APPLICABLE),
+                unsafe=bool(flags & UNSAFE),
+                risk=risk_of(flags),
+                terminal=bool(flags & TERMINAL),
+                reward=float(predicted.reward[k]) if flags & APPLICABLE else None,
+                best_return=float(predicted.value[k]),
+                path_risk=float(predicted.path_risk[k]),
+                safe_steps=None if steps == SAFE else steps,
+                _traced=_Traced(model, state, g, flags, path, discount),
+            )
         )
-        for k, g in enumerate(ground)
-    )
-    values = model.values(state)
     other = runner_up_of(predicted, names, chosen)
-    return Explanation(values, alternatives, chosen, other, predicted.bound.partial)
+    partial = predicted.bound.partial
+    return Explanation(model.values(state), tuple(alternatives), chosen, other, partial)
 
 
-def _alternative(
+def followed(
     model: TransitionModel,
+    choose: Callable[[Vector], int],
     state: Vector,
-    predicted: Predicted,
-    k: int,
-    name: str,
-    ground: int,
-    path: Sequence[int] | None,
-    discount: float,
-) -> Alternative:
-    flags, steps = int(predicted.flags[k]), int(predicted.safe_steps[k])
-    reward = float(predicted.reward[k]) if flags & APPLICABLE else None
-    best, risk = float(predicted.value[k]), float(predicted.path_risk[k])
+    action: int,
+    most: int,
+) -> Iterator[tuple[int, Outcome]]:
+    """Yield what a planner does by the model from an action on: actions and what they lead to.
 
-    def trace() -> Behind:
-        causes, after = tuple[Cause, ...](), None
-        if ground >= 0:
-            causes = tuple(step_causes(model, state, ground, flags, reward))
-            if flags & APPLICABLE:
-                after = model.values(model.step(state, ground).state)
-        ahead = tuple(causes_ahead(model, state, path or ()))
-        beyond = 0.0
-        if path is not None and flags & APPLICABLE:
-            beyond = _beyond(best, (*causes, *ahead), discount)
-        return Behind(_remark(causes, ground, flags, steps, risk), causes, after, ahead, beyond)
-
-    return Alternative(
-        action=k,
-        name=name,
-        applicable=bool(flags & APPLICABLE),
-        unsafe=bool(flags & UNSAFE),
-        risk=risk_of(flags),
-        terminal=bool(flags & TERMINAL),
-        reward=reward,
-        best_return=best,
-        path_risk=risk,
-        safe_steps=None if steps == SAFE else steps,
-        trace=trace,
-    )
+    Args:
+        model: The model.
+        choose: State → position of the planner's action there; -1 for none.
+        state: `[F]`, in which the first action is executed.
+        action: The first ground action; -1 for none.
+        most: Most steps.
+    """
+    for _ in range(most):
+        step = model.step(state, action) if action >= 0 else None
+        if step is None or not step.applicable:
+            return
+        yield action, step
+        action, state = -1 if step.terminal else choose(step.state), step.state
 
 
-def _beyond(best: float, causes: Sequence[Cause], discount: float) -> float:
-    """Return what the rewards that are listed of an action leave of its best return."""
-    listed = 0.0
-    for cause in causes:
-        if cause.what == "reward":
-            listed += discount**cause.after * (cause.amount or 0.0)
-    noise = _NOTICEABLE * max(abs(best), abs(listed))
-    return best - listed if abs(best - listed) > noise else 0.0
+def paths_by(
+    model: TransitionModel,
+    choose: Callable[[Vector], int],
+    state: Vector,
+    most: int,
+    seconds: float,
+) -> list[list[int]]:
+    """Return the path that begins with each action, see `followed`; empty ones after some time."""
+    deadline = time.monotonic() + seconds
+    return [
+        [step for step, _ in followed(model, choose, state, action, most)]
+        if time.monotonic() < deadline
+        else []
+        for action in range(len(model.actions))
+    ]
 
 
 def step_causes(
@@ -347,27 +316,22 @@ def step_causes(
 ) -> list[Cause]:
     """Return what is behind one control period as predicted: in the file, and what was learned.
 
-    Args:
-        model: The model that predicted.
-        state: `[F]`.
-        ground: Position of the ground action.
-        flags: The predicted flags.
-        reward: The predicted reward, to which the amounts of rewards add up; None for none.
+    The amounts of rewards add up to the predicted `reward`, if any.
     """
-    found, ends = causes_of(model.written, state, ground), bool(flags & TERMINAL)
+    causes, ends = causes_of(model.written, state, ground), bool(flags & TERMINAL)
     if flags & APPLICABLE and not ends:
-        found = [cause for cause in found if cause.what != "end"]
-    elif ends and all(cause.what != "end" for cause in found):
-        found.append(Cause("end", None, "learned", "", ""))
+        causes = [cause for cause in causes if cause.what != "end"]
+    elif ends and all(cause.what != "end" for cause in causes):
+        causes.append(Cause("end", None, "learned", "", ""))
     if reward is not None:
-        rest = reward - sum(cause.amount or 0.0 for cause in found if cause.what == "reward")
-        if abs(rest) > _NOISE * max(1.0, abs(reward)):
-            found.append(Cause("reward", rest, "learned", "", ""))
+        rest = reward - sum(cause.amount or 0.0 for cause in causes if cause.what == "reward")
+        if abs(rest) > _ROUNDING * max(1.0, abs(reward)):
+            causes.append(Cause("reward", rest, "learned", "", ""))
     if risk_of(flags) > 0.0 and not flags & UNSAFE:
-        unsafe = [each for each in causes_of(model, state, ground) if each.what == "unsafe"]
+        unsafe = [c for c in causes_of(model, state, ground) if c.what == "unsafe"]
         cause = unsafe[0] if unsafe else Cause("risk", None, "learned", "", "")
-        found.append(replace(cause, what="risk", amount=risk_of(flags)))
-    return found
+        causes.append(replace(cause, what="risk", amount=risk_of(flags)))
+    return causes
 
 
 def causes_ahead(model: TransitionModel, state: Vector, path: Sequence[int]) -> list[Cause]:
@@ -375,43 +339,42 @@ def causes_ahead(model: TransitionModel, state: Vector, path: Sequence[int]) -> 
 
     An action that is not applicable any more, in the middle of its repetitions, is left out.
     """
-    found: list[Cause] = []
+    causes: list[Cause] = []
     after = 0
     for action in path:
         out, flags = model.transition(state.tolist(), action)
         if not flags & APPLICABLE:
             continue
         if after:
-            causes = step_causes(model, state, action, flags, out[-1])
-            found += [replace(cause, after=after) for cause in causes]
+            own = step_causes(model, state, action, flags, out[-1])
+            causes += [replace(cause, after=after) for cause in own]
         if flags & TERMINAL:
             break
         state, after = np.array(out[:-1]), after + 1
-    return found
+    return causes
 
 
-def _remark(causes: Sequence[Cause], ground: int, flags: int, steps: int, path_risk: float) -> str:
-    """Return what is special about an action, in one line that quotes the file."""
+def _remark(of: Alternative, ground: int, flags: int) -> str:
     if ground < 0:
         return "the domain does not mention it"
     if not flags & APPLICABLE:
-        failing = [each for each in causes if each.what in ("failed", "conflict", "undefined")]
+        failing = [c for c in of.causes if c.what in ("failed", "conflict", "undefined")]
         return f"not applicable: {what_fails(failing[0]) if failing else 'it has no result'}"
     remarks = []
     if flags & UNSAFE:
-        flagging = [each for each in causes if each.what == "unsafe"]
+        flagging = [c for c in of.causes if c.what == "unsafe"]
         remarks.append(f"unsafe: {what_flags(flagging[0])}" if flagging else "unsafe")
     elif flags & RISKY:
-        cause = next(each for each in causes if each.what == "risk")
-        of = "by what was learned" if cause.place is None else f"risk of {what_flags(cause)}"
-        remarks.append(f"too risky: {percent(risk_of(flags))} {of}")
+        cause = next(c for c in of.causes if c.what == "risk")
+        source = "by what was learned" if cause.place is None else f"risk of {what_flags(cause)}"
+        remarks.append(f"too risky: {percent(of.risk)} {source}")
     else:
-        if risk_of(flags):
-            remarks.append(f"risk {percent(risk_of(flags))}, accepted")
-        if steps != SAFE:
-            remarks.append(unsafe_ahead(steps))
-    if not flags & UNSAFE and risk_of(flags) < path_risk < 1.0:
-        remarks.append(f"risk of its path {percent(path_risk)}")
+        if of.risk:
+            remarks.append(f"risk {percent(of.risk)}, accepted")
+        if of.safe_steps is not None:
+            remarks.append(unsafe_ahead(of.safe_steps))
+    if not flags & UNSAFE and of.risk < of.path_risk < 1.0:
+        remarks.append(f"risk of its path {percent(of.path_risk)}")
     if flags & TERMINAL:
         remarks.append("ends the task")
     return "; ".join(remarks)

@@ -8,60 +8,59 @@ from typing import Final
 
 from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause
-from serp.agent.counterfactuals import Flip, Flips
+from serp.agent.counterfactuals import Counterfactual, Counterfactuals
 from serp.agent.explanation import Alternative, RunnerUp
 from serp.agent.refusals import schema_of, what_fails
 from serp.planning.edges import Bound
 from serp.planning.forecast import Forecast
 
 TO_THE_UNKNOWN: Final = (
-    "Nothing that the planner knows farther ahead is worth more than going on, so the plan leads "
-    "to what is not known; best returns count that as the most that there could be."
+    "The planner found nothing better within reach, so it explores. Unknown states are valued "
+    "optimistically."
 )
 """What the bound `UNKNOWN` of a planner's sight means."""
-IN_SIGHT: Final = (
-    "The planner did not see to the end of the task: a return in sight leaves out what comes later."
+PARTIAL: Final = (
+    "The planner did not see to the end of the task: a partial return omits what comes later."
 )
 """What a bound that is `partial` means."""
 
 
 def kind_of_return(partial: bool) -> str:
     """Return what the return of an action is called; `partial` as in `Explanation`."""
-    return "return in sight" if partial else "best return"
+    return "partial return" if partial else "best return"
 
 
-def told(cause: Cause) -> str:
+def line_of_cause(cause: Cause) -> str:
     """Return a cause as a line."""
     return _line([[cause]])
 
 
 def lines_of(alternative: Alternative) -> list[str]:
-    """Return what is behind an alternative, now and ahead, a line for each schema of the file.
-
-    What a schema brings in one control period is one line, and so is what it brings in several
-    periods in succession.
-    """
-    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
-    return [*lines, *beyond_of(alternative)]
+    """Return what is behind an alternative, now and ahead, a line for each schema of the file."""
+    return [
+        *lines_of_causes((*alternative.causes, *alternative.ahead)),
+        *beyond_of(alternative),
+    ]
 
 
 def beyond_of(alternative: Alternative) -> list[str]:
     """Return the line about what of a best return is not listed, if there is anything."""
     beyond = alternative.beyond
-    return [f"{_signed(beyond)} beyond these steps, discounted."] if beyond else []
+    return [f"{_signed(beyond)} estimated after these steps, discounted."] if beyond else []
 
 
 def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
-    """Return causes as lines, as `lines_of` does."""
+    """Return causes as lines.
+
+    What a schema brings in one control period is one line, and so is what it brings in several
+    periods in succession.
+    """
     by_schema: dict[tuple[str, str], dict[int, list[Cause]]] = {}
     for cause in causes:
         periods = by_schema.setdefault((cause.origin, cause.name), {})
         periods.setdefault(cause.after, []).append(cause)
-    found: list[tuple[int, str]] = []
-    for periods in by_schema.values():
-        for run in _runs(periods):
-            found.append((run[0][0].after, _line(run)))
-    return [line for _, line in sorted(found, key=lambda each: each[0])]
+    runs = [run for periods in by_schema.values() for run in _runs(periods)]
+    return [_line(run) for run in sorted(runs, key=lambda run: run[0][0].after)]
 
 
 def between(runner_up: RunnerUp, name: str) -> str:
@@ -100,57 +99,55 @@ def _risks(other: RunnerUp) -> str:
 
 def special_about(forecast: Forecast) -> list[str]:
     """Say what is special about the planner's choice: that all is the same, or nothing safe."""
-    chosen, said = forecast.choice, []
+    chosen, sentences = forecast.choice, []
     if forecast.indifferent:
-        why = "what matters lies beyond what it sees"
+        why = "what matters lies beyond its lookahead"
         if forecast.bound is Bound.EXHAUSTED:
             why = "nothing that can be reached makes a difference"
-        said.append(
+        sentences.append(
             "All safe actions have the same best return (the planner is indifferent): "
             f"{why}. The first in the file is taken."
         )
     if chosen >= 0 and forecast.bound.partial:
-        said.append(IN_SIGHT)
+        sentences.append(PARTIAL)
     if chosen < 0 or forecast.safe:
-        return said
+        return sentences
     steps, risk = int(forecast.safe_steps[chosen]), float(forecast.path_risk[chosen])
     if forecast.unsafe[chosen]:
-        said.append("Every action is predicted unsafe. The one with the best return is taken.")
+        sentences.append("Every action is predicted unsafe. The one with the best return is taken.")
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
-        said.append(
-            f"{where} too risky. The best path of the least risk, {percent(risk)}, or of one that "
-            "is larger by no more than is accepted, is taken."
+        sentences.append(
+            f"{where} too risky. The best path whose risk is the least one, up to the accepted "
+            f"difference, is taken: {percent(risk)}."
         )
     else:
-        said.append(
+        sentences.append(
             "Every path leads to something unsafe. The one that stays safe the longest, for "
             f"{plural(steps, 'control period')}, is taken."
         )
-    return said
+    return sentences
 
 
-def lines_of_flips(flips: Flips, outcome: str = "") -> list[str]:
+def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
     """Say with which changes the outcome is another one: by default another choice."""
-    lines = []
-    for flip in flips.found[:_FLIPS_SHOWN]:
-        then = outcome or f"the planner would have chosen {flip.outcome}"
-        lines.append(f"{_change(flip)}, {then}.")
-    if not lines:
-        other = outcome or "the planner would have chosen otherwise"
-        lines.append(f"No change of a single fluent was found with which {other}.")
-    return lines
+    lines = [
+        f"{_change(change)}, {outcome or f'the planner would have chosen {change.outcome}'}."
+        for change in found.changes[:_CHANGES_SHOWN]
+    ]
+    other = outcome or "the planner would have chosen otherwise"
+    return lines or [f"No change of a single fluent was found with which {other}."]
 
 
-def _change(flip: Flip) -> str:
-    """Return the condition of a flip: `With x at least 0.31 instead of 0.28`."""
-    if isinstance(flip.becomes, bool):
-        return f"If {flip.fluent} were {str(flip.becomes).lower()}"
-    now, then = readable(float(flip.value)), readable(flip.becomes)
-    if float(flip.value).is_integer() and flip.becomes.is_integer():
-        return f"With {flip.fluent} = {then} instead of {now}"
-    side = "at least" if flip.becomes > flip.value else "at most"
-    return f"With {flip.fluent} {side} {then} instead of {now}"
+def _change(change: Counterfactual) -> str:
+    """Return the condition of a change: `With x at least 0.31 instead of 0.28`."""
+    if isinstance(change.becomes, bool):
+        return f"If {change.fluent} were {str(change.becomes).lower()}"
+    now, then = readable(float(change.value)), readable(change.becomes)
+    if float(change.value).is_integer() and change.becomes.is_integer():
+        return f"With {change.fluent} = {then} instead of {now}"
+    side = "at least" if change.becomes > change.value else "at most"
+    return f"With {change.fluent} {side} {then} instead of {now}"
 
 
 def _runs(periods: dict[int, list[Cause]]) -> list[list[list[Cause]]]:
@@ -188,7 +185,7 @@ def _line(run: Sequence[Sequence[Cause]]) -> str:
     return f"{when}{brought}{by}{_where(causes)}"
 
 
-_FLIPS_SHOWN: Final = 3
+_CHANGES_SHOWN: Final = 3
 _BROUGHT: Final = ("reward", "unsafe", "risk", "end")
 _ORDER: Final = (*_BROUGHT, "failed", "conflict", "undefined")
 
@@ -212,17 +209,17 @@ def _what(cause: Cause, amount: float | None) -> str:
 def _where(causes: Sequence[Cause]) -> str:
     """Return comment, place, and the values that were read."""
     comments = dict.fromkeys(cause.comment.strip(". ") for cause in causes if cause.comment)
-    said = "".join(f": {comment}" for comment in comments)
+    text = "".join(f": {comment}" for comment in comments)
     first = causes[0]
     if first.place is None:
-        return f"{said}."
+        return f"{text}."
     details = [f"{Path(first.place.file).name}:{first.place.line}"]
     if first.what in _BROUGHT:
         details[0] += "".join(f" `{text}`" for text in dict.fromkeys(c.text for c in causes))
         reads = {name: value for cause in causes for name, value in cause.reads.items()}
         if reads:
             details.append(listed_values(reads))
-    return f"{said}. [{'; '.join(details)}]"
+    return f"{text}. [{'; '.join(details)}]"
 
 
 def listed_values(values: dict[str, float | bool], most: int = 6) -> str:

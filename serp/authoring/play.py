@@ -39,14 +39,14 @@ def changes_of(
 ) -> list[FluentChange]:
     """Return the fluents that a step changed, or that something tried to change, in their order."""
     causes = changes_passed(model, before, happened.passages)
-    found = []
+    changes = []
     for fluent in model.fluents:
         old, new = float(before[fluent.index]), float(after[fluent.index])
         behind = causes.get(fluent.index, [])
         if old == new and not behind:
             continue
         rest = new - old - sum(cause.amount or 0.0 for cause in behind)
-        found.append(
+        changes.append(
             FluentChange(
                 fluent.name,
                 old if fluent.numeric else bool(old),
@@ -55,29 +55,16 @@ def changes_of(
                 rest if abs(rest) > 1e-9 * max(1.0, abs(old), abs(new)) else 0.0,
             )
         )
-    return found
-
-
-def brought(
-    model: TransitionModel, before: Vector, after: Vector, reward: float, happened: Happened
-) -> list[Cause]:
-    """Return what is behind reward, flags and end of a step."""
-    out = [*after.tolist(), reward]
-    return causes_passed(model, before, happened.passages, happened.flags, out)
+    return changes
 
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment of a game.
+    """A moment of a game: `[F]` state after some steps with a sum of rewards.
 
     Attributes:
         domain: The file, with a problem that begins where this part of the game began.
-        world: The world of that.
-        state: `[F]`.
-        steps: Number of steps so far.
-        total: Sum of their rewards.
-        over: Whether the episode has ended.
-        changed: What was changed by hand; fluent or fact → value.
+        changed: Changes by hand: fluent or fact → value.
     """
 
     domain: Domain
@@ -91,19 +78,14 @@ class Moment:
 
 @dataclass(frozen=True)
 class GameStep:
-    """What a step of a game brought.
+    """The result of a step of a game.
 
     Attributes:
         number: Number of the step, from 1.
-        chosen: Name of the chosen action.
         carried_out: Name of the action that took place; None for none.
         refusal: Why the chosen action is not applicable, in words of the file; empty where it is.
-        reward: Reward of the step.
         total: Sum of the rewards so far.
-        unsafe: Whether the file flags the step unsafe.
-        over: Whether the episode has ended.
-        changes: What changed, fluent by fluent.
-        brought: What is behind reward, flags and end.
+        brought: The causes of reward, flags and end.
     """
 
     number: int
@@ -181,7 +163,15 @@ class Game:
             unsafe=info["unsafe"],
             over=over,
             changes=tuple(changes_of(model, now.state, state, world.happened)),
-            brought=tuple(brought(model, now.state, state, reward, world.happened)),
+            brought=tuple(
+                causes_passed(
+                    model,
+                    now.state,
+                    world.happened.passages,
+                    world.happened.flags,
+                    [*state.tolist(), reward],
+                )
+            ),
         )
 
     def refusal(self, action: int) -> str:

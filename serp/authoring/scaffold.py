@@ -366,8 +366,8 @@ class Names:
 
 def remark(text: str) -> str:
     """Return a text for a comment of one line: no line breaks, control characters and quotes."""
-    kept = (c if c.isprintable() and c not in '"\\' else " " for c in text)
-    return " ".join("".join(kept).split())[:100]
+    plain = "".join(c if c.isprintable() and c not in '"\\' else " " for c in text)
+    return " ".join(plain.split())[:100]
 
 
 def _texts(name: str, env: str, made: MadeEnvironment, described: Described) -> list[str]:

@@ -346,11 +346,11 @@ def _effect_in(condition: Node, scope: Scope) -> str | None:
     """
     if not isinstance(condition, Group) or condition.head != "and" or len(condition.items) < 3:
         return None
-    *asked, last = condition.items
+    *conditions, last = condition.items
     flag = isinstance(last, Group) and last.head in (x.UNSAFE, x.TERMINAL)
     if not (flag or _changes(last, scope)):
         return None
-    return f"({' '.join(map(slips.written, asked))}) {slips.written(last)}"
+    return f"({' '.join(map(slips.written, conditions))}) {slips.written(last)}"
 
 
 def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.SetPredicate:

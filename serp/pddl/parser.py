@@ -215,11 +215,10 @@ def _all_declarations(
 
 def _check_reserved(declaration: x.Declaration) -> None:
     name = declaration.name
-    numeric = {x.REWARD: True, x.UNSAFE: False, x.TERMINAL: False}.get(name)
-    if numeric is None:
+    if name not in _RESERVED:
         return
-    if declaration.numeric != numeric:
-        kind = "function" if numeric else "predicate"
+    if declaration.numeric != (name == x.REWARD):
+        kind = "function" if name == x.REWARD else "predicate"
         problem = f"`({name})` is reserved and must be a {kind}"
     elif declaration.parameters:
         problem = f"`({name})` is reserved and takes no parameters"
@@ -358,20 +357,15 @@ def _objects(group: Group, domain: x.DomainSyntax) -> dict[str, x.ObjectDeclarat
     for declared in objects.values():
         known = domain.constants.get(declared.name)
         if known is not None and known.type != declared.type:
-            raise DomainError(
-                f"`{declared.name}` is a constant of type `{known.type}` in the domain",
-                declared.place,
-                code="declared-twice",
-            )
+            problem = f"`{declared.name}` is a constant of type `{known.type}` in the domain"
+            raise DomainError(problem, declared.place, code="declared-twice")
     return objects
 
 
 def _check_domain_name(group: Group, domain: x.DomainSyntax) -> None:
-    if len(group.items) != 2:
+    if len(group.items) != 2 or not isinstance(group.items[1], Word):
         raise DomainError("expected `(:domain name)`", group.place)
     word = group.items[1]
-    if not isinstance(word, Word):
-        raise DomainError("expected the name of the domain, found a list", word.place)
     if word.text != domain.name:
         text = f"this problem names domain `{word.text}`, not `{domain.name}`"
         word.place.warn(text, "other-domain", write=domain.name)

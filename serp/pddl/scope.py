@@ -123,31 +123,15 @@ def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
             meant = only or closest(term.name, scope.parameters)
             binding = "`:parameters`, `forall` and `exists` bind variables"
             known = did_you_mean(meant or term.name, scope.parameters)
-            raise DomainError(
-                f"unknown variable `{term.name}`",
-                node.place,
-                f"{known or 'no variable is bound here'}{'' if meant else ';'} {binding}",
-                guess=meant,
-                code="unknown-name",
-            )
+            advice = f"{known or 'no variable is bound here'}{'' if meant else ';'} {binding}"
+            raise _unknown("variable", node, advice, meant)
     elif term.name not in scope.objects:
-        meant = _object_meant(term.name, scope)
-        raise DomainError(
-            f"unknown object `{term.name}`",
-            node.place,
-            f"did you mean `{meant}`?"
-            if meant is not None
-            else did_you_mean(term.name, scope.objects) or f"declare it under {scope.declares}",
-            guess=meant,
-            code="unknown-name",
-        )
+        variable = f"?{term.name}"
+        if variable in scope.parameters:
+            raise _unknown("object", node, f"did you mean `{variable}`?", variable)
+        known = did_you_mean(term.name, scope.objects) or f"declare it under {scope.declares}"
+        raise _unknown("object", node, known, closest(term.name, scope.objects))
     return term
-
-
-def _object_meant(name: str, scope: Scope) -> str | None:
-    """Return the object or the variable that a name without `?` may stand for."""
-    variable = f"?{name}"
-    return variable if variable in scope.parameters else closest(name, scope.objects)
 
 
 def parse_arguments(
@@ -155,11 +139,11 @@ def parse_arguments(
 ) -> tuple[x.SchemaTerm, ...]:
     """Parse the arguments of a predicate or function."""
     what = "function" if declaration.numeric else "predicate"
-    found = len(group.items) - 1
-    if found != len(declaration.parameters):
+    count = len(group.items) - 1
+    if count != len(declaration.parameters):
         wanted = plural(len(declaration.parameters), "argument")
-        problem = f"{what} `{declaration.name}` takes {wanted}, found {found}"
-        one_more = found == len(declaration.parameters) + 1
+        problem = f"{what} `{declaration.name}` takes {wanted}, found {count}"
+        one_more = count == len(declaration.parameters) + 1
         if one_more and not declaration.numeric and (slip := slips.truth_behind(group, problem)):
             raise slip
         raise DomainError(
@@ -187,6 +171,11 @@ def parse_arguments(
     return terms
 
 
+def _unknown(what: str, word: Word, advice: str, guess: str | None = None) -> DomainError:
+    problem = f"unknown {what} `{word.text}`"
+    return DomainError(problem, word.place, advice, guess=guess, code="unknown-name")
+
+
 def declared_as(group: Group, scope: Scope, *, numeric: bool) -> x.Declaration:
     """Return the declaration of the name that a list begins with."""
     what = "function" if numeric else "predicate"
@@ -196,21 +185,15 @@ def declared_as(group: Group, scope: Scope, *, numeric: bool) -> x.Declaration:
     declaration = scope.declarations.get(word.text)
     if declaration is None:
         names = [d.name for d in scope.declarations.values() if d.numeric == numeric]
-        section = ":functions" if numeric else ":predicates"
         known = [*names, *(x.MATH_FUNCTIONS if numeric and scope.math else ())]
-        advice, guess = did_you_mean(word.text, known), closest(word.text, known)
         if word.text in (x.REWARD, x.UNSAFE, x.TERMINAL):
-            advice, guess = f"declare it: `({section} ... ({word.text}))`", None
-        raise DomainError(
-            f"unknown {what} `{word.text}`", word.place, advice, guess=guess, code="unknown-name"
-        )
+            advice = f"declare it: `(:{what}s ... ({word.text}))`"
+            raise _unknown(what, word, advice)
+        raise _unknown(what, word, did_you_mean(word.text, known), closest(word.text, known))
     if declaration.numeric != numeric:
-        is_what, wanted = ("function", "predicate") if not numeric else ("predicate", "function")
-        raise DomainError(
-            f"`{word.text}` is a {is_what}, a {wanted} is needed here",
-            word.place,
-            code="wrong-kind",
-        )
+        other = "predicate" if numeric else "function"
+        problem = f"`{word.text}` is a {other}, a {what} is needed here"
+        raise DomainError(problem, word.place, code="wrong-kind")
     return declaration
 
 
@@ -307,7 +290,7 @@ def _type_names(node: Node) -> tuple[Word, ...]:
 
 
 def declared_again(word: Node, what: str, *, same: bool) -> None:
-    """Warn of a second declaration that says the same as the first."""
+    """Warn of a second declaration that says the same as the first; refuse one that differs."""
     problem = f"{what} `{word.place.text.lower()}` is declared twice"
     if not same:
         advice = "the two differ; leave one of them out"
@@ -326,17 +309,13 @@ def parse_types(group: Group) -> dict[str, str]:
     mentioned: list[str] = []
     for word, types in typed_list(group.items[1:], "a type", variables=False):
         if len(types) > 1:
-            raise DomainError(
-                "a type has one parent; `either` is for parameters",
-                word.place,
-                code="type-conflict",
-            )
+            problem = "a type has one parent; `either` is for parameters"
+            raise DomainError(problem, word.place, code="type-conflict")
         parent = types[0].text if types else x.OBJECT
         if word.text == x.OBJECT:
             if types:
-                raise DomainError(
-                    "`object` is the root of all types", word.place, code="reserved-name"
-                )
+                problem = "`object` is the root of all types"
+                raise DomainError(problem, word.place, code="reserved-name")
             continue
         if (known := parents.get(word.text)) is not None:
             declared_again(word, "type", same=known == parent or x.OBJECT in (known, parent))
@@ -352,9 +331,8 @@ def parse_types(group: Group) -> dict[str, str]:
         current = parents[name]
         while current != x.OBJECT and current not in seen:
             if current == name:
-                raise DomainError(
-                    f"type `{name}` is its own ancestor", places[name], code="type-conflict"
-                )
+                problem = f"type `{name}` is its own ancestor"
+                raise DomainError(problem, places[name], code="type-conflict")
             seen.add(current)
             current = parents[current]
     return parents
@@ -365,14 +343,10 @@ def check_type(word: Word, parents: dict[str, str]) -> str:
     if word.text != x.OBJECT and word.text not in parents:
         known = [*parents, x.OBJECT]
         advice, guess = did_you_mean(word.text, known), closest(word.text, known)
-        others = "... " if parents else ""
-        raise DomainError(
-            f"unknown type `{word.text}`",
-            word.place,
-            advice if guess else f"{advice}; or declare it: `(:types {others}{word.text})`",
-            guess=guess,
-            code="unknown-name",
-        )
+        if not guess:
+            others = "... " if parents else ""
+            advice = f"{advice}; or declare it: `(:types {others}{word.text})`"
+        raise _unknown("type", word, advice, guess)
     return word.text
 
 

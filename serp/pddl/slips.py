@@ -189,8 +189,8 @@ def several_after(group: Group, at: int, problem: str) -> DomainError:
         return DomainError(f"{problem}, not `{words[0].text}`", place, "leave it out", fix=fix)
     if len(group.items) <= at + 1 or any(isinstance(node, Word) for node in group.items[at:]):
         return DomainError(problem, group.place)
-    kept = " ".join(written(node) for node in group.items[:at])
-    text = f"({kept} {_under_and(group.items[at:])})"
+    begin = " ".join(written(node) for node in group.items[:at])
+    text = f"({begin} {_under_and(group.items[at:])})"
     return DomainError(problem, group.place, "put several under `and`", write=text)
 
 

@@ -392,45 +392,42 @@ _SILENCE: Final = re.compile(r"\bserp:[ \t]*ignore(-file)?(\[[^\]]*\])?")
 
 
 def comment_of(place: Place) -> str:
-    """Return the comment of a place in one line, without its semicolons; empty where none is."""
+    """Return the comment of a place in one line, without its semicolons; empty where none is.
+
+    It stands behind the line, with what continues it below, or in the lines right above, unless
+    these are the head of a section or belong to the line before.
+    """
     source, line = place.source, place.line
-    begins_it = not source.line_text(line)[: place.column - 1].strip()
-    return _beside(source, line) or (_above(source, line) if begins_it else "")
-
-
-def _beside(source: Source, line: int) -> str:
-    """Return the comment after the text of a line, and what continues it below."""
-    code, mark, text = source.line_text(line).partition(";")
-    if not mark or not code.strip():
+    lines = _split(source)
+    code, mark, text = lines[line - 1]
+    if mark and code.strip():
+        texts = [text]
+        for blank, mark, text in lines[line:]:
+            if not mark or blank.strip() or len(blank) != len(code):
+                break
+            texts.append(text)
+        return _joined(texts)
+    if source.line_text(line)[: place.column - 1].strip():
         return ""
-    texts, column = [text], len(code)
-    for below in range(line + 1, len(source.line_starts) + 1):
-        blank, mark, text = source.line_text(below).partition(";")
-        if not mark or blank.strip() or len(blank) != column:
-            break
-        texts.append(text)
-    return _joined(texts)
-
-
-def _above(source: Source, line: int) -> str:
-    """Return the lines of comment that end right above a line; empty for the head of a section."""
-    texts: list[str] = []
-    columns: list[int] = []
-    above = line - 1
-    while above >= 1:
-        code, mark, text = source.line_text(above).partition(";")
-        if not mark or code.strip():
-            if mark and all(column == len(code) for column in columns):
-                return ""  # they continue the comment beside that line
-            break
-        texts.insert(0, text)
-        columns.append(len(code))
-        above -= 1
-    if any(_RULE.search(text) for text in texts):
+    begin = line - 1
+    while begin and lines[begin - 1][1] and not lines[begin - 1][0].strip():
+        begin -= 1
+    above = lines[begin : line - 1]
+    if begin and lines[begin - 1][1]:
+        column = len(lines[begin - 1][0])
+        if all(len(blank) == column for blank, _, _ in above):
+            return ""  # they continue the comment beside that line
+    if any(_RULE.search(text) for _, _, text in above):
         return ""
-    return _joined(texts)
+    return _joined([text for _, _, text in above])
+
+
+@functools.lru_cache(maxsize=8)
+def _split(source: Source) -> list[tuple[str, str, str]]:
+    """Return code, semicolon and comment of each line."""
+    return [source.line_text(n).partition(";") for n in range(1, len(source.line_starts) + 1)]
 
 
 def _joined(texts: list[str]) -> str:
-    said = (_SILENCE.sub("", text).lstrip(";").split() for text in texts)
-    return " ".join(map(" ".join, said)).strip()
+    words = (_SILENCE.sub("", text).lstrip(";").split() for text in texts)
+    return " ".join(map(" ".join, words)).strip()

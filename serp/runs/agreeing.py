@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import Saved
+from serp.agent.explanation import paths_by
 from serp.errors import RunError
 from serp.model.domain import Domain, load_domain
 from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE
@@ -163,23 +163,8 @@ class AgreeingPlanner:
         if self._far is None:
             planner = MonitorReplanner.of(self.model, self._settings, time_budget=seconds)
             return planner.plan(state).paths
-        deadline, found = time.monotonic() + seconds, list[list[int]]()
-        for action in range(len(self.model.actions)):
-            there = time.monotonic() < deadline
-            found.append(list(self._followed(state, action)) if there else [])
-        return found
-
-    def _followed(self, state: Vector, action: int) -> Iterator[int]:
-        """Yield the actions that the planner would choose after an action, as far as its depth."""
-        for _ in range(self._settings.depth):
-            step = self.model.step(state, action)
-            if not step.applicable:
-                return
-            yield action
-            action = -1 if step.terminal else self.forecast(step.state).choice
-            if action < 0:
-                return
-            state = step.state
+        most = self._settings.depth
+        return paths_by(self.model, lambda s: self.forecast(s).choice, state, most, seconds)
 
 
 def agreeing_planner(run: RunModel, step: StoredStep) -> AgreeingPlanner | None:

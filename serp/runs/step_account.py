@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.agent.causes import Cause, observed_causes
-from serp.agent.counterfactuals import Flips, flips_of
+from serp.agent.counterfactuals import Counterfactuals, counterfactuals
 from serp.agent.decision import Actor, Reason
 from serp.agent.explanation import Explanation, explain
 from serp.errors import RunError
@@ -228,8 +228,8 @@ class StepAccount:
         planned: Name of the planner's choice; empty where it had none.
         ahead_by: With what it was planned again, for what lies ahead and what would have had to
             differ; empty where nothing makes the same choice.
-        choice_flips: Changes of one fluent with which the planner chooses another action.
-        veto_flips: Changes of one fluent with which the proposal would not have been refused.
+        other_choices: Changes of one fluent with which the planner chooses another action.
+        other_vetoes: Changes of one fluent with which the proposal would not have been refused.
         predictions: The fluents, the largest error first; empty where the next state is unknown.
         reward: The environment's reward.
         predicted_reward: The predicted reward of the file; None where it predicts none.
@@ -258,8 +258,8 @@ class StepAccount:
     admissible: tuple[bool, ...]
     planned: str
     ahead_by: str
-    choice_flips: Flips | None
-    veto_flips: Flips | None
+    other_choices: Counterfactuals | None
+    other_vetoes: Counterfactuals | None
     predictions: tuple[PredictedFluent, ...]
     reward: float
     predicted_reward: float | None
@@ -303,17 +303,17 @@ def account_of_step(
     if planner is not None:
         ahead = planner.paths(step.state, _SECONDS)
         paths = [ahead[g] if g >= 0 else [] for g in ground]
-    choice_flips = veto_flips = None
+    other_choices = other_vetoes = None
     if search and planner is not None:
         again = planner.forecast
         where = run.model, step.state, recording.ranges
-        choice_flips = flips_of(
+        other_choices = counterfactuals(
             lambda s: again(s).choice, *where, whole=recording.whole, called=_action_of(run),
             seconds=_SECONDS,
         )  # fmt: skip
         refused = refusal_of(run, step)
         if refused is not None and refused(again(step.state)):
-            veto_flips = flips_of(
+            other_vetoes = counterfactuals(
                 lambda s: refused(again(s)), *where, whole=recording.whole,
                 called=_REFUSAL.__getitem__, seconds=_SECONDS,
             )  # fmt: skip
@@ -344,8 +344,8 @@ def account_of_step(
         admissible=tuple(decision.admissible.tolist()),
         planned=names[forecast.choice] if forecast.choice >= 0 else "",
         ahead_by="" if planner is None else planner.called,
-        choice_flips=choice_flips,
-        veto_flips=veto_flips,
+        other_choices=other_choices,
+        other_vetoes=other_vetoes,
         predictions=tuple(predictions_of(run, recording, step)),
         reward=step.env_reward,
         predicted_reward=account.alternatives[decision.action].reward,

@@ -5,11 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from serp._util.text import plural, readable
+from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause
 from serp.agent.decision import Actor, Reason
 from serp.agent.refusals import unsafe_ahead
-from serp.agent.sentences import IN_SIGHT, TO_THE_UNKNOWN, lines_of_causes, lines_of_flips, told
+from serp.agent.sentences import (
+    PARTIAL,
+    TO_THE_UNKNOWN,
+    line_of_cause,
+    lines_of_causes,
+    lines_of_changes,
+)
 from serp.planning.edges import Bound
 from serp.runs.step_account import PredictedFluent, StepAccount
 
@@ -107,7 +113,7 @@ def who_decided(
         )
     if bound is Bound.UNKNOWN:
         lines.append(TO_THE_UNKNOWN)
-    return [*lines, IN_SIGHT] if bound.partial else lines
+    return [*lines, PARTIAL] if bound.partial else lines
 
 
 def why_refused(
@@ -124,7 +130,7 @@ def why_refused(
     wanted = ("unsafe", "risk", "failed", "conflict", "undefined")
     for cause in causes:
         if cause.what in wanted:
-            text = told(cause).rstrip(".")
+            text = line_of_cause(cause).rstrip(".")
             shorter = text
             for known in ("unsafe", "not applicable", "no defined result"):
                 shorter = shorter.removeprefix(known)
@@ -137,27 +143,27 @@ def why_refused(
 def what_would_differ(step: StepAccount) -> list[str]:
     """Say what would have had to differ for another outcome, and what was searched."""
     lines = []
-    if step.veto_flips is not None:
-        lines += lines_of_flips(step.veto_flips, f"{step.proposed} would not have been refused")
-    if step.choice_flips is not None:
-        lines += lines_of_flips(step.choice_flips)
-    if step.vetoed and step.veto_flips is None and step.choice_flips is not None:
+    if step.other_vetoes is not None:
+        lines += lines_of_changes(step.other_vetoes, f"{step.proposed} would not have been refused")
+    if step.other_choices is not None:
+        lines += lines_of_changes(step.other_choices)
+    if step.vetoed and step.other_vetoes is None and step.other_choices is not None:
         lines.append(f"Planned again, {step.proposed} is not refused: the model was another then.")
-    searched = step.choice_flips or step.veto_flips
+    searched = step.other_choices or step.other_vetoes
     if searched is not None:
         lines.append(f"{searched.searched} Planned again with {step.ahead_by}.")
     return lines
 
 
-def told_prediction(each: PredictedFluent) -> str:
+def prediction_line(each: PredictedFluent) -> str:
     """Return an error of a prediction as a line."""
     line = f"{each.fluent}: {_shown(each.predicted)} predicted, {_shown(each.observed)} observed"
     if isinstance(each.observed, bool):
         pass
     elif math.isinf(each.error):
-        line += "; it never changes otherwise"
+        line += "; it never changed before"
     else:
-        line += f", {readable(abs(each.error))} times what it usually changes by"
+        line += f", error: {percent(abs(each.error))} of a typical change"
     if each.learned is not None:
         line += f"; {_shown(each.learned)} by what the run has learned"
     return line + f" (before: {_shown(each.before)})"
@@ -173,7 +179,7 @@ def what_came(step: StepAccount) -> list[str]:
     elif wrong:
         right = len(step.predictions) - len(wrong)
         rest = f"; {plural(right, 'other')} as predicted" if right else ""
-        lines = [f"Not as the file predicts{rest}:", *(f"  {told_prediction(w)}" for w in wrong)]
+        lines = [f"Not as the file predicts{rest}:", *(f"  {prediction_line(w)}" for w in wrong)]
     else:
         lines = ["Every fluent came as the file predicts."]
     came = f"The environment gave {readable(step.reward)}"

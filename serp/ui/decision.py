@@ -1,4 +1,4 @@
-"""What one decision of the planner looks like: as text for people, as JSON for programs."""
+"""The account of a decision as tables and sentences."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from serp._util.text import percent, plural, readable
-from serp.agent.explanation import Alternative, Explanation, explain
+from serp.agent.explanation import Alternative, Explanation
 from serp.agent.sentences import between, beyond_of, kind_of_return, lines_of_causes, special_about
 from serp.ui.output import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.model.transition_model import Vector
     from serp.planning.replanner import Plan
     from serp.ui.planner import ChosenPlanner
 
@@ -23,23 +22,11 @@ _FLUENTS_SHOWN = 24
 _CAUSES_SHOWN = 12
 
 
-def account_of_plan(planner: ChosenPlanner, state: Vector, plan: Plan) -> Explanation:
-    """Return the account of a planner's decision."""
-    return explain(
-        planner.model, state, plan.forecast, plan.action,
-        paths=planner.paths(plan, state), discount=planner.settings.discount,
-    )  # fmt: skip
-
-
-def describe(
-    domain: str, origin: str, planner: ChosenPlanner, account: Explanation, plan: Plan
-) -> dict[str, Any]:
-    """Return a decision as JSON values (infinities and NaN among them)."""
-    values, told = planner.model.values, account.as_dict()
+def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[str, Any]:
+    """Return a plan as JSON values (infinities and NaN among them)."""
+    steps = [{**step._asdict(), "state": planner.model.values(step.state)} for step in plan.path]
     return {
-        "domain": domain,
-        "state_from": origin,
-        "state": told["state"],
+        "account": account.as_dict(),
         "action": plan.name,
         "best_return": plan.reward,
         "safe": plan.safe,
@@ -49,59 +36,58 @@ def describe(
         "repeat": planner.settings.repeat,
         "control_period": planner.model.dt,
         "bound": plan.bound.name.lower(),
-        "partial": plan.bound.partial,
         "nodes": plan.nodes,
-        "actions": told["alternatives"],
-        "runner_up": told["runner_up"],
-        "path": [
-            {
-                "action": step.action,
-                "reward": step.reward,
-                "unsafe": step.unsafe,
-                "risk": step.risk,
-                "state": values(step.state),
-            }
-            for step in plan.path
-        ],
+        "path": steps,
     }
 
 
 def print_plan(
-    console: Console,
-    domain: str,
-    origin: str,
-    planner: ChosenPlanner,
-    account: Explanation,
-    plan: Plan,
+    console: Console, title: str, planner: ChosenPlanner, account: Explanation, plan: Plan
 ) -> None:
     """Print a decision: the state, what each action is predicted to bring, and the best path."""
-    console.print(f"{domain}, {origin}", style="bold")
-    print_state(console, account)
-    console.print("")
-    print_alternatives(console, account)
-    console.print("")
-    for line in verdict(planner, plan):
-        console.print(line)
-    print_causes(console, account)
+    console.print(title, style="bold")
+    print_account(console, account, _verdict(planner, plan))
     if plan.path:
         console.print("")
         _print_path(console, planner, account, plan)
 
 
-def verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
-    """Return the sentences that sum a decision up."""
+def print_account(
+    console: Console, account: Explanation, verdict: list[str], refused: str = ""
+) -> None:
+    """Print the state, the alternatives, a verdict, and what is behind the main alternatives.
+
+    `refused` is the name of a proposal that was refused.
+    """
+    _print_state(console, account)
+    console.print("")
+    _print_alternatives(console, account, refused)
+    console.print("")
+    for line in verdict:
+        console.print(line)
+    taken, other = account.taken, account.runner_up
+    if taken is None:
+        return
+    _print_causes(console, taken)
+    for alternative in account.alternatives:
+        if alternative.name == refused and (other is None or alternative.action != other.action):
+            _print_causes(console, alternative)
+    if other is not None:
+        console.print(between(other, taken.name))
+        _print_causes(console, account.alternatives[other.action])
+
+
+def _verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
     if plan.name is None:
         if not planner.model.actions:
             return ["The domain has no ground action: there is nothing to decide."]
         return ["No action is applicable here."]
     kind = kind_of_return(plan.bound.partial)
     lines = [f"Chosen: {plan.name}, {kind} {readable(plan.reward)}."]
-    lines += special_about(plan.forecast)
-    return [*lines, planner.sight(plan)]
+    return [*lines, *special_about(plan.forecast), planner.sight(plan)]
 
 
-def print_state(console: Console, account: Explanation) -> None:
-    """Print the fluents of a state."""
+def _print_state(console: Console, account: Explanation) -> None:
     state = account.state
     numbers = [(name, value) for name, value in state.items() if not isinstance(value, bool)]
     true = [name for name, value in state.items() if value is True]
@@ -110,11 +96,10 @@ def print_state(console: Console, account: Explanation) -> None:
     if len(numbers) > _FLUENTS_SHOWN:
         console.print(f"  … and {len(numbers) - _FLUENTS_SHOWN} more numbers (--json has all)")
     if true:
-        console.print(f"  true: {shortened(true)}")
+        console.print(f"  true: {_shortened(true)}")
 
 
-def print_alternatives(console: Console, account: Explanation, refused: str = "") -> None:
-    """Print the table of the actions; `refused` is the name of a proposal that was refused."""
+def _print_alternatives(console: Console, account: Explanation, refused: str) -> None:
     # The best first where there are too many to show; else as in the file.
     order = list(account.alternatives)
     if len(order) > _ACTIONS_SHOWN:
@@ -136,21 +121,12 @@ def print_alternatives(console: Console, account: Explanation, refused: str = ""
         console.print(f"  … and {rest}, no better than these (--json has all)")
 
 
-def print_causes(console: Console, account: Explanation, refused: str = "") -> None:
-    """Print what is behind the action taken, a refused proposal, and the best other action."""
-    taken, other = account.taken, account.runner_up
-    if taken is None:
-        return
-    _print_lines(console, taken)
-    for each in account.alternatives:
-        if each.name == refused and (other is None or each.action != other.action):
-            _print_lines(console, each)
-    if other is not None:
-        console.print(between(other, taken.name))
-        _print_lines(console, account.alternatives[other.action])
+def _score(of: Alternative) -> tuple[float, ...]:
+    steps = math.inf if of.safe_steps is None else of.safe_steps
+    return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
 
 
-def _print_lines(console: Console, alternative: Alternative) -> None:
+def _print_causes(console: Console, alternative: Alternative) -> None:
     lines = lines_of_causes((*alternative.causes, *alternative.ahead))
     if lines:
         console.print(f"Behind {alternative.name}:")
@@ -162,11 +138,6 @@ def _print_lines(console: Console, alternative: Alternative) -> None:
         console.print(f"  {line}")
 
 
-def _score(of: Alternative) -> tuple[float, ...]:
-    steps = math.inf if of.safe_steps is None else of.safe_steps
-    return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
-
-
 def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, plan: Plan) -> None:
     rows, before = [], tuple(map(float, account.state.values()))
     for k, step in enumerate(plan.path, 1):
@@ -176,12 +147,11 @@ def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, 
             for fluent, old, after in zip(planner.model.fluents, before, step.state, strict=True)
             if old != after
         ]
-        rows.append((str(k), step.action + mark, readable(step.reward), shortened(changes)))
+        rows.append((str(k), step.action + mark, readable(step.reward), _shortened(changes)))
         before = step.state
     print_table(console, ("", "best path", "reward", "what changes"), rows, right=(2,))
 
 
-def shortened(texts: list[str]) -> str:
-    """Return texts with commas between them, and how many more there are."""
+def _shortened(texts: list[str]) -> str:
     more = f" … and {len(texts) - _FLUENTS_SHOWN} more" if len(texts) > _FLUENTS_SHOWN else ""
     return ", ".join(texts[:_FLUENTS_SHOWN]) + more

@@ -1,9 +1,8 @@
-"""The planner that a training would have, for `serp plan` and `serp play`."""
+"""The planner that a command shows: that of a training, or of a run."""
 
 from __future__ import annotations
 
 import contextlib
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -12,7 +11,8 @@ import numpy as np
 from click.core import ParameterSource
 
 from serp._util.text import plural, readable
-from serp.agent.counterfactuals import Flips, flips_of
+from serp.agent.counterfactuals import Counterfactuals, counterfactuals
+from serp.agent.explanation import Explanation, explain, followed, paths_by
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import TO_THE_UNKNOWN
 from serp.errors import SerpError
@@ -22,26 +22,21 @@ from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
 from serp.runs.recording_format import HEADER, RECORDING
 from serp.settings import Settings
-from serp.ui.asked import open_run
+from serp.ui.asked import MakePlanner, open_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import ArrayLike
-
-    from serp.agent.agent import Agent
     from serp.agent.protocols import Planner
     from serp.model.domain import Domain
-    from serp.model.learned.adoption import ModelAdoption
     from serp.model.transition_model import TransitionModel, Vector
     from serp.planning.forecast import Forecast
-    from serp.runs.recording import Recording
+    from serp.runs.run import Run
     from serp.settings import PlannerSettings
     from serp.tasks.task import Task
-    from serp.ui.state import MakePlanner
 
 
-class ChosenPlanner(MonitorReplanner):
+class ChosenPlanner:
     """Any planner, in the form that `serp plan` shows.
 
     Values and choices are the planner's own. Where they are those of the lookahead, the plan is its
@@ -52,9 +47,12 @@ class ChosenPlanner(MonitorReplanner):
         planner: The planner.
         model: The model that it plans with.
         settings: Its settings.
-        time_budget: Seconds that the lookahead may take.
-        called: What it is called in messages.
+        seconds: Time that a plan may take.
+        name: Its name in messages.
         undisturbed: Makes a context at whose end the planner is as it was before.
+
+    Attributes:
+        lookahead: The lookahead of the same model and settings.
     """
 
     def __init__(
@@ -62,109 +60,94 @@ class ChosenPlanner(MonitorReplanner):
         planner: Planner,
         model: TransitionModel,
         settings: PlannerSettings,
-        time_budget: float,
-        called: str,
+        seconds: float,
+        name: str,
         undisturbed: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
     ) -> None:
-        super().__init__(model, **self.used(settings), time_budget=time_budget)
-        self._planner = planner
-        self._called = called
+        self.lookahead = MonitorReplanner.of(model, settings, time_budget=seconds)
+        self.model, self.settings = model, settings
+        self._planner, self._seconds, self._name = planner, seconds, name
         self._undisturbed = undisturbed
 
-    def lookahead(self, state: ArrayLike) -> Plan:
-        """Plan by the lookahead alone."""
-        return super().plan(state)
-
-    def plan(self, state: ArrayLike) -> Plan:
+    def plan(self, state: Vector) -> Plan:
         """Plan from an observed state `[F]`; the planner is then as it was before."""
-        now = self.model.check_state(state)
-        near = self.lookahead(now)
+        near = self.lookahead.plan(state)
         if isinstance(self._planner, Lookahead):
             return near
         with self._undisturbed():
-            found = self._planner.forecast(now)
-            if _alike(found, near.forecast):
+            forecast = self._planner.forecast(state)
+            if _alike(forecast, near.forecast):
                 return near
-            path = self._path(now, found.choice)
-            return Plan.of(self.model, found, path, near.planning_graph)
+            names = [action.name for action in self.model.actions]
+            steps = followed(self.model, self._choose, state, forecast.choice, self._most)
+            path = tuple(
+                PlannedStep(names[k], s.reward, s.unsafe, s.risk, tuple(s.state.tolist()))
+                for k, s in steps
+            )
+            return Plan.of(self.model, forecast, path, near.planning_graph)
+
+    @property
+    def _most(self) -> int:
+        plan = self._planner.plan if isinstance(self._planner, PlanFollower) else ()
+        return len(plan) or self.settings.depth
+
+    def _choose(self, state: Vector) -> int:
+        return self._planner.forecast(state).choice
 
     @staticmethod
     def decided_by_graph(plan: Plan) -> bool:
         """Return whether a plan is what its planning graph decides."""
         return plan.forecast is plan.planning_graph.forecast
 
-    def paths(self, plan: Plan, state: Vector) -> list[list[int]]:
-        """Return where each action leads to, a control period a step, as far as there is time.
+    def explain(self, state: Vector, plan: Plan) -> Explanation:
+        """Return the account of a plan.
 
-        Where the planning graph decides, these are the paths that it values. Of a planner that
-        searches for whole plans, this is the plan alone.
+        Where the planning graph decides, it has the paths that the graph values; of a planner that
+        searches for whole plans it has the plan alone, else paths as far as there is time.
         """
         if self.decided_by_graph(plan):
-            return plan.paths
-        number, deadline = self.model.action_index, time.monotonic() + (self.time_budget or 0.0)
-        found: list[list[int]] = [[] for _ in self.model.actions]
-        if plan.action is not None:
-            found[plan.action] = [number(step.action) for step in plan.path]
-        if isinstance(self._planner, PlanFollower):
-            return found
-        with self._undisturbed():
-            for k in np.flatnonzero(plan.forecast.applicable).tolist():
-                if k != plan.action and time.monotonic() < deadline:
-                    found[k] = [number(step.action) for step in self._path(state, k)]
-        return found
-
-    def _path(self, state: Vector, choice: int) -> tuple[PlannedStep, ...]:
-        path: list[PlannedStep] = []
-        followed = len(self._planner.plan) if isinstance(self._planner, PlanFollower) else 0
-        while choice >= 0 and len(path) < (followed or self.settings.depth):
-            step = self.model.step(state, choice)
-            state, name = step.state, self.model.actions[choice].name
-            end = tuple(state.tolist())
-            path.append(PlannedStep(name, step.reward, step.unsafe, step.risk, end))
-            if step.terminal:
-                break
-            choice = self._planner.forecast(state).choice
-        return tuple(path)
+            paths = plan.paths
+        elif isinstance(self._planner, PlanFollower):
+            paths = [[] for _ in self.model.actions]
+            if plan.action is not None:
+                paths[plan.action] = [self.model.action_index(step.action) for step in plan.path]
+        else:
+            with self._undisturbed():
+                paths = paths_by(self.model, self._choose, state, self._most, self._seconds)
+        discount = self.settings.discount
+        return explain(
+            self.model, state, plan.forecast, plan.action, paths=paths, discount=discount
+        )
 
     def sight(self, plan: Plan) -> str:
         """Say how far the planner saw."""
-        discount = f"discount {readable(self.settings.discount)}"
         if isinstance(self._planner, PlanFollower) and self._planner.plan:
             length = plural(len(self._planner.plan), "action")
-            return f"{self._called} follows a plan of {length} to the goal."
+            return f"{self._name} follows a plan of {length} to the goal."
+        discount = f"discount {readable(self.settings.discount)}"
         if plan.bound is Bound.EXHAUSTED:
-            return f"{self._called} saw everything that can be reached, {discount}."
-        near, repeat = self.decided_by_graph(plan), self.settings.repeat
-        if plan.bound is Bound.NODES and not near:  # that of a closed graph
-            repeat = 1
-        each = f", each repeated for {repeat} control periods" if repeat > 1 else ""
-        states = f": {plural(plan.nodes, 'state')}" if near else ""
-        closes = not isinstance(self._planner, Lookahead)
-        began = "could not follow all that can be reached, and " if closes else ""
-        ahead = f"{plural(plan.depth, 'action')}{each}{states}"
-        saw = f"{self._called} {began}looked ahead {ahead}, {discount}."
-        if plan.bound is Bound.CELLS:
-            saw += " Values of cells stand for what lies beyond."
-        elif plan.bound is Bound.UNKNOWN:
-            saw += f" {TO_THE_UNKNOWN}"
-        elif plan.bound is Bound.TIME:
-            saw += " The time budget ended the lookahead there."
-        elif plan.bound is Bound.NODES:
-            ended = "The next layer would exceed the limits on nodes and edges."
-            saw += f" {ended if near else 'Its budget ended there.'}"
-        return saw
+            return f"{self._name} saw everything that can be reached, {discount}."
+        states = f": {plural(plan.nodes, 'state')}" if self.decided_by_graph(plan) else ""
+        repeat = f" of {self.settings.repeat} control periods" if self.settings.repeat > 1 else ""
+        ahead = f"{plural(plan.depth, 'action')}{repeat}{states}"
+        why = {
+            Bound.CELLS: " Values of cells stand for what lies beyond.",
+            Bound.UNKNOWN: f" {TO_THE_UNKNOWN}",
+            Bound.TIME: " The time budget ended the lookahead.",
+            Bound.NODES: " The limits on nodes and edges ended the lookahead.",
+        }.get(plan.bound, "")
+        return f"{self._name} looked ahead {ahead}, {discount}.{why}"
+
+
+def _alike(one: Forecast, other: Forecast) -> bool:
+    columns = zip(one, other, strict=True)
+    return all(np.array_equal(np.asarray(mine), np.asarray(its)) for mine, its in columns)
 
 
 def chosen_planner(
-    model: TransitionModel, settings: PlannerSettings, task: Task | None, time_budget: float
+    model: TransitionModel, settings: PlannerSettings, task: Task | None, seconds: float
 ) -> ChosenPlanner:
-    """Return the planner that settings name.
-
-    Args:
-        model: The model that it plans with.
-        settings: Its settings.
-        task: Has further planners; None for none.
-        time_budget: Seconds that the lookahead may take.
+    """Return the planner that settings name, of a task's own planners or the installed ones.
 
     Raises:
         SettingsError: There is no such planner.
@@ -172,12 +155,7 @@ def chosen_planner(
     own = {} if task is None else task.planners
     refuse_unknown_names(Settings(planner=settings), own)
     planner = make_planner(model, settings, own)
-    return ChosenPlanner(planner, model, settings, time_budget, f"The planner {settings.name}")
-
-
-def _alike(one: Forecast, other: Forecast) -> bool:
-    columns = zip(one, other, strict=True)
-    return all(np.array_equal(np.asarray(mine), np.asarray(its)) for mine, its in columns)
+    return ChosenPlanner(planner, model, settings, seconds, f"The planner {settings.name}")
 
 
 _FIXED: Final = {
@@ -186,8 +164,6 @@ _FIXED: Final = {
     "max_ground_schemas": "--max-ground-schemas",
     "planner_name": "--planner",
     "depth": "--depth",
-    "discount": "--discount",
-    "repeat": "--repeat",
     "dt": "--dt",
     "settings": "--set",
 }
@@ -195,48 +171,36 @@ _FIXED: Final = {
 
 
 class RunPlanner(ChosenPlanner):
-    """The planner of a run, with the model that it plans with.
+    """The planner of a run, with the model that it plans with."""
 
-    Args:
-        agent: The agent of the run.
-        time_budget: Seconds that the lookahead may take.
-        recording: The recorded steps of the run; None if there are none.
-    """
-
-    def __init__(self, agent: Agent, time_budget: float, recording: Recording | None) -> None:
+    def __init__(self, run: Run, seconds: float) -> None:
+        agent = run.agent
         super().__init__(
-            agent.arbiter.planner,
-            agent.arbiter.model,
-            agent.settings.planner,
-            time_budget,
-            "The planner of the run",
-            agent.undisturbed,
-        )
-        self._adaptation = agent.adaptation
-        self._recording = recording
+            agent.arbiter.planner, agent.arbiter.model, agent.settings.planner, seconds,
+            "The planner of the run", agent.undisturbed,
+        )  # fmt: skip
+        self._run = run
+        self.adoption = agent.adaptation.adoption
 
-    def flips(self, state: Vector) -> Flips | None:
+    def counterfactuals(self, state: Vector) -> Counterfactuals | None:
         """Return the changes of one fluent with which the planner chooses otherwise.
 
         They are searched within the values that the run has recorded; None without a recording.
         """
-        if self._recording is None or not len(self._recording):
+        if not (self._run.path / RECORDING / HEADER).is_file():
+            return None
+        recording = self._run.recording()
+        if not len(recording):
             return None
         names = [*(action.name for action in self.model.actions), "no action"]
         with self._undisturbed():
-            return flips_of(
-                lambda s: self._planner.forecast(s).choice, self.model.written, state,
-                self._recording.ranges, whole=self._recording.whole, called=names.__getitem__,
-                seconds=self.time_budget or 0.0,
+            return counterfactuals(
+                self._choose, self.model.written, state, recording.ranges, whole=recording.whole,
+                called=names.__getitem__, seconds=self._seconds,
             )  # fmt: skip
 
-    @property
-    def adoption(self) -> ModelAdoption:
-        """What the model is made of."""
-        return self._adaptation.adoption
 
-
-def asked_run(folder: Path, time_budget: float) -> tuple[Domain, Task, MakePlanner]:
+def asked_run(folder: Path, seconds: float) -> tuple[Domain, Task, MakePlanner]:
     """Return domain, task and planner of the run that `serp plan` is asked for."""
     context = click.get_current_context()
     for name, option in _FIXED.items():
@@ -247,12 +211,10 @@ def asked_run(folder: Path, time_budget: float) -> tuple[Domain, Task, MakePlann
             f"there is no run {folder}; a task or a domain file is given as --domain {folder}"
         )
     run = open_run(folder)
-    agent = run.agent
 
     def make_planner(domain: Domain) -> RunPlanner:
-        if domain.model.fluents != agent.arbiter.model.fluents:
+        if domain.model.fluents != run.agent.arbiter.model.fluents:
             raise SerpError("--state gives a value to what the problem file of the run fixes")
-        recorded = (folder / RECORDING / HEADER).is_file()
-        return RunPlanner(agent, time_budget, run.recording() if recorded else None)
+        return RunPlanner(run, seconds)
 
-    return agent.task.domain, run.task, make_planner
+    return run.agent.task.domain, run.task, make_planner

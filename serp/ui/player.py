@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import select
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from codecs import getincrementaldecoder
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -19,12 +19,13 @@ from serp._util.text import did_you_mean, plural, readable
 from serp.agent.causes import Cause
 from serp.agent.refusals import schema_of
 from serp.agent.registry import refuse_unknown_names
-from serp.agent.sentences import told
+from serp.agent.sentences import line_of_cause
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.settings import Settings, resolve
 from serp.tasks.file_world import STEP_BY_STEP
 from serp.tasks.task import Task
+from serp.ui.asked import parse_state
 from serp.ui.output import print_table
 
 if TYPE_CHECKING:
@@ -33,21 +34,40 @@ if TYPE_CHECKING:
     from serp.authoring.play import FluentChange, Game, GameStep
     from serp.planning.replanner import Plan
     from serp.ui.planner import ChosenPlanner
-    from serp.ui.state import MakePlanner
 
 
-RESERVED: Final = "?purshq:"
+_RESERVED: Final = "?purshq:"
 """Keys of the commands themselves."""
 _AUTOMATIC: Final = "123456789abcdefgijklmnotvwxyz"
-_NAMED: Final = {
-    "up": ("\x1b[A", "\x1bOA", "\xe0H"),
-    "down": ("\x1b[B", "\x1bOB", "\xe0P"),
-    "right": ("\x1b[C", "\x1bOC", "\xe0M"),
-    "left": ("\x1b[D", "\x1bOD", "\xe0K"),
-    "space": (" ",),
-}
-"""Name of a key → what terminals, and Windows, send for it."""
-_SENT: Final = {sent: name for name, several in _NAMED.items() for sent in several}
+_SENT: Final = {
+    "\x1b[A": "up", "\x1bOA": "up", "\xe0H": "up",
+    "\x1b[B": "down", "\x1bOB": "down", "\xe0P": "down",
+    "\x1b[C": "right", "\x1bOC": "right", "\xe0M": "right",
+    "\x1b[D": "left", "\x1bOD": "left", "\xe0K": "left",
+    " ": "space", "\r": "enter", "\n": "enter",
+}  # fmt: skip
+"""What terminals, and Windows, send for a key → its name."""
+_NAMED: Final = ("up", "down", "left", "right", "space")
+HELP: Final = (
+    ("ACTION", "do it: its key, its name, the beginning of its name; `ACTION * 5`: five times"),
+    ("?", "ask the planner: what each action would bring, and why"),
+    ("p [N]", "let the planner act, N times"),
+    ("u [N]", "undo the last step or change, N of them"),
+    ("r", "restart where the game began"),
+    ("s", "the state: all fluents, and the applicable actions"),
+    ("FLUENT = VALUE", "change the state, such as `door-open hall = true`"),
+    ("save TITLE", "write the situation as a scenario beside the file, for `serp test`"),
+    ("h", "this help"),
+    ("q", "quit"),
+)
+_WORDS: Final = {
+    "plan": "?", "planner": "p", "undo": "u", "restart": "r", "state": "s", "help": "h",
+    "quit": "q", "exit": "q",
+}  # fmt: skip
+_COMMAND: Final = re.compile(r"(?P<what>\?|[a-z]+)(?:\s+(?P<count>\d+))?")
+_TIMES: Final = re.compile(r"(?P<action>.+?)\s*\*\s*(?P<count>\d+)")
+_MOST: Final = 10_000
+_SHOWN: Final = 24
 
 
 def action_keys(actions: Sequence[str], given: str | None) -> dict[str, str]:
@@ -64,10 +84,10 @@ def action_keys(actions: Sequence[str], given: str | None) -> dict[str, str]:
     for text in given.split(","):
         key, equals, action = (part.strip() for part in text.partition("="))
         known = len(key) == 1 or key in _NAMED
-        if not equals or not known or key in RESERVED or key in keys or action not in actions:
+        if not equals or not known or key in _RESERVED or key in keys or action not in actions:
             raise click.BadParameter(
                 f"`{text}`: expected key=action, such as a={actions[0]} or left={actions[0]}; keys "
-                f"are characters but {' '.join(RESERVED)}, and {', '.join(_NAMED)}; actions are "
+                f"are characters but {' '.join(_RESERVED)}, and {', '.join(_NAMED)}; actions are "
                 + ", ".join(actions),
                 param_hint="--keys",
             )
@@ -75,63 +95,41 @@ def action_keys(actions: Sequence[str], given: str | None) -> dict[str, str]:
     return keys
 
 
-class Keyboard:
-    """The keys of the terminal that standard input is; a context manager.
+def typed_keys() -> Iterator[str]:
+    """Yield the characters or names of keys that are pressed on the terminal, `:` with its line.
 
-    While it is open, keys come at once and without an echo; none that is pressed meanwhile is lost.
+    What is typed ahead is neither lost nor shown twice.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed.
+        EOFError: Ctrl-D was pressed, or the terminal is gone.
     """
-
-    def __enter__(self) -> Keyboard:
-        """Let keys come at once."""
-        self._before: list[Any] | None = None
-        with contextlib.suppress(ImportError):  # Windows: click asks its console
-            import termios
-            import tty
-
-            self._before = termios.tcgetattr(sys.stdin)
-            tty.setcbreak(sys.stdin, termios.TCSADRAIN)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Leave the terminal as it was."""
-        if self._before is not None:
-            import termios
-
-            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
-
-    def key(self) -> str:
-        """Wait for a key; return its character or name, `enter` for the return key.
-
-        Raises:
-            KeyboardInterrupt: It was Ctrl-C.
-            EOFError: It was Ctrl-D, or the terminal is gone.
-        """
-        sent = click.getchar() if self._before is None else self._sent()
-        if sent in ("\r", "\n"):
-            return "enter"
-        return _SENT.get(sent, sent)
-
-    def line(self, prompt: str) -> str:
-        """Return a whole line, which the terminal lets its user edit."""
-        self.__exit__()
-        try:
-            return input(prompt)
-        finally:
-            self.__enter__()
-
-    def _sent(self) -> str:
-        terminal = sys.stdin.fileno()
-        sent = os.read(terminal, 1)
-        if sent in (b"", b"\x04"):
-            raise EOFError
-        while sent[:1] == b"\x1b" and len(sent) < 3 and select.select([terminal], [], [], 0.05)[0]:
-            sent += os.read(terminal, 1)
-        while len(sent) < 4:
-            try:
-                return sent.decode()
-            except UnicodeDecodeError:  # one of several bytes
-                sent += os.read(terminal, 1)
-        return sent.decode(errors="replace")
+    try:
+        import termios
+        import tty
+    except ImportError:  # Windows
+        while True:
+            sent = click.getchar()
+            yield ":" + input(":") if sent == ":" else _SENT.get(sent, sent)
+    terminal = sys.stdin.fileno()
+    lines, decoder = termios.tcgetattr(terminal), getincrementaldecoder("utf-8")("replace")
+    tty.setcbreak(terminal, termios.TCSADRAIN)
+    try:
+        while read := os.read(terminal, 1):
+            if read == b"\x1b" and select.select([terminal], [], [], 0.05)[0]:
+                read += os.read(terminal, 2)
+            sent = decoder.decode(read)
+            if sent == "\x04":
+                break
+            if sent == ":":
+                termios.tcsetattr(terminal, termios.TCSADRAIN, lines)
+                yield ":" + input(":")
+                tty.setcbreak(terminal, termios.TCSADRAIN)
+            elif sent:
+                yield _SENT.get(sent, sent)
+        raise EOFError
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, lines)
 
 
 @dataclass(frozen=True)
@@ -172,12 +170,10 @@ class Playground:
         return chosen_planner(model, self.settings().planner, self.task, 10.0)
 
     def save(self, title: str, game: Game, begun: Mapping[str, float]) -> str:
-        """Write the situation of a game as a scenario, with what holds there; say where.
+        """Write the situation of a game as a scenario, with what holds there; return a message.
 
-        Args:
-            title: Title of the scenario; one that has it is replaced.
-            game: The game.
-            begun: Fluent → value with which it began, beside the problem.
+        A scenario with the same title is replaced. `begun` are the values, beside the problem, with
+        which the game began.
 
         Raises:
             SerpError: It cannot be written, or nothing can be expected there.
@@ -204,55 +200,27 @@ class Playground:
         return f"{file}: the scenario `{title}` is written"
 
 
-HELP: Final = (
-    ("ACTION", "do it: its key, its name, the beginning of its name; `ACTION * 5`: five times"),
-    ("?", "ask the planner: what each action would bring, and why"),
-    ("p [N]", "let the planner act, N times"),
-    ("u [N]", "undo the last step or change, N of them"),
-    ("r", "restart where the game began"),
-    ("s", "the state: all fluents, and what can be done"),
-    ("FLUENT = VALUE", "change the state, such as `door-open hall = true`"),
-    ("save TITLE", "write the situation as a scenario beside the file, for `serp test`"),
-    ("h", "this help"),
-    ("q", "quit"),
-)
-_WORDS: Final = {
-    "plan": "?", "planner": "p", "undo": "u", "restart": "r", "state": "s", "help": "h",
-    "quit": "q", "exit": "q",
-}  # fmt: skip
-_COUNTED: Final = re.compile(r"(?P<what>\?|[a-z]+)(?:\s+(?P<count>\d+))?")
-_TIMES: Final = re.compile(r"(?P<action>.+?)\s*\*\s*(?P<count>\d+)")
-_MOST: Final = 10_000
-_SHOWN: Final = 24
-
-
 class Player:
-    """Carries out what is typed or pressed, and prints what comes of it.
+    """Carries out what is typed or pressed, and prints what happens.
 
     Args:
+        playground: What is played.
         game: The game.
-        make_planner: Makes the planner of a domain.
+        begun: Fluent → value with which it began, beside the problem.
         console: Where to print.
         keys: Key → name of an action.
-        parse: Reads `FLUENT=VALUE,...` for the world as it is.
-        save: Writes the situation as a scenario with a title, and says where.
     """
 
     def __init__(
         self,
+        playground: Playground,
         game: Game,
-        make_planner: MakePlanner,
+        begun: Mapping[str, float],
         console: Console,
         keys: Mapping[str, str],
-        parse: Callable[[str], Mapping[str, float]],
-        save: Callable[[str], str],
     ) -> None:
-        self._game = game
-        self._make_planner = make_planner
-        self._console = console
-        self._keys = keys
-        self._parse = parse
-        self._save = save
+        self._playground, self._game, self._begun = playground, game, begun
+        self._console, self._keys = console, keys
         self._planner: tuple[object, ChosenPlanner] | None = None
 
     def do(self, line: str) -> bool:
@@ -264,25 +232,22 @@ class Player:
         line = " ".join(line.removeprefix(":").split())
         if not line or line.startswith((";", "#")):
             return True
-        action = self._keys.get(line, line)
-        if line.startswith("save ") and line not in self._keys:
-            self._console.print(self._save(line.removeprefix("save ")))
-            return True
-        if "=" in line and line not in self._keys:
-            self._game.set(self._parse(line))
+        command = _COMMAND.fullmatch(line) if line not in self._keys else None
+        what = _WORDS.get(command["what"], command["what"]) if command else ""
+        if line not in self._keys and line.startswith("save "):
+            title = line.removeprefix("save ")
+            self._console.print(self._playground.save(title, self._game, self._begun))
+        elif line not in self._keys and "=" in line:
+            self._game.set(parse_state([line], self._game.moment.domain, "change"))
             self.print_state()
-            return True
-        counted = _COUNTED.fullmatch(action)
-        what = counted["what"] if counted else ""
-        what = _WORDS.get(what, what)
-        if counted and what in ("?", *"pursh") and line not in self._keys:
-            self._command(what, self._count(counted["count"]))
-        elif what == "q" and line not in self._keys:
+        elif what == "q":
             return False
+        elif command and what in ("?", *"pursh"):
+            self._command(what, _count(command["count"]))
         else:
-            times = _TIMES.fullmatch(action)
-            number = self._find(times["action"] if times else action)
-            self._repeat(lambda: number, self._count(times["count"] if times else None))
+            times = _TIMES.fullmatch(line) if line not in self._keys else None
+            action = self._find(times["action"] if times else line)
+            self._repeat(lambda: action, _count(times["count"] if times else None))
         return True
 
     def _command(self, what: str, count: int) -> None:
@@ -292,8 +257,8 @@ class Player:
             case "p":
                 self._repeat(self._planned, count)
             case "u":
-                done = sum(self._game.undo() for _ in range(count))
-                self._console.print(f"{done} taken back" if done else "there is nothing to undo")
+                undone = sum(self._game.undo() for _ in range(count))
+                self._console.print(f"{undone} undone" if undone else "there is nothing to undo")
                 self.print_state()
             case "r":
                 self._game.restart()
@@ -304,33 +269,25 @@ class Player:
             case _:
                 print_table(self._console, ("", ""), HELP)
 
-    def _count(self, text: str | None) -> int:
-        count = 1 if text is None else int(text)
-        if not 0 < count <= _MOST:
-            raise SerpError(f"expected a number from 1 to {_MOST:,}, not {count:,}")
-        return count
-
     def _find(self, name: str) -> int:
-        """Return the position of the action that a name, or its beginning, means."""
+        """Return the position of the action that a key, a name, or its beginning means."""
         names = [action.name for action in self._game.model.actions]
         name = self._keys.get(name, name.lower().strip("()"))
         if name in names:
             return names.index(name)
-        found = [k for k, known in enumerate(names) if known.startswith(name)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise SerpError(f"`{name}` may be {' or '.join(names[k] for k in found[:8])}")
+        matches = [k for k, known in enumerate(names) if known.startswith(name)]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            raise SerpError(f"`{name}` may be {' or '.join(names[k] for k in matches[:8])}")
         known = did_you_mean(name, [*names, *_WORDS, "save"])
         raise SerpError(f"there is no action or command `{name}`; {known} (h: help)")
 
-    # Steps ---------------------------------------------------------------------------------------
-
     def _repeat(self, choose: Callable[[], int], count: int) -> None:
         for _ in range(count):
-            played = self._game.step(choose())
-            self._print_step(played)
-            if played.over:
+            step = self._game.step(choose())
+            self._print_step(step)
+            if step.over:
                 break
 
     def _planned(self) -> int:
@@ -339,58 +296,49 @@ class Player:
             raise SerpError("the planner has nothing to propose: no action is applicable")
         if plan.indifferent:
             self._console.print(
-                "The planner is indifferent: all it sees is worth the same. A reward for coming "
-                "nearer would show it the way.",
+                "The planner is indifferent: all actions are worth the same as far as it sees. A "
+                "reward for coming nearer would guide it.",
                 style="dim",
             )
         return plan.action
 
     def _ask(self) -> None:
-        from serp.ui.decision import account_of_plan, print_plan
+        from serp.ui.decision import print_plan
 
-        game, (planner, plan) = self._game, self._plan()
-        account = account_of_plan(planner, game.moment.state, plan)
-        origin = f"after {plural(game.moment.steps, 'step')}"
-        print_plan(self._console, game.moment.domain.name, origin, planner, account, plan)
+        moment, (planner, plan) = self._game.moment, self._plan()
+        title = f"{moment.domain.name}, after {plural(moment.steps, 'step')}"
+        print_plan(self._console, title, planner, planner.explain(moment.state, plan), plan)
 
     def _plan(self) -> tuple[ChosenPlanner, Plan]:
-        """Plan in the world as it is; facts that were changed are another world.
-
-        The first plan may have to wait for loops to be compiled.
-        """
+        """Plan in the world as it is; changed facts make another world, and another planner."""
         from serp.runs.progress import show_compiling
 
         moment = self._game.moment
         with show_compiling():
             if self._planner is None or self._planner[0] is not moment.world:
-                self._planner = moment.world, self._make_planner(moment.domain.closed())
+                self._planner = moment.world, self._playground.planner(moment.domain.closed())
             planner = self._planner[1]
             return planner, planner.plan(moment.state)
-
-    # Printing ------------------------------------------------------------------------------------
 
     def print_state(self) -> None:
         """Print where the game is: step, total, fluents."""
         moment, fluents = self._game.moment, self._game.model.fluents
         ended = ", over" if moment.over else ""
-        self._console.print(
-            f"after {plural(moment.steps, 'step')}, total {readable(moment.total)}{ended}",
-            style="bold",
-        )
+        steps = plural(moment.steps, "step")
+        self._console.print(f"after {steps}, total {readable(moment.total)}{ended}", style="bold")
         rows = [(f"  {fluent.name}", _value(self._game.values[fluent.name])) for fluent in fluents]
         print_table(self._console, ("", ""), rows[: 4 * _SHOWN])
         if len(rows) > 4 * _SHOWN:
             self._console.print(f"  … and {len(rows) - 4 * _SHOWN:,} more")
 
     def possible(self) -> str:
-        """Return keys and names of what can be done now, as far as they fit in a line."""
+        """Return keys and names of the applicable actions, as far as they fit in a line."""
         names = [action.name for action in self._game.model.actions]
-        can = [
+        line = "  ".join(
             f"{key} {name}"
             for key, name in self._keys.items()
             if not self._game.moment.over and not self._game.refusal(names.index(name))
-        ]
-        line = "  ".join(can)
+        )
         most = max(20, self._console.width - 4)
         return visible(line if len(line) <= most else f"{line[: most - 2]} …")
 
@@ -407,37 +355,43 @@ class Player:
         if more > 0:
             self._console.print(f"   … and {plural(more, 'more action')}, by name")
 
-    def _print_step(self, played: GameStep) -> None:
-        console, done = self._console, played.chosen
-        if played.refusal:
-            done += " is not applicable, and nothing is done"
-        elif played.carried_out is None:
-            done += " fails: nothing is done"
-        elif played.carried_out != played.chosen:
-            done += f" slips: {played.carried_out} happens instead"
-        gain = f"reward {readable(played.reward)}, total {readable(played.total)}"
-        console.print(f"step {played.number}: {done}; {gain}", style="bold")
-        if played.refusal:
-            console.print(f"   {played.refusal}")
-        rows = [row for change in played.changes for row in _rows(change)]
+    def _print_step(self, step: GameStep) -> None:
+        console, action = self._console, step.chosen
+        if step.refusal:
+            action += " is not applicable, and nothing is done"
+        elif step.carried_out is None:
+            action += " fails: nothing is done"
+        elif step.carried_out != step.chosen:
+            action += f" slips: {step.carried_out} happens instead"
+        gain = f"reward {readable(step.reward)}, total {readable(step.total)}"
+        console.print(f"step {step.number}: {action}; {gain}", style="bold")
+        if step.refusal:
+            console.print(f"   {step.refusal}")
+        rows = [row for change in step.changes for row in _rows(change)]
         print_table(console, ("", "", "", ""), [("  ", *row) for row in rows])
-        for cause in played.brought:
+        for cause in step.brought:
             style = "red" if cause.what == "unsafe" else ""
-            console.print(f"   {told(cause)}", style=style)
-        if played.over:
+            console.print(f"   {line_of_cause(cause)}", style=style)
+        if step.over:
             console.print("The episode is over. r: restart, u: undo", style="bold")
+
+
+def _count(text: str | None) -> int:
+    count = 1 if text is None else int(text)
+    if not 0 < count <= _MOST:
+        raise SerpError(f"expected a number from 1 to {_MOST:,}, not {count:,}")
+    return count
 
 
 def _rows(change: FluentChange) -> list[tuple[str, str, str]]:
     """Return the rows of a fluent that changed: its name, old → new, and what is behind it."""
-    said = f"{_value(change.before)} → {_value(change.after)}"
     several = len(change.causes) > 1 or (change.noise and change.causes)
     reasons = [_reason(cause, with_amount=bool(several)) for cause in change.causes]
     if change.noise:
         reasons.append(f"{_signed(change.noise)} by chance")
-    reasons = reasons or [""]
-    heads = [(change.name, said), *[("", "")] * (len(reasons) - 1)]
-    return [(*head, reason) for head, reason in zip(heads, reasons, strict=True)]
+    values = f"{_value(change.before)} → {_value(change.after)}"
+    first, *others = reasons or [""]
+    return [(change.name, values, first), *(("", "", reason) for reason in others)]
 
 
 def _reason(cause: Cause, *, with_amount: bool) -> str:

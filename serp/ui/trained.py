@@ -21,12 +21,10 @@ if TYPE_CHECKING:
 
 def unsafe_text(counts: Mapping[str, Any]) -> str:
     """Return how often a run, or an evaluation, was unsafe: by prediction, and by observation."""
-    said = f"{plural(counts['unsafe_executed'], 'action')} executed that the domain file flags"
+    text = f"{plural(counts['unsafe_executed'], 'action')} executed that the domain file flags"
     if counts["avoidable_unsafe"]:
-        said += f", {counts['avoidable_unsafe']:,} of them while another one was not flagged"
-    if counts["unsafe_observed"] is not None:
-        said += f"; {plural(counts['unsafe_observed'], 'step')} came out unsafe, foreseen or not"
-    return said
+        text += f", {counts['avoidable_unsafe']:,} of them while another one was not flagged"
+    return text + f"; {plural(counts['unsafe_observed'], 'step')} observed unsafe, predicted or not"
 
 
 def print_account(
@@ -38,13 +36,13 @@ def print_account(
         rows.append(("evidence", account["evidence"]["sentence"]))
     if sight["saw_all"] is not None:
         shares = [percent(share or 0.0) for what, share in sight.items() if what != "mean_depth"]
-        said = (
-            "everything in {} of the steps, beyond its layers by cells in {}, cut short in {}, "
+        text = (
+            "complete lookahead in {} of the steps, cells in {}, budget reached in {}, "
             "indifferent in {}".format(*shares)
         )
         if sight["mean_depth"] is not None:
-            said += f"; otherwise {readable(sight['mean_depth'])} layers of states"
-        rows.append(("planner saw", said))
+            text += f"; otherwise {readable(sight['mean_depth'])} layers of states"
+        rows.append(("planner saw", text))
     rows.append(("model", account["model"]["sentence"]))
     rows += [
         ("", f"{fluent['fluent']} as written: {fluent['why']}")
@@ -69,8 +67,8 @@ def train(task: Task | str, *, quiet: bool, **options: Any) -> int | None:
     except (Interrupted, KeyboardInterrupt) as stop:
         if not isinstance(stop, Interrupted) and not _notes(stop):
             raise
-        said = str(stop) if isinstance(stop, Interrupted) else "Stopped at once."
-        say("\n".join([said, *_notes(stop)]))
+        message = str(stop) if isinstance(stop, Interrupted) else "Stopped at once."
+        say("\n".join([message, *_notes(stop)]))
         return stopped_by(stop)
     if quiet:
         print_result(run.path)
@@ -104,10 +102,10 @@ def _own_task() -> str:
 def _print_results(run: Run) -> None:
     summary: dict[str, Any] = run.summary
     episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
-    said = f"{readable(returns['mean'])} on average"
+    mean = f"{readable(returns['mean'])} on average"
     if returns["last_20"] is not None:
-        said += f", {readable(returns['first_10'])} in the first 10 episodes, "
-        said += f"{readable(returns['last_20'])} in the last 20"
+        mean += f", {readable(returns['first_10'])} in the first 10 episodes, "
+        mean += f"{readable(returns['last_20'])} in the last 20"
     quoted = shlex.quote(str(run.path))
     console = open_console()
     console.print("")
@@ -117,7 +115,7 @@ def _print_results(run: Run) -> None:
         [
             ("run", str(run.path)),
             ("length", f"{episodes}, {plural(summary['env_steps'], 'env step')}"),
-            ("return", said),
+            ("return", mean),
             ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
                            "(a fall, a crash, the goal)"),
             ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
@@ -133,7 +131,10 @@ def _print_results(run: Run) -> None:
         [
             (f"  serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
             (f"  serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
-            (f"  serp why {quoted}", "what happened in a step, and what of the file is behind it"),
+            (
+                f"  serp why {quoted}",
+                "what happened in a step, and the lines behind it",
+            ),
             (f"  serp report {quoted}{_own_task()}", "the whole run as one page for the browser"),
         ],
     )

@@ -256,9 +256,9 @@ def _sections(occurrences: Iterable[Occurrence]) -> str:
 
 
 def _listed(texts: Iterable[str]) -> str:
-    found = list(dict.fromkeys(texts))
-    more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
-    return ", ".join(found[:_MOST]) + more
+    distinct = list(dict.fromkeys(texts))
+    more = f" and {len(distinct) - _MOST} more" if len(distinct) > _MOST else ""
+    return ", ".join(distinct[:_MOST]) + more
 
 
 def _other(index: Index, occurrence: Occurrence) -> list[str]:

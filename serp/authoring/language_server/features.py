@@ -99,13 +99,13 @@ def diagnostic(finding: Finding, positions: Positions) -> types.Diagnostic:
 
 
 def code_actions(
-    findings: Iterable[Finding], uri: str, asked: types.Range, positions: Positions
+    findings: Iterable[Finding], uri: str, selected: types.Range, positions: Positions
 ) -> list[types.CodeAction]:
     """Return what can be done about the findings in a range."""
     return [
         action
         for finding in findings
-        if _touches(diagnostic(finding, positions).range, asked)
+        if _touches(diagnostic(finding, positions).range, selected)
         for action in _actions(finding, uri, positions)
     ]
 

@@ -98,8 +98,8 @@ class Index:
     def same(self, occurrence: Occurrence) -> list[Occurrence]:
         """Return all occurrences of what one names, in the order of the files."""
         order = {source.name: number for number, source in enumerate(self.sources)}
-        found = [other for other in self.occurrences if other.key == occurrence.key]
-        return sorted(found, key=lambda o: (order[o.place.source.name], o.place.start))
+        same = [other for other in self.occurrences if other.key == occurrence.key]
+        return sorted(same, key=lambda o: (order[o.place.source.name], o.place.start))
 
     def declaration(self, occurrence: Occurrence) -> Occurrence | None:
         """Return where the thing is declared; None where it is not."""

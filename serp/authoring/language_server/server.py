@@ -146,7 +146,7 @@ class PddlServer(LanguageServer):
         files = {uri: self.files(uri) for uri in opened}
         async with self._checking:
             return await asyncio.to_thread(
-                lambda: {uri: findings_in(given) for uri, given in files.items()}
+                lambda: {uri: findings_in(read) for uri, read in files.items()}
             )
 
     async def check(self, pause: float = 0.0) -> None:
@@ -163,14 +163,14 @@ class PddlServer(LanguageServer):
             return
         by_uri: dict[str, list[Finding]] = {}
         for findings in results.values():
-            by_uri |= {uri_of(name): found for name, found in findings.items()
+            by_uri |= {uri_of(name): others for name, others in findings.items()
                        if uri_of(name) not in results}  # fmt: skip
         for uri, findings in results.items():
             by_uri[uri] = findings[self.files(uri).opened.name]
         for uri in self._published - by_uri.keys():
             by_uri[uri] = []
-        for uri, found in by_uri.items():
-            diagnostics = [diagnostic(finding, self.positions) for finding in found]
+        for uri, findings_there in by_uri.items():
+            diagnostics = [diagnostic(finding, self.positions) for finding in findings_there]
             self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, diagnostics))
         self._published = set(by_uri)
 

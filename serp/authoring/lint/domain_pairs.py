@@ -1,9 +1,9 @@
-"""Which of the files that `serp check` is given belong together, by what is in them."""
+"""Which of several files are a domain and its problem, by what is in them."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,7 +31,7 @@ class DomainFiles(NamedTuple):
 def pairs(names: Iterable[str]) -> list[DomainFiles]:
     """Return the domains that files and names of tasks mean, each once, with their problems.
 
-    A domain file is looked at with each problem that belongs to it, and by itself (or with the
+    A domain file is checked with each problem that belongs to it, and by itself (or with the
     problem beside it) where none is given.
     """
     from serp.tasks.registry import find_domain_file
@@ -39,15 +39,21 @@ def pairs(names: Iterable[str]) -> list[DomainFiles]:
     given = [(name, find_domain_file(name)) for name in names]
     titles = {path: _title_of_file(path) for _, path in given if path is not None}
     domains = [path for path, title in titles.items() if title.kind != "problem"]
-    found: dict[tuple[str, str], DomainFiles] = {}
+    checks: dict[tuple[str, str], DomainFiles] = {}
     for name, path in given:
         pair = DomainFiles(name, path, None)
         if path is not None and titles[path].kind == "problem":
-            pair = DomainFiles(name, _domain_of(path, titles[path], domains, titles), path)
-        found.setdefault((_real(pair.domain) or name, _real(pair.problem)), pair)
-    with_problem = {domain for domain, problem in found if problem}
+            title = titles[path]
+            named = [domain for domain in domains if titles[domain].domain == title.domain]
+            alone = domains if len(domains) == 1 else []  # names that differ are warned of
+            domain = next(iter([*named, *alone]), None) or domain_beside(path, title)
+            pair = DomainFiles(name, domain, path)
+        # A link that leads to itself stands for itself.
+        real = [os.path.realpath(file) if file is not None else "" for file in pair[1:]]
+        checks.setdefault((real[0] or name, real[1]), pair)
+    with_problem = {domain for domain, problem in checks if problem}
     return [
-        pair for (domain, problem), pair in found.items() if problem or domain not in with_problem
+        pair for (domain, problem), pair in checks.items() if problem or domain not in with_problem
     ]
 
 
@@ -91,22 +97,6 @@ def domain_not_found(problem: Source) -> DomainError:
 
 def domain_beside(problem: Path, title: Title) -> Path | None:
     """Return the domain file beside a problem file; None where there is none."""
-    return _domain_of(problem, title, (), {})
-
-
-def _domain_of(
-    problem: Path, title: Title, given: Sequence[Path], titles: dict[Path, Title]
-) -> Path | None:
-    """Return the domain file of a problem file, or None where it is not known."""
-    beside = [problem.with_name(f"{name}.pddl") for name in
-              (problem.stem.removesuffix(_SUFFIX), title.domain, "domain")
-              if name and name != problem.stem]  # fmt: skip
-    named = [path for path in given if titles[path].domain == title.domain]
-    alone = given if len(given) == 1 else ()  # names that differ are warned of
-    found = (*named, *alone, *(path for path in beside if path.is_file()))
-    return next(iter(found), None)
-
-
-def _real(path: Path | None) -> str:
-    """Return what a path leads to; a link that leads to itself stands for itself."""
-    return os.path.realpath(path) if path is not None else ""
+    names = (problem.stem.removesuffix(_SUFFIX), title.domain, "domain")
+    files = (problem.with_name(f"{name}.pddl") for name in names if name and name != problem.stem)
+    return next((file for file in files if file.is_file()), None)

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from serp.authoring.lint.conditions import threshold
-from serp.authoring.lint.subject import SCHEMAS, LintSubject, values_of
+from serp.authoring.lint.subject import SCHEMAS, LintSubject
 from serp.model import ground as g
 from serp.model.ground import linear
 from serp.pddl import syntax as x
-from serp.pddl.reader import Group, Node, Word
 from serp.pddl.slips import written
 from serp.pddl.source import DomainWarning, Edit, Fix, Place
 from serp.pddl.syntax import Change
@@ -150,8 +149,8 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
             else:
                 sign = 0 if number is None else _sign(effect.change, number)
                 changes[effect.target].append(_Change(sign, limits, effect.place))
-    for fluent, found in changes.items():
-        (sign, *others) = {change.sign for change in found}
+    for fluent, ways in changes.items():
+        (sign, *others) = {change.sign for change in ways}
         if not sign or others:
             continue
         name = subject.anywhere.fluents[fluent].name
@@ -164,7 +163,7 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
                     limit.place,
                     advice="is a sign, or the comparison, the wrong way round?",
                 )
-        for change in found:
+        for change in ways:
             operators = {limit.operator for limit in change.limits}
             if not operators or not operators.issubset(behind) or stops[fluent]:
                 continue
@@ -184,8 +183,8 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
 
 
 def _limits(comparisons: Iterator[g.Compare] | list[g.Compare], theta: list[float]) -> list[_Limit]:
-    found = ((comparison, threshold(comparison, theta)) for comparison in comparisons)
-    return [_Limit(*limit, comparison.place) for comparison, limit in found if limit is not None]
+    pairs = ((comparison, threshold(comparison, theta)) for comparison in comparisons)
+    return [_Limit(*limit, comparison.place) for comparison, limit in pairs if limit is not None]
 
 
 def _conjuncts(test: g.Test) -> tuple[g.Test, ...]:
@@ -291,16 +290,15 @@ def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
     Actions that do nothing, or cost something only, are described by their names: nobody has
     measured what they do.
     """
-    known: dict[tuple[object, ...], str] = {}
+    known: dict[tuple[str, str], str] = {}
     schemas = subject.domain.syntax.schemas
     telling = {s.name for s in schemas if s.kind is not x.Kind.ACTION or _changes_something(s)}
     for section in subject.sections(*SCHEMAS):
         name = section.items[1].place.text.lower() if len(section.items) > 1 else ""
         if name not in telling:
             continue
-        values = values_of(section)
-        key = (section.head, *(_sorted(values.get(k)) for k in values), *values)
-        first = known.setdefault(key, name)
+        rest = " ".join(written(item).lower() for item in section.items[2:])
+        first = known.setdefault((section.head, rest), name)
         if first != name:
             kind = section.head[1:]
             yield DomainWarning(
@@ -316,14 +314,6 @@ def _changes_something(schema: x.Schema) -> bool:
         or isinstance(effect, x.SetPredicate)
         for effect in x.nested_effects(schema.effects)
     )
-
-
-def _sorted(node: Node | None) -> object:
-    """Return a form without places; the order under `and` and `or` does not count."""
-    if not isinstance(node, Group):
-        return "" if node is None else node.text
-    items = [item.text if isinstance(item, Word) else written(item).lower() for item in node.items]
-    return tuple([*items[:1], *sorted(items[1:])] if node.head in ("and", "or") else items)
 
 
 RULES = {

@@ -27,8 +27,8 @@ def as_sarif(findings: Iterable[Finding]) -> str:
     Columns count characters (`unicodeCodePoints`); files are named relative to the working folder
     where they lie in it.
     """
-    found = list(findings)
-    codes = sorted({finding.code for finding in found})
+    results = list(findings)
+    codes = sorted({finding.code for finding in results})
     rules = []
     for code in codes:
         meaning = {"text": CODES.get(code, code)}
@@ -37,7 +37,7 @@ def as_sarif(findings: Iterable[Finding]) -> str:
     run = {
         "tool": {"driver": {"name": "serp check", "version": __version__, "rules": rules}},
         "columnKind": "unicodeCodePoints",
-        "results": [_result(finding, codes) for finding in found],
+        "results": [_result(finding, codes) for finding in results],
     }
     log = {"$schema": _SARIF, "version": "2.1.0", "runs": [run]}
     return json.dumps(log, indent=2, ensure_ascii=False)

@@ -57,9 +57,9 @@ class LintSubject:
         the problem.
         """
         return {
-            name: kept
+            name: distinct
             for name, schemas in self.instances.items()
-            if (kept := [s for s in schemas if len({*s.arguments}) == len(s.arguments)])
+            if (distinct := [s for s in schemas if len({*s.arguments}) == len(s.arguments)])
         }
 
     @cached_property

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from serp._util.text import listed, plural, readable
 from serp.agent.arbiter import Arbiter
@@ -17,7 +17,7 @@ from serp.authoring.scenarios import syntax as s
 from serp.errors import RunError, SerpError
 from serp.model.domain import Domain
 from serp.model.flags import APPLICABLE
-from serp.model.transition_model import StateError, Vector
+from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import DomainError
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
 from serp.settings import PlannerSettings, Settings
@@ -28,24 +28,24 @@ if TYPE_CHECKING:
     from serp.agent.agent import Agent
 
 
+@dataclass(frozen=True)
 class Decider:
-    """Decides for the planner, within the vetoes; what follows is predicted by the model.
+    """Decides for the planner, within the vetoes; the model predicts the rest.
 
-    Args:
+    Attributes:
         arbiter: Planner and vetoes.
         domain: The domain, whose initial state scenarios begin with.
         settings: Those of the planner.
-
-    Attributes:
-        arbiter, domain, settings: As given.
-        model: The model that is planned with.
     """
 
-    def __init__(self, arbiter: Arbiter, domain: Domain, settings: PlannerSettings) -> None:
-        self.arbiter = arbiter
-        self.domain = domain
-        self.settings = settings
-        self.model = arbiter.model
+    arbiter: Arbiter
+    domain: Domain
+    settings: PlannerSettings
+
+    @property
+    def model(self) -> TransitionModel:
+        """The model that is planned with."""
+        return self.arbiter.model
 
     @classmethod
     def of_domain(
@@ -69,14 +69,6 @@ class Decider:
         vetoes = VetoPolicy(actions, settings.arbiter, horizon)
         arbiter = Arbiter(planner, actions, settings.arbiter, vetoes=vetoes)
         return cls(arbiter, domain, settings.planner)
-
-    @classmethod
-    def of_agent(cls, agent: Agent) -> Decider:
-        """Return planner and vetoes of a trained agent, with the model that it has learned.
-
-        The learner is not asked: its input may be an observation, of which a scenario says nothing.
-        """
-        return cls(agent.guarded, agent.task.domain, agent.settings.planner)
 
     @property
     def start(self) -> dict[str, float]:
@@ -125,18 +117,20 @@ class Decider:
 
 
 def trained(agent: Agent, domain: Domain) -> Decider:
-    """Return the decider of a run for scenarios that were written for a domain of the same name.
+    """Return planner and vetoes of a trained agent, with the model that it has learned.
+
+    The learner does not decide: its input may be an observation, which no scenario states.
 
     Raises:
-        RunError: The run is of another domain.
+        RunError: The run is of a domain of another name.
     """
-    found = Decider.of_agent(agent)
-    if found.domain.name != domain.name:
+    learned = agent.task.domain
+    if learned.name != domain.name:
         raise RunError(
-            f"the run is of the domain `{found.domain.name}`, and the scenarios are of "
+            f"the run is of the domain `{learned.name}`, and the scenarios are of "
             f"`{domain.name}`; give a run of that domain"
         )
-    return found
+    return Decider(agent.guarded, learned, agent.settings.planner)
 
 
 Recorded = Callable[[s.StepOfRun], Mapping[str, float]]
@@ -145,14 +139,7 @@ Recorded = Callable[[s.StepOfRun], Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Failure:
-    """An expectation that does not hold.
-
-    Attributes:
-        expected: The line as written.
-        line: Its number, from 1.
-        found: What holds instead, in words.
-        causes: What of the domain file is behind that, by action.
-    """
+    """An expectation that does not hold: its line, what holds instead, and the causes by action."""
 
     expected: str
     line: int
@@ -162,12 +149,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a scenario.
-
-    Attributes:
-        scenario: The scenario.
-        failures: The expectations that do not hold, in their order.
-    """
+    """A scenario, and its expectations that do not hold."""
 
     scenario: s.Scenario
     failures: tuple[Failure, ...]
@@ -176,17 +158,6 @@ class Result:
     def passed(self) -> bool:
         """Whether everything holds that is expected."""
         return not self.failures
-
-
-class _Steps(NamedTuple):
-    """What some steps by the model led to; `ended` is what ended them early, in words."""
-
-    state: Vector
-    reward: float
-    unsafe: bool
-    terminal: bool
-    ended: str
-    made: int
 
 
 def check(scenario: s.Scenario, decider: Decider, recorded: Recorded) -> Result:
@@ -332,13 +303,11 @@ class _Checker:
         return f"worth {readable(float(forecast.value[number]))}" + (remark and f" ({remark})")
 
     def _why(self, action: int) -> str:
-        decision = self._decision._replace(
-            proposed=self._decider.environment_action(action),
-        )
+        decision = self._decision._replace(proposed=self._decider.environment_action(action))
         reason = self._decider.refusal(self._decision, action)
         assert reason is not None
-        said = self._decider.arbiter.explain(decision._replace(reason=reason), self._state)
-        return f" ({said})" if said else ""
+        text = self._decider.arbiter.explain(decision._replace(reason=reason), self._state)
+        return f" ({text})" if text else ""
 
     def _refuses(self, expected: s.Refuses) -> str:
         reason = self._decider.refusal(self._decision, expected.action)
@@ -356,45 +325,35 @@ class _Checker:
         return "" if found in bounds else f"it is {readable(found)}, not {bounds}"
 
     def _after(self, expected: s.After) -> str:
-        end = self._walked(expected.steps)
-        if expected.fluent in (UNSAFE, TERMINAL):
-            found = float(end.unsafe if expected.fluent == UNSAFE else end.terminal)
-        elif end.ended:
-            return f"{end.ended} after {plural(end.made, 'step')}"
-        elif expected.fluent == REWARD:
-            found = end.reward
-        else:
-            names = [fluent.name for fluent in self._decider.model.fluents]
-            found = float(end.state[names.index(expected.fluent)])
-        if found in expected.bounds:
-            return ""
-        if expected.bounds.text in ("true", "false"):
-            made = f" ({end.ended} after {plural(end.made, 'step')})" if end.ended else ""
-            return f"({expected.fluent}) is {str(bool(found)).lower()}{made}"
-        return f"({expected.fluent}) is {readable(found)}, not {expected.bounds}"
-
-    def _walked(self, steps: int | tuple[int, ...]) -> _Steps:
-        state, reward, unsafe, made, ended = self._state, 0.0, False, 0, ""
-        terminal = False
-        for action in self._actions(steps):
-            chosen = action
-            if chosen is None:
-                chosen = self._decider.executed(self._decider.decide(state))
-            step = None if chosen < 0 else self._decider.model.step(state, chosen)
+        decider, steps = self._decider, expected.steps
+        # None stands for what the planner chooses.
+        actions = (None,) * steps if isinstance(steps, int) else steps
+        state, reward, unsafe, terminal, made, ended = self._state, 0.0, False, False, 0, ""
+        for given in actions:
+            action = decider.executed(decider.decide(state)) if given is None else given
+            step = None if action < 0 else decider.model.step(state, action)
             if step is None or not step.applicable:
-                ended = f"{self._decider.name(chosen)} is not applicable"
+                ended = f"{decider.name(action)} is not applicable"
                 break
-            state, made = step.state, made + 1
+            state, made, terminal = step.state, made + 1, bool(step.terminal)
             reward += float(step.reward)
             unsafe |= bool(step.unsafe)
-            if step.terminal:
-                terminal = True
-                if made < (steps if isinstance(steps, int) else len(steps)):
-                    ended = "the task ends"
+            if terminal:
+                ended = "the task ends" if made < len(actions) else ""
                 break
-        return _Steps(state, reward, unsafe, terminal, ended, made)
-
-    @staticmethod
-    def _actions(steps: int | tuple[int, ...]) -> Iterator[int | None]:
-        """Yield the actions to be executed; None for what the planner chooses."""
-        yield from (None,) * steps if isinstance(steps, int) else steps
+        after = f"{ended} after {plural(made, 'step')}" if ended else ""
+        if expected.fluent in (UNSAFE, TERMINAL):
+            value = float(unsafe if expected.fluent == UNSAFE else terminal)
+        elif ended:
+            return after
+        elif expected.fluent == REWARD:
+            value = reward
+        else:
+            names = [fluent.name for fluent in decider.model.fluents]
+            value = float(state[names.index(expected.fluent)])
+        if value in expected.bounds:
+            return ""
+        if expected.bounds.text in ("true", "false"):
+            shown = f"({expected.fluent}) is {str(bool(value)).lower()}"
+            return f"{shown} ({after})" if after else shown
+        return f"({expected.fluent}) is {readable(value)}, not {expected.bounds}"

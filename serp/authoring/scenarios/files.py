@@ -45,18 +45,13 @@ def recorded_values(of: StepOfRun) -> dict[str, float]:
     Raises:
         RunError: There is no such run, recording or step.
     """
-    recording, found = recorded_step(Path(of.run), of.step, of.episode)
-    return dict(zip(recording.layout.fluents, found.state.tolist(), strict=True))
+    recording, stored = recorded_step(Path(of.run), of.step, of.episode)
+    return dict(zip(recording.layout.fluents, stored.state.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """A scenario file and who decides in it.
-
-    Attributes:
-        source: The file.
-        decider: Who decides.
-    """
+    """A scenario file, and who decides in it."""
 
     source: Source
     decider: Decider
@@ -135,20 +130,9 @@ _DANGERS: Final = ("unsafe", "unsafe ahead", "too risky")
 def add_scenario(
     file: ScenarioFile, title: str, where: str, recording: Recording, step: StoredStep
 ) -> str:
-    """Return the text of a file with a recorded step in it, as a scenario of what holds there.
+    """Return the text of a file with a recorded step as a scenario; see `add_situation`.
 
-    It replaces the scenario of the same title, or comes at the end. All other bytes stay.
-
-    Args:
-        file: The scenario file.
-        title: The title of the scenario.
-        where: Where the step was recorded, in words.
-        recording: What holds the step.
-        step: The step.
-
-    Raises:
-        DomainError: The file is wrong.
-        SerpError: The run has other fluents, or nothing can be expected of the step.
+    `where` says where the step was recorded.
     """
     decider, names = file.decider, recording.layout.fluents
     values = dict(zip(names, step.state.tolist(), strict=True))

@@ -9,7 +9,7 @@ import click
 
 from serp._util.text import percent, plural, readable
 from serp.ui.main import say
-from serp.ui.options import OutputFile
+from serp.ui.options import OutputFile, own_task_option
 from serp.ui.output import examples, open_console, print_json, print_table
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     ),
 )
 @click.argument("run", type=click.Path(path_type=Path))
+@own_task_option
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @click.option("--png", type=OutputFile(".png"), metavar="FILE.png",
               help="Draw predicted against observed there.")  # fmt: skip

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp.errors import SettingsError
-from serp.ui.asked import asked_domain, asked_own_task
+from serp.ui.asked import MakePlanner, asked_domain, asked_own_task, asked_state
 from serp.ui.main import say
 from serp.ui.options import OutputFile, max_ground_schemas_option, own_task_option, settings_option
 from serp.ui.output import examples, learned_from, open_console, print_json
-from serp.ui.state import MakePlanner, asked_state
 
 if TYPE_CHECKING:
     from serp.model.domain import Domain
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
 
 _USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
 """The settings of one decision."""
+_SECONDS = 10.0
+"""Time that a plan may take."""
 
 
 @click.command(
@@ -31,7 +32,7 @@ _USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
         "serp plan --domain cartpole",
         "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
         "serp plan --domain my/world.pddl --problem my/world-problem.pddl --depth 4",
-        "serp plan --domain my/world.pddl --planner lookahead --svg decision.svg",
+        "serp plan --domain my/world.pddl --set planner.discount=0.9 --svg decision.svg",
         "serp plan runs/seven --seed 3",
     ),
 )
@@ -58,14 +59,8 @@ _USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
 @click.option("--depth", type=click.IntRange(min=1), metavar="N",
               help="Actions to look ahead, where the planner does not see to the end.  "
                    "[default: the task's, else 5]")  # fmt: skip
-@click.option("--discount", type=click.FloatRange(0, 1, min_open=True), metavar="X",
-              help="Weight of a reward one control period later.")  # fmt: skip
-@click.option("--repeat", type=click.IntRange(min=1), metavar="N",
-              help="Control periods that an action is repeated for in the lookahead.")  # fmt: skip
 @click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
               help="Control period.  [default: the task's, else 1]")  # fmt: skip
-@click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), default=10.0,
-              show_default=True, metavar="S", help="Most seconds to look ahead.")  # fmt: skip
 @settings_option
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
               help="Draw the planning graph there, that of the lookahead.")  # fmt: skip
@@ -100,7 +95,7 @@ def command(
     domain, task, make_planner = (
         _asked(name, problem, max_ground_schemas, **planning)
         if run is None
-        else asked_run(run, planning["time_budget"])
+        else asked_run(run, _SECONDS)
     )
     domain, state, origin = asked_state(
         domain, task, make_planner, assignments, observe=observe, seed=seed
@@ -108,20 +103,21 @@ def command(
     planner = make_planner(domain)
     plan = planner.plan(state)
 
-    from serp.agent.sentences import lines_of_flips
-    from serp.ui.decision import account_of_plan, describe, print_plan
+    from serp.agent.sentences import lines_of_changes
+    from serp.ui.decision import describe, print_plan
 
-    account = account_of_plan(planner, state, plan)
-    flips = planner.flips(state) if isinstance(planner, RunPlanner) else None
+    account = planner.explain(state, plan)
+    changes = planner.counterfactuals(state) if isinstance(planner, RunPlanner) else None
+    title = f"{domain.name}, {origin}"
     if as_json:
-        told = describe(domain.name, origin, planner, account, plan)
-        print_json({**told, "flips": None if flips is None else asdict(flips)})
+        about = {"domain": domain.name, "state_from": origin, **describe(planner, account, plan)}
+        print_json({**about, "counterfactuals": None if changes is None else asdict(changes)})
     else:
         console = open_console()
-        print_plan(console, domain.name, origin, planner, account, plan)
-        if flips is not None:
+        print_plan(console, title, planner, account, plan)
+        if changes is not None:
             console.print("")
-            for line in [*lines_of_flips(flips), flips.searched]:
+            for line in [*lines_of_changes(changes), changes.searched]:
                 console.print(line)
         if isinstance(planner, RunPlanner):
             console.print(f"The model of {run} is {planner.adoption}.")
@@ -133,9 +129,9 @@ def command(
 
         drawn, what = plan, "The planning graph"
         if not planner.decided_by_graph(plan):  # what else it sees cannot be drawn
-            drawn, what = planner.lookahead(state), "What the lookahead alone would choose"
-            origin += ": the lookahead alone"
-        write_durably(svg, plan_picture(drawn, planner, title=f"{domain.name}, {origin}"))
+            drawn, what = planner.lookahead.plan(state), "What the lookahead alone would choose"
+            title += ": the lookahead alone"
+        write_durably(svg, plan_picture(drawn, planner.lookahead, title=title))
         say(f"{what} is drawn in {svg}")
 
 
@@ -159,27 +155,25 @@ def _planning(
     task: Task | None,
     settings: Changes,
     dt: float | None,
-    time_budget: float,
     planner_name: str | None,
-    **options: Any,
+    depth: int | None,
 ) -> MakePlanner:
     """Return a function that makes the planner of a domain, as task, settings and options say."""
     from serp.settings import resolve
     from serp.tasks.file_world import STEP_BY_STEP
     from serp.ui.planner import ChosenPlanner, chosen_planner
 
-    every = resolve("default", STEP_BY_STEP if task is None else task.settings, settings)
+    resolved = resolve("default", STEP_BY_STEP if task is None else task.settings, settings)
     for section, values in settings.items():
         for name in values:
             if section != "planner" or name not in _USED:
                 known = ", ".join(f"planner.{used}" for used in _USED)
                 raise SettingsError(f"--set {section}.{name}: one decision uses only {known}")
-    given = {name: value for name, value in options.items() if value is not None}
-    if planner_name is not None:
-        given["name"] = planner_name
-    chosen, period = every.planner.replace(**given), dt or (task.dt if task else 1.0)
+    options = {"name": planner_name, "depth": depth}
+    chosen = resolved.planner.replace(**{k: v for k, v in options.items() if v is not None})
+    period = dt or (task.dt if task else 1.0)
 
     def make_planner(domain: Domain) -> ChosenPlanner:
-        return chosen_planner(domain.model.replace(dt=period), chosen, task, time_budget)
+        return chosen_planner(domain.model.replace(dt=period), chosen, task, _SECONDS)
 
     return make_planner

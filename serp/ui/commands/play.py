@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp._util.terminal import visible
-from serp.ui.options import max_ground_schemas_option, settings_option
+from serp.ui.options import max_ground_schemas_option, own_task_option, settings_option
 from serp.ui.output import examples
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ _OF_TRAINING = ("env_steps", "episodes", "out", "quiet", "max_steps")
     ),
 )
 @click.argument("name", metavar="FILE|NAME")
+@own_task_option
 @click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
               help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
 @max_ground_schemas_option
@@ -91,7 +92,7 @@ def command(
     from serp.errors import SettingsError
     from serp.tasks.registry import find_domain_file
     from serp.tasks.task import WorldOptions
-    from serp.ui.asked import asked_domain
+    from serp.ui.asked import asked_domain, asked_own_task
     from serp.ui.player import Playground
 
     _refuse_unused(train=train, keys=keys)
@@ -102,7 +103,7 @@ def command(
     except SettingsError as error:
         raise click.UsageError(_as_options(str(error))) from None
     file = find_domain_file(name)
-    domain, task = asked_domain(name, file, problem, max_ground_schemas, None)
+    domain, task = asked_domain(name, file, problem, max_ground_schemas, asked_own_task())
     dt = options.pop("dt") or (task.dt if task is not None else 1.0)
     if (planner := options.pop("planner")) is not None:
         settings.setdefault("planner", {})["name"] = planner
@@ -132,7 +133,7 @@ def _refuse_unused(*, train: bool, keys: str | None) -> None:
 def _begun(domain: Domain, assignments: tuple[str, ...]) -> Domain:
     """Return a domain whose problem has an `:init`, with what `--state` says."""
     from serp.tasks.file_world import starting
-    from serp.ui.state import parse_state
+    from serp.ui.asked import parse_state
 
     given = parse_state(assignments, domain)
     problem = domain.problem_syntax
@@ -177,9 +178,9 @@ def _play(
     seed: int,
 ) -> None:
     from serp.authoring.play import Game
+    from serp.ui.asked import parse_state
     from serp.ui.output import open_console
     from serp.ui.player import Player, action_keys
-    from serp.ui.state import parse_state
 
     domain, dt = played.domain, played.dt
     console = open_console()
@@ -195,34 +196,21 @@ def _play(
         assignments = (click.prompt("Other values (FLUENT=VALUE,...)", default="", type=str),)
     game = Game(_begun(domain, assignments), world, dt=dt, seed=seed)
     actions = [action.name for action in game.model.actions]
-    player = Player(
-        game,
-        played.planner,
-        console,
-        action_keys(actions, keys),
-        lambda text: parse_state([text], game.moment.domain, "change"),
-        lambda title: played.save(title, game, parse_state(assignments, domain)),
-    )
-    console.print(_headline(game.moment.domain, world, dt))
+    begun = parse_state(assignments, domain)
+    player = Player(played, game, begun, console, action_keys(actions, keys))
+    disturbances = [
+        f", {name} {getattr(world, name):g}"
+        for name in ("failure", "slip", "noise")
+        if getattr(world, name)
+    ]
+    name = game.moment.domain.source.name
+    console.print(f"the world of {name}, control period {dt:g}{''.join(disturbances)}")
     player.print_state()
     player.print_actions()
     if by_hand:
         _by_keys(player)
     else:
         _by_lines(player)
-
-
-def _headline(domain: Domain, world: WorldOptions, dt: float) -> str:
-    disturbed = [
-        f"{what} {value:g}"
-        for what, value in (
-            ("failure", world.failure),
-            ("slip", world.slip),
-            ("noise", world.noise),
-        )
-        if value
-    ]
-    return ", ".join([f"the world of {domain.source.name}", f"control period {dt:g}", *disturbed])
 
 
 def _by_lines(player: Player) -> None:
@@ -234,33 +222,33 @@ def _by_lines(player: Player) -> None:
             if not player.do(line):
                 return
         except (SerpError, click.UsageError) as error:
-            said = error.message if isinstance(error, click.UsageError) else str(error)
-            raise SerpError(f"line {number}: {said}") from error
+            raise SerpError(f"line {number}: {_message(error)}") from error
 
 
 def _by_keys(player: Player) -> None:
     """Read keys from the terminal, return repeats the last one; a mistake does not end the game."""
     from serp.errors import SerpError
     from serp.ui.main import say
-    from serp.ui.player import Keyboard
+    from serp.ui.player import typed_keys
 
     click.secho("? plan  p planner  u undo  r restart  s state  : a line  h help  q quit", dim=True)
-    last = ""
-    with Keyboard() as keyboard:
-        while True:
-            click.secho(f"{player.possible()} > ", nl=False, bold=True)
-            try:
-                key = keyboard.key()
-                line = last if key == "enter" else key
-                if key == ":":
-                    line = keyboard.line(":")
-                else:
-                    click.echo(visible(line))
-                last = line
-                if not player.do(line):
-                    return
-            except EOFError:
-                click.echo()
+    last, keys = "", typed_keys()
+    while True:
+        click.secho(f"{player.possible()} > ", nl=False, bold=True)
+        try:
+            key = next(keys)
+            line = last if key == "enter" else key
+            if not line.startswith(":"):
+                click.echo(visible(line))
+            last = line
+            if not player.do(line):
                 return
-            except (SerpError, click.UsageError) as error:
-                say(error.message if isinstance(error, click.UsageError) else str(error))
+        except EOFError:
+            click.echo()
+            return
+        except (SerpError, click.UsageError) as error:
+            say(_message(error))
+
+
+def _message(error: Exception) -> str:
+    return error.message if isinstance(error, click.UsageError) else str(error)

@@ -13,7 +13,7 @@ import click
 from serp._util.text import plural
 from serp.errors import SerpError
 from serp.ui.main import say
-from serp.ui.options import OutputFile
+from serp.ui.options import OutputFile, own_task_option
 from serp.ui.output import examples, open_console
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ _STYLES = {"+": "green", "-": "red", "@": "cyan"}
     ),
 )
 @click.argument("run", type=click.Path(path_type=Path))
+@own_task_option
 @click.option("-o", "--out", type=OutputFile(".pddl"), metavar="FILE.pddl",
               help="Where the repaired file goes.  [default: it is only shown]")  # fmt: skip
 @click.option("--force", is_flag=True,

@@ -29,18 +29,14 @@ from serp.ui.output import examples, open_console
               )  # fmt: skip
 @click.option("--steps", type=click.IntRange(min=1), default=30_000, show_default=True, metavar="N",
               help="Most steps in the file.")  # fmt: skip
-@click.option("--pictures", type=click.IntRange(min=0), default=4_000, show_default=True,
+@click.option("--pictures", type=click.IntRange(min=0), default=1_000, show_default=True,
               metavar="N", help="Most pictures of the scene; at most 6 MB.")  # fmt: skip
-@click.option("--baseline", type=click.IntRange(min=0), default=10, show_default=True, metavar="N",
-              help="Episodes of the planner alone, unless an evaluation of it is recorded.",
-              )  # fmt: skip
-def command(
-    run: Path, out: Path | None, evaluation: str | None, steps: int, pictures: int, baseline: int
-) -> None:
+def command(run: Path, out: Path | None, evaluation: str | None, steps: int, pictures: int) -> None:
     """Write what happened in RUN as one HTML file, which needs nothing else.
 
-    Curves, what was refused, where the file was wrong; and every recorded step with its scene, its
-    state, its alternatives and the lines of the file behind them.
+    Curves, refusals, errors of the file; and every recorded step with its scene, its state, its
+    alternatives and the lines of the file behind the executed and the refused action. The curve
+    shows the planner alone where `serp evaluate --policy planner` has measured it.
     """
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
     from serp.runs.run import load_run
@@ -48,7 +44,5 @@ def command(
 
     loaded = load_run(run, asked_own_task())
     path = out or run / "report.html"
-    write_report(
-        loaded, path, evaluation=evaluation, steps=steps, pictures=pictures, baseline=baseline
-    )
+    write_report(loaded, path, evaluation=evaluation, steps=steps, pictures=pictures)
     open_console().print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")

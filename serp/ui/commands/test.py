@@ -19,7 +19,6 @@ from serp.ui.output import examples, open_console, print_json
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.authoring.scenarios.checking import Result
     from serp.authoring.scenarios.files import ScenarioFile
 
 
@@ -82,17 +81,15 @@ def command(
         return DONE
     if step is not None or episode is not None or title is not None:
         raise click.UsageError("--step, --episode and --title belong to --update RUN")
-    files, passed, wrong, results = _asked(names), 0, 0, []
-    for position, name in enumerate(files):
+    wrong, results = 0, []
+    for position, name in enumerate(_domains(names)):
         try:
             file = _opened(name, **deciding)
-            found = _report(console if not as_json else None, file, words, first=not position)
+            results += _report(console if not as_json else None, file, words, first=not position)
         except SerpError as error:
             say(with_notes(error), head="Error: ")
             wrong += 1
-            continue
-        results += [_as_json(file, result) for result in found]
-        passed += sum(result.passed for result in found)
+    passed = sum(result["passed"] for result in results)
     failed = len(results) - passed
     if as_json:
         print_json({"passed": passed, "failed": failed, "wrong": wrong, "scenarios": results})
@@ -118,19 +115,19 @@ def _update(
     from serp._util.files import write_durably
     from serp.authoring.scenarios.files import add_scenario, recorded_step
 
-    if step is None or len(_asked(names)) != 1:
+    if step is None or len(_domains(names)) != 1:
         raise click.UsageError("--update takes one domain and --step N")
-    (name,) = _asked(names)
+    (name,) = _domains(names)
     file = _opened(name, make=True, **deciding)
-    recording, found = recorded_step(of, step, episode)
+    recording, stored = recorded_step(of, step, episode)
     where = f"step {step} of " + ("" if episode is None else f"episode {episode} of ") + str(of)
-    text = add_scenario(file, title or where, where, recording, found)
+    text = add_scenario(file, title or where, where, recording, stored)
     write_durably(Path(file.source.name), text)
     say(f"{file.source.name}: the scenario `{title or where}` is written")
 
 
-def _asked(names: tuple[str, ...]) -> list[str]:
-    """Return the domains to be tested, by name or file."""
+def _domains(names: tuple[str, ...]) -> list[str]:
+    """Return the domains to be tested, by name or file; an empty name for that of --task."""
     from serp.authoring.scenarios.syntax import SUFFIX
 
     if not names and asked_own_task() is not None:
@@ -185,19 +182,22 @@ def _opened(
 
 def _report(
     console: Console | None, file: ScenarioFile, words: str, *, first: bool
-) -> list[Result]:
-    """Check the scenarios of a file, and print each as soon as it is checked."""
+) -> list[dict[str, Any]]:
+    """Check the scenarios of a file, print each as soon as it is checked, and return them."""
     from serp.authoring.scenarios.files import recorded_values
 
     if console is not None:
         console.print(("" if first else "\n") + file.source.name, style="bold")
     results = []
     for result in file.run(recorded_values, words):
-        results.append(result)
+        place, title = result.scenario.place, result.scenario.title
+        failures = [dataclasses.asdict(failure) for failure in result.failures]
+        results.append({"file": file.source.name, "line": place.line, "title": title,
+                        "passed": result.passed, "failures": failures})  # fmt: skip
         if console is None:
             continue
         mark, style = ("ok  ", "green") if result.passed else ("FAIL", "bold red")
-        console.print(f"  {mark}  {result.scenario.title}", style=style)
+        console.print(f"  {mark}  {title}", style=style)
         for failure in result.failures:
             console.print(f"        line {failure.line}: {failure.expected}")
             console.print(f"          {failure.found}", style="red")
@@ -205,13 +205,3 @@ def _report(
                 for line in lines:
                     console.print(f"            {action}: {line}", style="dim")
     return results
-
-
-def _as_json(file: ScenarioFile, result: Result) -> dict[str, Any]:
-    return {
-        "file": file.source.name,
-        "line": result.scenario.place.line,
-        "title": result.scenario.title,
-        "passed": result.passed,
-        "failures": [dataclasses.asdict(failure) for failure in result.failures],
-    }

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from serp.ui.options import own_task_option
 from serp.ui.output import examples, open_console, print_json
 
 if TYPE_CHECKING:
@@ -28,9 +29,10 @@ if TYPE_CHECKING:
     ),
 )
 @click.argument("run", type=click.Path(path_type=Path))
+@own_task_option
 @click.option("--step", type=click.IntRange(min=0), metavar="N",
               help="The step: as in decisions.csv, from 0; with --episode that of the episode, "
-                   "from 1.  [default: the one that tells most]")  # fmt: skip
+                   "from 1.  [default: the most telling one]")  # fmt: skip
 @click.option("--episode", type=click.IntRange(min=1), metavar="E", help="The episode, from 1.")
 @click.option("--time", metavar="M:SS", help="Time since the episode began, instead of --step.")
 @click.option("--evaluation", metavar="NAME",
@@ -59,8 +61,8 @@ def command(
     recording = read.recording(evaluation)
     account = account_of_step(read, recording, _asked(recording, step, episode, time))
     if as_json:
-        told = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
-        print_json({**told, **account.as_dict()})
+        about = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
+        print_json({**about, **account.as_dict()})
     else:
         _print(open_console(), read, account)
 
@@ -85,7 +87,7 @@ def _asked(
 def _print(console: Console, run: RunModel, account: StepAccount) -> None:
     """Print an account in sentences and tables."""
     from serp.runs.step_sentences import heading, what_came, what_would_differ, who_acted
-    from serp.ui.decision import print_alternatives, print_causes, print_state
+    from serp.ui.decision import print_account
 
     because = f" ({account.because})" if account.because else ""
     console.print(f"{run.domain.name}, {heading(account)}{because}", style="bold")
@@ -93,21 +95,14 @@ def _print(console: Console, run: RunModel, account: StepAccount) -> None:
     for line in who_acted(account):
         console.print(line)
     console.print("")
-    print_state(console, account.account)
-    console.print("")
-    refused = account.proposed if account.vetoed else ""
-    print_alternatives(console, account.account, refused)
-    console.print("")
-    print_causes(console, account.account, refused)
+    print_account(console, account.account, [], account.proposed if account.vetoed else "")
     if account.ahead_by:
-        console.print(f"What lies ahead is as planned with {account.ahead_by}.")
+        console.print(f"Later steps were planned again with {account.ahead_by}.")
     else:
-        console.print("What the planner saw ahead cannot be planned again with today's model.")
+        console.print("Later steps are unknown: today's model plans otherwise.")
     console.print("")
     for line in what_came(account):
         console.print(line)
-    told = what_would_differ(account)
-    if told:
-        console.print("")
-    for line in told:
+    differences = what_would_differ(account)
+    for line in ["", *differences] if differences else []:
         console.print(line)

@@ -29,12 +29,7 @@ _CHARACTERS = 44  # width of a picture in ems, which sets the font size within t
 
 
 class Mark(NamedTuple):
-    """A text that is marked red: a veto, or the execution of an unsafe or risky action.
-
-    Attributes:
-        what: The event.
-        why: The reason, in terms of the domain file.
-    """
+    """An event that is marked red, a veto or an unsafe action, and its reason by the file."""
 
     what: str
     why: str
@@ -61,14 +56,7 @@ class Caption(NamedTuple):
 
 
 class CaptionBand:
-    """Draws captions, all of one size.
-
-    Args:
-        width: Pixels.
-
-    Attributes:
-        size: Width and height, pixels.
-    """
+    """Draws captions of one width; all have the same `size`, pixels."""
 
     def __init__(self, width: int) -> None:
         letters = min(max(width // _CHARACTERS, _SMALLEST), _LARGEST)

@@ -1,21 +1,19 @@
-"""Films of a policy: pictures with captions and durations."""
+"""Films of a policy: pictures with captions and durations, as GIF or MP4."""
 
 from __future__ import annotations
 
 import contextlib
 import itertools
 import math
-import subprocess
 from collections.abc import Callable, Iterator
-from fractions import Fraction
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 from PIL import Image, ImageColor
-from pydantic import Field
 
 from serp._util.figures import ACTORS, REFUSED
 from serp._util.files import replaced_durably
@@ -29,13 +27,26 @@ from serp.model.flags import RISKY, UNSAFE
 from serp.runs.evaluation import Episode, Policy, outcome_of, play
 from serp.runs.recording import Recorder
 from serp.runs.run import Run
-from serp.settings import Section
 from serp.tasks.task import BoundTask
 from serp.ui.pictures.caption import INK, Caption, CaptionBand, Mark
 
 RGB_ARRAY: Final = "rgb_array"
 RGB_ARRAY_LIST: Final = "rgb_array_list"
+HOLD: Final = 1.5
+"""Time that a mark is shown, unless another one follows, s."""
+END: Final = 1.0
+"""Additional duration of the last picture of an episode, s."""
+_WHOSE: Final = {
+    Actor.PLANNER: "the planner's",
+    Actor.LEARNER: "the learner's",
+    Actor.EXPLORATION: "a random",
+    Actor.FALLBACK: "the fallback's",
+}
+_TICK, _FEWEST_TICKS = 0.01, 2  # unit of durations in a GIF, s; browsers slow down shorter frames
+_SAMPLES, _TRANSPARENT = 60, 255  # frames of which the palette is made; an index in it
 Picture = NDArray[np.uint8]
+OnEpisode = Callable[[int, StepRecord], None]
+"""Called with the number of an episode and its last step."""
 
 
 def render_mode_of(run: Run) -> str:
@@ -70,7 +81,7 @@ class Camera:
             EnvironmentFailure: The environment cannot draw, or gave something else.
         """
         try:
-            seen: Any = self._task.env.render()
+            rendered: Any = self._task.env.render()
         except DependencyNotInstalled as error:
             raise self._failure(
                 f"the environment cannot draw: {error} (what serp's own environments need comes "
@@ -78,7 +89,7 @@ class Camera:
             ) from error
         except (Exception, SystemExit) as error:
             raise self._failure(f"render failed: {type(error).__name__}: {error}") from error
-        pictures = seen if self._several and isinstance(seen, list) else [seen]
+        pictures = rendered if self._several and isinstance(rendered, list) else [rendered]
         return [self._checked(picture) for picture in pictures]
 
     def _checked(self, picture: Any) -> Picture:
@@ -96,46 +107,33 @@ class Camera:
     def period(self, count: int) -> float:
         """Return the duration of each of a step's pictures, s of the task's time.
 
-        A single picture lasts a control period. For several, the environment's `render_fps` gives
-        the duration; without it they share the control period.
+        Pictures share the control period, unless the environment's `render_fps` says how long each
+        of several lasts.
         """
         if self._several and self._rate is not None and self._rate > 0:
             return 1.0 / self._rate
         return self._task.model.dt / max(count, 1)
 
 
-HOLD: Final = 1.5
-"""Time that a mark is shown, unless another one follows, s."""
-END: Final = 1.0
-"""Additional duration of the last picture of an episode, s."""
-_WHOSE: Final = {
-    Actor.PLANNER: "the planner's",
-    Actor.LEARNER: "the learner's",
-    Actor.EXPLORATION: "a random",
-    Actor.FALLBACK: "the fallback's",
-}
-OnEpisode = Callable[[int, StepRecord], None]
-"""Called with the number of an episode and its last step."""
+@dataclass(frozen=True)
+class FilmSettings:
+    """Settings of a film.
 
-
-class FilmSettings(Section):
-    """Settings of a film."""
+    Attributes:
+        policy, episodes, seed: As in `serp.Run.evaluate`.
+        speed: Speed relative to real time, above 0.
+        fps: Largest number of frames per second. Pictures beyond it are left out, except the first
+            and last of an episode and the first after a veto.
+        width, height: Largest size of a picture without caption, pixels; None for no limit.
+    """
 
     policy: Policy = "serp"
-    """The policy; see `serp.runs.evaluation.Policy`."""
     episodes: int = 3
-    """Number of episodes."""
     seed: int = 0
-    """Seed of the environment; the episodes are those of `evaluate` with this seed."""
-    speed: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 1.0
-    """Speed relative to real time."""
-    fps: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 50.0
-    """Largest number of frames per second. Pictures beyond it are left out, except the first and
-    last of an episode and the first after a veto."""
+    speed: float = 1.0
+    fps: float = 50.0
     width: int | None = None
-    """Largest width of a picture, pixels; None for no limit. Pictures are never enlarged."""
     height: int | None = None
-    """Largest height of a picture without caption, pixels; None for no limit."""
 
 
 class Frame(NamedTuple):
@@ -158,13 +156,7 @@ class Frame(NamedTuple):
 def film_of_run(
     run: Run, settings: FilmSettings, on_episode: OnEpisode | None = None
 ) -> Iterator[Iterator[Frame]]:
-    """Yield the frames of a film of a run's policy, in an environment of their own.
-
-    The steps are recorded as those of an evaluation.
-
-    Raises:
-        SerpError: See `render_mode_of` and `film`.
-    """
+    """Yield the frames of a film of a run's policy; its steps are recorded as an evaluation."""
     agent = run.agent
     with (
         run.environment(render_mode_of(run)) as task,
@@ -182,17 +174,7 @@ def film(
 ) -> Iterator[Frame]:
     """Play a policy and return the frames of a film as they are made.
 
-    Args:
-        agent: The agent.
-        task: The task, in an environment that is not used otherwise, made with a render mode of
-            `serp.ui.pictures.film`.
-        settings: The settings of the film.
-        on_episode: Called at the end of each episode.
-        recorder: Where the steps are recorded; None for nowhere.
-
-    Raises:
-        SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
-        SerpError: Environment or grounding failed (in a step).
+    The environment of the task, made with a render mode of this module, is not used otherwise.
     """
     episodes = play(
         agent, task, settings.policy, episodes=settings.episodes, seed=settings.seed,
@@ -205,15 +187,14 @@ def film(
 def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
     """Return the marks of a step: a veto, and the execution of an unsafe or risky action."""
     decision, arbiter = step.decision, agent.arbiter
-    names = arbiter.actions
     marks = []
     if decision.vetoed:
-        name = names.name(decision.proposed)
+        name = arbiter.actions.name(decision.proposed)
         why = arbiter.explain(decision, step.state).removeprefix(f"{name}: ")
         whose = _WHOSE[decision.proposed_by]
         marks.append(Mark(f"Refused in step {step.number}: {whose} {name}", why))
     if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
-        name = names.name(decision.action)
+        name = arbiter.actions.name(decision.action)
         ground = int(decision.forecast.ground[decision.action])
         why = why_unsafe(arbiter.model, step.state, ground).removeprefix(f"{name}: ")
         what = "Unsafe" if decision.unsafe else "Risky"
@@ -238,13 +219,11 @@ class _Filming:
         self._marked = 0.0  # remaining time of the mark, s
 
     def frames(self, episode: Episode) -> Iterator[Frame]:
-        """Yield the frames of an episode."""
         self._marked = 0.0
         number = f"episode {episode.number}"
         strip: list[tuple[Actor, bool]] = []
-        start = Caption(None, "start", (number,))
-        # All that belongs to the reset is one moment.
-        for picture in self._camera.take()[-1:]:
+        for picture in self._camera.take()[-1:]:  # a reset is one moment
+            start = Caption(None, "start", (number,))
             yield from self._shoot(picture, self._camera.period(1), start, None, always=True)
         for step in episode.steps:
             decision = step.decision
@@ -253,7 +232,8 @@ class _Filming:
             if marks:
                 self._marks, self._marked = marks, HOLD
             name = self._agent.task.actions.name(decision.action)
-            facts = (number, f"step {step.number}", f"return {_signed(step.episode.return_)}")
+            return_ = f"{step.episode.return_ + 0.0:+.2f}".replace("-", "−")
+            facts = (number, f"step {step.number}", f"return {return_}")
             caption = Caption(decision.executed_by, name, facts, strip=tuple(strip))
             pictures = self._camera.take()
             period = self._camera.period(len(pictures))
@@ -292,7 +272,9 @@ class _Filming:
     def _compose(self, picture: Picture, caption: Caption) -> Image.Image:
         image = Image.fromarray(picture)
         if self._band is None:
-            self._size = self._fitting(image.size)
+            limits = (self._settings.width or math.inf, self._settings.height or math.inf)
+            scale = min(1.0, limits[0] / image.width, limits[1] / image.height)
+            self._size = (_even(scale * image.width), _even(scale * image.height))
             self._band = CaptionBand(self._size[0])
         if image.size != self._size:
             image = image.resize(self._size, Image.Resampling.HAMMING)
@@ -302,54 +284,31 @@ class _Filming:
         frame.paste(self._band.draw(caption), (0, height))
         return frame
 
-    def _fitting(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Return the size of the pictures: within the limits, even, as videos require."""
-        limits = (self._settings.width or math.inf, self._settings.height or math.inf)
-        scale = min(1.0, limits[0] / size[0], limits[1] / size[1])
-        return (_even(scale * size[0]), _even(scale * size[1]))
-
 
 def _even(length: float) -> int:
-    return max(2, 2 * round(length / 2))
-
-
-def _signed(value: float) -> str:
-    return f"{value + 0.0:+.2f}".replace("-", "−")
-
-
-_TICK: Final = 0.01  # unit of durations in a GIF, s
-_FEWEST_TICKS: Final = 2  # browsers slow down faster GIFs
-_SAMPLES: Final = 60  # frames from which the palette is made
-_TRANSPARENT: Final = 255  # index in the palette
-_QUALITY: Final = 20  # libx264's constant rate factor: 0 is lossless, 51 is worst
+    return max(2, 2 * round(length / 2))  # as videos require
 
 
 def write_film(
     run: Run, path: Path, settings: FilmSettings, on_episode: OnEpisode | None = None
 ) -> None:
-    """Play a run's policy and write a film of it; a failure leaves no file.
-
-    Args:
-        run: The run.
-        path: The file, which ends in a key of `WRITERS`; an existing one is replaced.
-        settings: How the film is made.
-        on_episode: Called at the end of each episode.
+    """Play a run's policy and write a film of it, `.gif` or `.mp4`; a failure leaves no file.
 
     Raises:
         MissingExtra: It is an MP4, and imageio-ffmpeg is not installed.
         RunError: The file cannot be written, or the run not be read.
         SerpError: The task cannot be loaded or draws no pictures, or its environment failed.
     """
-    write = WRITERS[path.suffix.lower()]
+    write = write_gif if path.suffix.lower() == ".gif" else write_mp4
     with replaced_durably(path) as aside, film_of_run(run, settings, on_episode) as frames:
         write(aside, frames)
 
 
 def write_gif(path: Path, frames: Iterator[Frame]) -> None:
-    """Write an endlessly repeated GIF.
+    """Write an endlessly repeated GIF with the colours of its first frames.
 
-    The palette is taken from the first frames. Pillow stores only the pixels that change, and
-    keeps one byte per pixel of every frame until the end.
+    Pillow stores only the pixels that change, and keeps one byte per pixel of every frame until the
+    end.
     """
     first = list(itertools.islice(frames, _SAMPLES))
     palette = _palette([frame.image for frame in first])
@@ -366,16 +325,9 @@ def write_gif(path: Path, frames: Iterator[Frame]) -> None:
 
     rest = images()
     next(rest).save(
-        path,
-        "GIF",
-        save_all=True,
-        append_images=rest,
-        loop=0,
-        palette=bytes(palette.getpalette() or ()),
-        optimize=True,
-        transparency=_TRANSPARENT,
-        disposal=1,
-    )
+        path, "GIF", save_all=True, append_images=rest, loop=0, optimize=True, disposal=1,
+        palette=bytes(palette.getpalette() or ()), transparency=_TRANSPARENT,
+    )  # fmt: skip
 
 
 def _palette(images: list[Image.Image]) -> Image.Image:
@@ -385,9 +337,9 @@ def _palette(images: list[Image.Image]) -> Image.Image:
     fixed = np.concatenate([*shades, *(ImageColor.getrgb(name) for name in ACTORS.values())])
     sample = np.concatenate([np.asarray(image) for image in images[:: _SAMPLES // 8]])
     free = _TRANSPARENT - len(fixed) // 3
-    seen = Image.fromarray(sample).quantize(free, Image.Quantize.MAXCOVERAGE).getpalette() or []
+    others = Image.fromarray(sample).quantize(free, Image.Quantize.MAXCOVERAGE).getpalette() or []
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*fixed.tolist(), *seen[: 3 * free]])
+    palette.putpalette([*fixed.tolist(), *others[: 3 * free]])
     return palette
 
 
@@ -397,40 +349,24 @@ def write_mp4(path: Path, frames: Iterator[Frame]) -> None:
     The duration of the first frame, at most 1 s, gives the frame rate; longer frames are repeated.
     """
     with needs_extra("watch", "writing MP4"):
-        from imageio_ffmpeg import get_ffmpeg_exe
-    try:
-        ffmpeg = get_ffmpeg_exe()
-    except RuntimeError as error:
-        raise RunError(f"MP4 needs ffmpeg, and none was found: {error}") from error
+        from imageio_ffmpeg import write_frames
     first = next(frames)
-    rate = max(Fraction(1.0 / first.seconds).limit_denominator(1000), Fraction(1))
-    width, height = first.image.size
-    command = [
-        ffmpeg, "-loglevel", "error", "-y",
-        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate),
-        "-i", "pipe:0",
-        "-c:v", "libx264", "-crf", str(_QUALITY), "-pix_fmt", "yuv420p",
-        "-movflags", "+faststart", "-f", "mp4", f"file:{path}",
-    ]  # fmt: skip
+    rate = max(round(1.0 / first.seconds, 2), 1.0)  # of which ffmpeg gets two decimals
+    output = ["-crf", "20", "-movflags", "+faststart", "-f", "mp4"]
     due, count = 0.0, 0
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdin is not None and process.stderr is not None
-        try:
+    try:
+        writer = write_frames(
+            f"file:{path}", first.image.size, fps=rate, codec="libx264", quality=None,
+            macro_block_size=2, ffmpeg_log_level="error", output_params=output,
+        )  # fmt: skip
+        with contextlib.closing(writer):
+            writer.send(None)
             for frame in itertools.chain([first], frames):
-                due += frame.seconds * float(rate)
+                due += frame.seconds * rate
                 for _ in range(max(1, round(due) - count)):
-                    process.stdin.write(frame.image.tobytes())
+                    writer.send(frame.image.tobytes())
                     count += 1
-            process.stdin.close()
-        except BrokenPipeError:
-            pass  # it ended early, and says why
-        why = process.stderr.read().decode(errors="replace").strip()
-    if process.returncode:
-        raise RunError(f"ffmpeg could not write {path}: {why}")
-
-
-WRITERS: Final[dict[str, Callable[[Path, Iterator[Frame]], None]]] = {
-    ".gif": write_gif,
-    ".mp4": write_mp4,
-}
-"""Suffix of a film → its writer."""
+    except (OSError, RuntimeError) as error:
+        raise RunError(f"ffmpeg could not write {path}: {error}") from error
+    if not path.is_file():
+        raise RunError(f"ffmpeg could not write {path}")

@@ -1,152 +1,286 @@
-"""The picture of a decision as a file: the planning graph with what there is to say of it.
+"""The picture of a decision: the planning graph as SVG, with text that can be searched.
 
-The file is SVG with text as text, which can be searched and read aloud. It is light or dark as the
-reader's other pages are.
+The graph is laid out as a tree from left to right: one column per layer, one row per leaf; an inner
+node is centred on its children. Equal states of a layer are one node; its children are shown once,
+behind the best edge that reaches it. Of a large graph the best part is drawn, the rest is counted.
 """
 
 from __future__ import annotations
 
+import math
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from html import escape
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from serp._util.figures import colour, style_sheet
-from serp._util.text import readable
+from serp._util.text import percent, readable
 from serp.agent.sentences import kind_of_return, special_about
-from serp.planning.edges import Bound
-from serp.ui.pictures.plan_layout import MAX_ROWS, Branch, PlanLayout, Rest, lay_out, short
 
 if TYPE_CHECKING:
+    import networkx as nx
+
     from serp.planning.replanner import MonitorReplanner, Plan
 
 
-CHARACTER: Final = 7.4
-"""Pixels of a character, on average."""
-SIZE: Final = 13
-"""Pixels of the letters."""
-DASHES: Final = {"unsafe": "6 3", "risky": "6 2 1 2", "doomed": "1.5 3"}
-"""Harm → its dashes."""
-HARMS: Final = {
+MAX_ROWS: Final = 30
+"""Rows to fill; only the best path with its siblings may take more."""
+DASHES: Final = {"unsafe": "6 3", "risky": "6 2 1 2", "dead end": "1.5 3"}
+"""Harm → its dashes: flagged by the file; a risk that is not accepted; every continuation leads to
+something unsafe."""
+_HARMS: Final = {
     "unsafe": "unsafe",
     "risky": "risk not accepted",
-    "doomed": "unsafe later, whatever follows",
+    "dead end": "unsafe later, whatever follows",
 }
-"""Harm → its name."""
-ENDS: Final = {
+_ENDS: Final = {
     "ended": "the task ends",
-    "elsewhere": "the same state as another here",
+    "elsewhere": "same state as another one here",
     "collapsed": "goes on, not drawn",
 }
-"""End of a branch → its name."""
+_ROOT_FAN, _PATH_FAN = 12, 3  # edges out of the root; at least so many out of the best path
+_FANS: Final = (12, 8, 5, 4, 3, 2, 1)  # edges out of other states: the most that fit
+_LONGEST: Final = 26  # characters of a label
+_CHARACTER, _SIZE = 7.4, 13  # average width and size of letters, pixels
+_ROW, _TURN, _MARGIN = 23.0, 34.0, 14.0
+_NARROWEST, _LINE, _EDGE, _SAMPLE = 560.0, 19.0, 16.0, 40.0
 
-_ROW: Final = 23.0
-_TURN: Final = 34.0  # in which an edge turns from its source to the row of its target
-_MARGIN: Final = 14.0
-_CHANGES: Final = 24  # most fluents in what a tooltip says
 
-
-class PlanPicture(NamedTuple):
-    """The drawing of a planning graph.
+@dataclass(eq=False)
+class Branch:
+    """An edge of the graph that is drawn.
 
     Attributes:
-        lines: SVG, without the element around them.
-        width, height: Pixels.
-        layout: What is drawn.
+        source, target, layer, action: Its nodes, the source's layer, the position of its action.
+        label: Text above it.
+        chosen: Whether it is on the best path.
+        harm: A key of `DASHES`, or empty.
+        so_far: Discounted sum of the rewards from the root.
+        total: The same with the best that follows.
+        end: `leaf`, `ended` (the task), `fork` (more branches), `elsewhere` (its state is shown
+            elsewhere with what follows) or `collapsed` (what follows is not shown).
+        parent: The branch before it; None at the root.
+        muted: Whether it lies behind an edge that is unsafe or too risky.
+        value: `total` between low (0) and the best (1); 0 where harmful or muted.
+        children: The branches behind it.
+        rest: What the edges behind it that are not drawn are worth; empty where all are drawn.
+        row, rest_row: The rows of the branch and of that text.
     """
 
-    lines: list[str]
-    width: float
-    height: float
-    layout: PlanLayout
+    source: int
+    target: int
+    layer: int
+    action: int
+    label: str
+    chosen: bool
+    harm: str
+    so_far: float
+    total: float
+    end: str
+    parent: Branch | None
+    muted: bool
+    value: float = 1.0
+    children: Sequence[Branch] = ()
+    rest: str = ""
+    row: float = 0.0
+    rest_row: float = 0.0
+
+    @property
+    def rank(self) -> tuple[bool, int, float, int]:
+        """Sorts the best first."""
+        danger = len(DASHES) - list(DASHES).index(self.harm) if self.harm else 0
+        return (not self.chosen, danger, -self.total, self.action)
 
 
-def plan_svg(plan: Plan, planner: MonitorReplanner, *, rows: int = MAX_ROWS) -> str:
-    """Return the planning graph of a decision as an `svg` element for a page.
+@dataclass
+class PlanLayout:
+    """The branches to draw, each before its children, behind a `root` that is no edge."""
 
-    Its colours are the page's CSS variables of the names in `serp._util.figures.PALETTE`, or else
-    the light ones. Names of the file are escaped.
+    root: Branch
+    branches: list[Branch] = field(default_factory=list)
+    rows: float = 0.0
+
+
+def lay_out(
+    graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str], rows: int = MAX_ROWS
+) -> PlanLayout:
+    """Choose the edges of a planning graph to show, and place them.
 
     Args:
-        plan: The decision.
-        planner: The planner of the decision. If a precondition cuts a repeated action short, the
-            edge is coloured as if it were not; the numbers are those of the plan.
-        rows: Rows to fill with what is best; the rest is counted.
+        graph: See `PlanningGraph.to_networkx`.
+        weight: Discount per edge.
+        labels: Action → label of its edge out of the root; other edges have the action's name.
+        rows: Rows to fill.
     """
-    picture = draw_plan(plan, planner, rows)
-    drawn, edges = len(picture.layout.branches), plan.graph.number_of_edges()
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{picture.width:.0f}" '
-            f'height="{picture.height:.0f}" role="img" '
-            f'viewBox="0 0 {picture.width:.0f} {picture.height:.0f}" '
-            f'aria-label="Planning graph" font-family="system-ui, sans-serif" '
-            f'font-size="{SIZE}">',
-            f"<desc>{drawn:,} of {edges:,} edges are drawn</desc>",
-            *picture.lines,
-            "</svg>",
-        ]
-    )
+    for keep in _FANS:
+        layout, fits = _select(graph, weight, keep, rows)
+        if fits:
+            break
+    _set_values(layout.branches)
+    for branch in layout.root.children:
+        branch.label = labels[branch.action]
+    layout.rows = _place(layout.root, 0.0)
+    return layout
 
 
-def draw_plan(plan: Plan, planner: MonitorReplanner, rows: int = MAX_ROWS) -> PlanPicture:
-    """Draw the planning graph of a decision; the arguments are those of `plan_svg`."""
-    forecast = plan.forecast
-    labels = {
-        k: f"{short(action.name)}: {readable(float(forecast.value[k]))}"
-        for k, action in enumerate(planner.model.actions)
-        if forecast.applicable[k]
-    }
-    layout = lay_out(plan.graph, planner.settings.discount**planner.settings.repeat, labels, rows)
-    columns = [_MARGIN]
-    for layer in range(1 + max((branch.layer for branch in layout.branches), default=-1)):
-        longest = max(len(branch.label) for branch in layout.branches if branch.layer == layer)
-        columns.append(columns[-1] + _TURN + 16 + CHARACTER * longest)
-    drawing = _Drawing(plan, planner, layout, columns)
-    lines = list(drawing.lines())
-    return PlanPicture(lines, drawing.width + _MARGIN, _y(max(1.0, layout.rows)) + 14, layout)
+def short(name: str) -> str:
+    """Return a name, cut where it is too long for a label."""
+    return name if len(name) <= _LONGEST else name[: _LONGEST - 1] + "…"
+
+
+def _select(graph: nx.MultiDiGraph, weight: float, keep: int, most: int) -> tuple[PlanLayout, bool]:
+    """Choose edges: the best path with its siblings, then layer by layer the best others.
+
+    Up to `keep` edges are shown out of a state that is not on the best path. Returns the layout and
+    whether all of that fitted into `most` rows.
+    """
+    root = Branch(0, 0, -1, -1, "", False, "", 0.0, 0.0, "fork", None, False)
+    root.children, root.rest = _fan(graph, root, weight, _ROOT_FAN)
+    layout = PlanLayout(root, list(root.children))
+    rows = len(root.children) + bool(root.rest)
+    forked: set[int] = set()
+
+    def unfold(branch: Branch, kept: int, most: float) -> bool:
+        nonlocal rows
+        fan, rest = _fan(graph, branch, weight, kept)
+        taken = rows + len(fan) + bool(rest) - 1
+        if taken > most:
+            return False
+        branch.end, branch.children, branch.rest, rows = "fork", fan, rest, taken
+        forked.add(branch.target)
+        layout.branches.extend(fan)
+        return True
+
+    fits = True
+    layer = layout.branches[:]
+    path = [branch for branch in layer if branch.chosen]
+    for branch in path:
+        if graph.out_degree(branch.target):
+            unfold(branch, max(keep, _PATH_FAN), math.inf)
+            path += [child for child in branch.children if child.chosen]
+    while layer:
+        for branch in sorted(layer, key=lambda branch: branch.rank):
+            if branch.children or not graph.out_degree(branch.target):
+                continue
+            if branch.target in forked:
+                branch.end = "elsewhere"
+            elif branch.harm in ("unsafe", "risky") or branch.muted:
+                branch.end = "collapsed"
+            elif not unfold(branch, keep, most):
+                branch.end, fits = "collapsed", False
+        layer = [child for branch in layer for child in branch.children]
+    return layout, fits
+
+
+def _fan(
+    graph: nx.MultiDiGraph, parent: Branch, weight: float, keep: int
+) -> tuple[list[Branch], str]:
+    """Return the best edges behind a branch, in the file's order, and a text on the others."""
+    layer = parent.layer + 1
+    scale = weight**layer
+    fan = []
+    for _, target, action, data in graph.out_edges(parent.target, keys=True, data=True):
+        goal = graph.nodes[target]
+        so_far = parent.so_far + scale * data["reward"]
+        risk = f" ({percent(data['risk'])} risk)" if data["risky"] else ""
+        harms = data["unsafe"], data["risky"], goal["safe_steps"] is not None
+        fan.append(
+            Branch(
+                source=parent.target,
+                target=target,
+                layer=layer,
+                action=action,
+                label=short(data["action"]) + risk,
+                chosen=data["chosen"],
+                harm=next((harm for harm, holds in zip(DASHES, harms, strict=True) if holds), ""),
+                so_far=so_far,
+                total=so_far + scale * weight * goal["value"],
+                end="ended" if goal["ended"] else "leaf",
+                parent=parent,
+                muted=parent.muted or parent.harm in ("unsafe", "risky"),
+            )
+        )
+    rest = ""
+    if len(fan) > keep + 1:  # a text would take the row of the one edge that it counts
+        fan.sort(key=lambda branch: branch.rank)
+        safe = [branch.total for branch in fan[keep:] if not branch.harm]
+        worth = f"none better than {readable(max(safe))}" if safe else "all harmful"
+        rest, fan = f"… {len(fan) - keep:,} more, {worth}", fan[:keep]
+    return sorted(fan, key=lambda branch: branch.action), rest
+
+
+def _set_values(branches: Sequence[Branch]) -> None:
+    safe = [b.total for b in branches if not (b.harm or b.muted)]
+    totals = sorted(filter(math.isfinite, safe)) or [0.0]
+    # A single very low return must not make all others look alike.
+    high, low = totals[-1], totals[len(totals) // 5]
+    if low == high:
+        low = totals[0]
+    alike = math.isclose(high, low, rel_tol=1e-9)
+    for branch in branches:
+        if branch.harm or branch.muted or math.isnan(branch.total):
+            branch.value = 0.0
+        elif not alike:  # halves, because the difference may overflow
+            share = min(max(branch.total, low), high)
+            branch.value = (share / 2 - low / 2) / (high / 2 - low / 2)
+
+
+def _place(parent: Branch, rows: float) -> float:
+    """Set the rows of what is behind a branch, below so many rows; return the rows then."""
+    for branch in parent.children:
+        rows = _place(branch, rows) if branch.children else rows + 1.0
+        if not branch.children:
+            branch.row = rows
+    if parent.children:
+        parent.row = (parent.children[0].row + parent.children[-1].row) / 2
+    if parent.rest:
+        rows += 1.0
+        parent.rest_row = rows
+    return rows + 0.3
 
 
 class _Drawing:
-    """Writes the edges of a layout from the worst to the best, so that the best lie on top.
+    """The planning graph of a decision as SVG elements: `lines`, `width` and `height` in pixels."""
 
-    Attributes:
-        width: Pixels to the right end of what has been written.
-    """
-
-    def __init__(
-        self, plan: Plan, planner: MonitorReplanner, layout: PlanLayout, columns: list[float]
-    ) -> None:
+    def __init__(self, plan: Plan, planner: MonitorReplanner, rows: int) -> None:
         self._plan, self._planner = plan, planner
-        self._layout, self._columns = layout, columns
-        self._fluents = planner.model.fluents
-        self.width = columns[-1]
+        labels = {
+            k: f"{short(action.name)}: {readable(float(plan.forecast.value[k]))}"
+            for k, action in enumerate(planner.model.actions)
+            if plan.forecast.applicable[k]
+        }
+        settings = planner.settings
+        self.layout = lay_out(plan.graph, settings.discount**settings.repeat, labels, rows)
+        branches = self.layout.branches
+        self._columns = [_MARGIN]
+        for layer in range(1 + max((branch.layer for branch in branches), default=-1)):
+            longest = max(len(branch.label) for branch in branches if branch.layer == layer)
+            self._columns.append(self._columns[-1] + _TURN + 16 + _CHARACTER * longest)
+        self._right = self._columns[-1]
+        self.lines = list(self._lines())
+        self.width = self._right + _MARGIN
+        self.height = _y(max(1.0, self.layout.rows)) + 14
 
-    def lines(self) -> Iterator[str]:
-        """Yield every part of the drawing."""
-        layout = self._layout
-        if layout.rest:
-            yield from self._rest(layout.rest, layout.root, 0)
-        for branch in sorted(layout.branches, key=lambda branch: branch.rank, reverse=True):
-            yield from self._edge(branch)
-            if branch.rest:
-                yield from self._rest(branch.rest, branch.row, branch.layer + 1)
+    def _lines(self) -> Iterator[str]:
+        root, branches = self.layout.root, self.layout.branches
+        yield from self._rest(root)
+        # The best ones last, so that they lie on top.
+        for branch in sorted(branches, key=lambda branch: branch.rank, reverse=True):
+            yield from self._branch(branch)
+            yield from self._rest(branch)
         yield (
-            f'<circle cx="{self._columns[0]:.1f}" cy="{_y(layout.root):.1f}" r="5.5" '
+            f'<circle cx="{_MARGIN:.1f}" cy="{_y(root.row):.1f}" r="5.5" '
             f'style="fill:{colour("ink")}"><title>now</title></circle>'
         )
-        path = [branch for branch in layout.branches if branch.chosen]
-        if path:
+        if path := [branch for branch in branches if branch.chosen]:
             last = max(path, key=lambda branch: branch.layer)
-            x, text = self._columns[last.layer + 1] + 11, f"return {readable(self._plan.reward)}"
-            yield self._text(
-                x, _y(last.row) + 4.5, text, "good" if self._plan.safe else "bad", True
-            )
+            x, shade = self._columns[last.layer + 1] + 11, "good" if self._plan.safe else "bad"
+            text = f"return {readable(self._plan.reward)}"
+            yield self._text(x, _y(last.row) + 4.5, text, shade, bold=True)
 
-    def _edge(self, branch: Branch) -> Iterator[str]:
-        """Yield an edge, its mark and its label."""
-        shade = "bad" if branch.harm else "good"
-        thick, opacity = 1.2, 1.0
+    def _branch(self, branch: Branch) -> Iterator[str]:
+        shade, thick, opacity = "bad" if branch.harm else "good", 1.2, 1.0
         if branch.chosen:
             thick = 3.4
         elif branch.muted:
@@ -155,79 +289,137 @@ class _Drawing:
             shade = "good" if branch.value >= 0.5 else "bad"
             thick, opacity = 0.9 + 1.2 * branch.value, 0.45 + 1.1 * abs(branch.value - 0.5)
         dashes = DASHES.get(branch.harm, "")
-        start = branch.parent.row if branch.parent else self._layout.root
-        yield f"<g><title>{escape(self._told(branch))}</title>"
-        yield self._curve(start, branch.row, branch.layer, shade, thick, opacity, dashes)
-        yield mark(branch, self._columns[branch.layer + 1], _y(branch.row), shade)
+        assert branch.parent is not None
+        yield f"<g><title>{escape(self._tooltip(branch))}</title>"
+        end = f"H{self._columns[branch.layer + 1]:.1f}"
+        yield self._curve(branch.parent.row, branch.row, branch.layer, end,
+                          _stroke(shade, thick, opacity, dashes))  # fmt: skip
+        yield _mark(branch, self._columns[branch.layer + 1], _y(branch.row), shade)
         ink = shade if branch.harm or branch.chosen else "ink" if branch.layer == 0 else "faint"
         x = self._columns[branch.layer] + _TURN + 4
-        yield self._text(x, _y(branch.row) - 5.5, branch.label, ink, branch.chosen)
+        yield self._text(x, _y(branch.row) - 5.5, branch.label, ink, bold=branch.chosen)
         yield "</g>"
 
-    def _rest(self, rest: Rest, start: float, layer: int) -> Iterator[str]:
-        """Yield a stub with the number of edges that are not drawn."""
-        said = f"… {rest.count:,} more"
-        if rest.best is None:
-            said += ", all harmful"
-        else:
-            said += f", none better than {readable(rest.best)}"
-            if rest.harmful:
-                said += f", {rest.harmful:,} of them harmful"
-        yield self._curve(start, rest.row, layer, "faint", 0.8, 0.6, "1 3", stub=True)
-        yield self._text(self._columns[layer] + _TURN + 4, _y(rest.row) + 4, said, "faint")
+    def _rest(self, parent: Branch) -> Iterator[str]:
+        if parent.rest:
+            layer = parent.layer + 1
+            style = _stroke("faint", 0.8, 0.6, "1 3")
+            yield self._curve(parent.row, parent.rest_row, layer, "", style)
+            x, y = self._columns[layer] + _TURN + 4, _y(parent.rest_row) + 4
+            yield self._text(x, y, parent.rest, "faint")
 
-    def _curve(
-        self, start: float, row: float, layer: int, shade: str, thick: float, opacity: float,
-        dashes: str, *, stub: bool = False,
-    ) -> str:  # fmt: skip
+    def _curve(self, start: float, row: float, layer: int, end: str, style: str) -> str:
         x, y0, y1 = self._columns[layer], _y(start), _y(row)
         middle, turned = x + _TURN / 2, x + _TURN
-        on = "" if stub else f"H{self._columns[layer + 1]:.1f}"
-        dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
-        return (
-            f'<path d="M{x:.1f} {y0:.1f}C{middle:.1f} {y0:.1f} {middle:.1f} {y1:.1f} {turned:.1f} '
-            f'{y1:.1f}{on}" fill="none" stroke-width="{thick:.1f}" opacity="{opacity:.2f}"{dashed} '
-            f'style="stroke:{colour(shade)}"/>'
+        path = (
+            f"M{x:.1f} {y0:.1f}C{middle:.1f} {y0:.1f} {middle:.1f} {y1:.1f} {turned:.1f} {y1:.1f}"
         )
+        return f'<path d="{path}{end}" {style}/>'
 
-    def _text(self, x: float, y: float, text: str, shade: str, bold: bool = False) -> str:
-        self.width = max(self.width, x + CHARACTER * len(text))
-        weight = ' font-weight="600"' if bold else ""
-        return (
-            f'<text x="{x:.1f}" y="{y:.1f}"{weight} style="fill:{colour(shade)}">'
-            f"{escape(text)}</text>"
-        )
+    def _text(self, x: float, y: float, text: str, shade: str, *, bold: bool = False) -> str:
+        self._right = max(self._right, x + _CHARACTER * len(text))
+        return _text(x, y, text, shade, ' font-weight="600"' if bold else "")
 
-    def _told(self, branch: Branch) -> str:
-        """Return what the tooltip of an edge says: what it is worth, and what it changes."""
+    def _tooltip(self, branch: Branch) -> str:
+        """Return what an edge is worth, and what it changes."""
         edge = self._plan.graph.edges[branch.source, branch.target, branch.action]
         nodes = self._plan.graph.nodes
         before, after = nodes[branch.source]["state"], nodes[branch.target]["state"]
         changes = [
             f"{fluent.name} = {readable(new) if fluent.numeric else str(bool(new)).lower()}"
-            for fluent, old, new in zip(self._fluents, before, after, strict=True)
+            for fluent, old, new in zip(self._planner.model.fluents, before, after, strict=True)
             if old != new
         ]
-        said = [f"{edge['action']}: reward {readable(edge['reward'])}, "
-                f"return {readable(branch.total)}"]  # fmt: skip
-        said += [HARMS[branch.harm]] if branch.harm else []
-        said += [ENDS[branch.end]] if branch.end in ENDS else []
-        return "\n".join(said + changes[:_CHANGES])
+        worth = f"reward {readable(edge['reward'])}, return {readable(branch.total)}"
+        about = [_HARMS.get(branch.harm, ""), _ENDS.get(branch.end, "")]
+        return "\n".join([f"{edge['action']}: {worth}", *filter(None, about), *changes[:24]])
 
 
-def mark(branch: Branch, x: float, y: float, shade: str) -> str:
-    """Return what is at the end of an edge."""
+def plan_svg(plan: Plan, planner: MonitorReplanner, *, rows: int = MAX_ROWS) -> str:
+    """Return the planning graph of a decision as an `svg` element for a page.
+
+    Its colours are the page's CSS variables of the names in `serp._util.figures.PALETTE`, or else
+    the light ones. Names of the file are escaped.
+    """
+    drawing = _Drawing(plan, planner, rows)
+    drawn, edges = len(drawing.layout.branches), plan.graph.number_of_edges()
+    about = f"<desc>{drawn:,} of {edges:,} edges are drawn</desc>"
+    return _svg(drawing.width, drawing.height, [about, *drawing.lines], "Planning graph")
+
+
+def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning graph") -> bytes:
+    """Return the picture of a decision as an SVG file; equal decisions give equal bytes."""
+    drawing = _Drawing(plan, planner, MAX_ROWS)
+    width = max(_NARROWEST, drawing.width)
+    wide = int(width / _CHARACTER)
+    y = _LINE
+    lines = [_text(0, y, title, "ink", f' font-weight="600" font-size="{_SIZE + 4}"')]
+    for text in _head(plan, planner, wide):
+        y += _LINE
+        lines.append(_text(0, y, text))
+    y += _LINE / 2
+    lines += [f'<g transform="translate(0 {y:.1f})">', *drawing.lines, "</g>"]
+    y += drawing.height
+    x = 0.0
+    for sample, text in _legend(drawing.layout.branches, plan):
+        if x and x + _SAMPLE + _CHARACTER * len(text) > width:
+            x, y = 0.0, y + _LINE
+        lines.append(f'<g transform="translate({x:.1f} {y:.1f})">{sample}</g>')
+        lines.append(_text(x + _SAMPLE, y + 4.5, text))
+        x += _SAMPLE + _CHARACTER * (len(text) + 2)
+    y += _LINE / 2
+    for text in _foot(len(drawing.layout.branches), plan, planner, wide):
+        y += _LINE
+        lines.append(_text(0, y, text))
+    page = [
+        style_sheet(),
+        f"<title>{escape(title)}</title>",
+        f'<rect width="100%" height="100%" style="fill:{colour("surface")}"/>',
+        f'<g transform="translate({_EDGE:.0f} {_EDGE / 2:.0f})">',
+        *lines,
+        "</g>",
+    ]
+    return (_svg(width + 2 * _EDGE, y + 2 * _EDGE, page, title) + "\n").encode()
+
+
+def _svg(width: float, height: float, lines: list[str], label: str) -> str:
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
+        f'viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(label)}" '
+        f'font-family="system-ui, sans-serif" font-size="{_SIZE}">'
+    )
+    return "\n".join([head, *lines, "</svg>"])
+
+
+def _y(row: float) -> float:
+    return _MARGIN + _ROW * row
+
+
+def _text(x: float, y: float, text: str, shade: str = "faint", more: str = "") -> str:
+    style = f'style="fill:{colour(shade)}"'
+    return f'<text x="{x:.1f}" y="{y:.1f}"{more} {style}>{escape(text)}</text>'
+
+
+def _stroke(shade: str, thick: float, opacity: float = 1.0, dashes: str = "") -> str:
+    dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
+    return (
+        f'fill="none" stroke-width="{thick:.1f}" opacity="{opacity:.2f}"{dashed} '
+        f'style="stroke:{colour(shade)}"'
+    )
+
+
+def _mark(branch: Branch, x: float, y: float, shade: str) -> str:
+    """Return what is drawn at the end of an edge."""
     if branch.harm == "unsafe":
         cross = f"M{x - 4.5:.1f} {y - 4.5:.1f}l9 9m0 -9l-9 9"
-        return f'<path d="{cross}" fill="none" stroke-width="2.4" style="stroke:{colour("bad")}"/>'
-    return end_mark(branch.end, x, y) or (
+        return f'<path d="{cross}" {_stroke("bad", 2.4)}/>'
+    return _end_mark(branch.end, x, y) or (
         f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{4.5 if branch.chosen else 2.2}" '
         f'style="fill:{colour(shade if branch.chosen else "faint")}"/>'
     )
 
 
-def end_mark(end: str, x: float, y: float) -> str:
-    """Return the mark of one of `ENDS`; empty for any other end."""
+def _end_mark(end: str, x: float, y: float) -> str:
     if end == "ended":
         style = f'style="fill:{colour("ink")}"'
         return f'<rect x="{x - 3.5:.1f}" y="{y - 3.5:.1f}" width="7" height="7" {style}/>'
@@ -240,70 +432,6 @@ def end_mark(end: str, x: float, y: float) -> str:
     return ""
 
 
-def _y(row: float) -> float:
-    return _MARGIN + _ROW * row
-
-
-_NARROWEST: Final = 560.0
-_LINE: Final = 19.0
-_EDGE: Final = 16.0  # around everything
-_SAMPLE: Final = 40.0  # of a line in the legend
-
-
-def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning graph") -> bytes:
-    """Return the picture of a decision as the content of an SVG file.
-
-    A large graph is drawn in part (`plan_layout.MAX_ROWS`): the best path, and layer by
-    layer what follows the best states; the rest is counted. Equal decisions give equal bytes.
-
-    Args:
-        plan: The decision.
-        planner: The planner of the decision.
-        title: Title of the picture.
-    """
-    picture = draw_plan(plan, planner)
-    width = max(_NARROWEST, picture.width)
-    wide = int(width / CHARACTER)
-    y = _LINE
-    lines = [_text(0, y, title, "ink", f' font-weight="600" font-size="{SIZE + 4}"')]
-    for text in _head(plan, planner, wide):
-        y += _LINE
-        lines.append(_text(0, y, text))
-    y += _LINE / 2
-    lines += [f'<g transform="translate(0 {y:.1f})">', *picture.lines, "</g>"]
-    y += picture.height
-    x = 0.0
-    for sample, text in _legend(picture, plan):
-        if x and x + _SAMPLE + CHARACTER * len(text) > width:
-            x, y = 0.0, y + _LINE
-        lines += [f'<g transform="translate({x:.1f} {y:.1f})">{sample}</g>',
-                  _text(x + _SAMPLE, y + 4.5, text)]  # fmt: skip
-        x += _SAMPLE + CHARACTER * (len(text) + 2)
-    y += _LINE / 2
-    for text in _foot(picture, plan, planner, wide):
-        y += _LINE
-        lines.append(_text(0, y, text))
-    all_wide, all_high = width + 2 * _EDGE, y + 2 * _EDGE
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{all_wide:.0f}" '
-            f'height="{all_high:.0f}" viewBox="0 0 {all_wide:.0f} {all_high:.0f}" role="img" '
-            f'font-family="system-ui, sans-serif" font-size="{SIZE}">',
-            style_sheet(),
-            f"<title>{escape(title)}</title>",
-            f'<rect width="100%" height="100%" style="fill:{colour("surface")}"/>',
-            f'<g transform="translate({_EDGE:.0f} {_EDGE / 2:.0f})">',
-            *lines,
-            "</g></svg>\n",
-        ]
-    ).encode()
-
-
-def _text(x: float, y: float, text: str, shade: str = "faint", more: str = "") -> str:
-    style = f'style="fill:{colour(shade)}"'
-    return f'<text x="{x:.1f}" y="{y:.1f}"{more} {style}>{escape(text)}</text>'
-
-
 def _head(plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
     state, fluents = plan.graph.nodes[0]["state"], planner.model.fluents
     numbers = [f"{f.name} = {readable(float(state[f.index]))}" for f in fluents if f.numeric]
@@ -314,31 +442,22 @@ def _head(plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
     return lines + _wrapped("Best path: ", " → ".join(step.action for step in plan.path), wide, 2)
 
 
-def _foot(picture: PlanPicture, plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
-    settings, layout = planner.settings, picture.layout
+def _foot(drawn: int, plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
     sentences = []
-    if plan.name is not None:
-        actions = f"{plan.depth} action{'' if plan.depth == 1 else 's'}"
-        if settings.repeat > 1:
-            actions += f", each repeated for {settings.repeat} control periods"
-        ended = ", ended by the limit on nodes" if plan.bound is Bound.NODES else ""
-        sentences.append(f"Lookahead: {actions}; discount {settings.discount:g}{ended}.")
     if plan.path:
         kind = kind_of_return(plan.bound.partial)
-        sentences.append(f"A number beside a first action is its {kind}.")
+        sentences.append(f"The number beside a first action is its {kind}.")
     sentences += special_about(plan.forecast)
     edges = plan.graph.number_of_edges()
-    if len(layout.branches) < edges:
-        sentences.append(
-            f"Drawn are {len(layout.branches):,} of {edges:,} edges: the best path, and layer by "
-            "layer what follows the best states."
-        )
-    names = [a.name for a, ok in zip(planner.model.actions, plan.forecast.applicable, strict=True)
-             if not ok]  # fmt: skip
-    return [
-        *textwrap.wrap(" ".join(sentences), wide),
-        *_wrapped("Not applicable here: ", ", ".join(names), wide, 2),
+    if drawn < edges:
+        sentences.append(f"{drawn:,} of {edges:,} edges are drawn, the best ones of each layer.")
+    refused = [
+        action.name
+        for action, applicable in zip(planner.model.actions, plan.forecast.applicable, strict=True)
+        if not applicable
     ]
+    lines = textwrap.wrap(" ".join(sentences), wide)
+    return lines + _wrapped("Not applicable here: ", ", ".join(refused), wide, 2)
 
 
 def _wrapped(before: str, text: str, wide: int, most: int) -> list[str]:
@@ -346,35 +465,23 @@ def _wrapped(before: str, text: str, wide: int, most: int) -> list[str]:
     return textwrap.wrap(before + text, wide, max_lines=most, placeholder=" …") if text else []
 
 
-def _legend(picture: PlanPicture, plan: Plan) -> Iterator[tuple[str, str]]:
+def _legend(branches: Sequence[Branch], plan: Plan) -> Iterator[tuple[str, str]]:
     """Yield a sample and a text for each style that occurs."""
-    branches = picture.layout.branches
+    line = f'<path d="M0 0H{_SAMPLE - 8:.0f}"'
     if plan.path:
-        yield _line("good" if plan.safe else "bad", 3.4), "best path"
+        yield f"{line} {_stroke('good' if plan.safe else 'bad', 3.4)}/>", "best path"
     clear = [branch for branch in branches if not (branch.harm or branch.muted)]
     for name, shade, thick, high in (("high", "good", 1.8, True), ("low", "bad", 1.1, False)):
         totals = [branch.total for branch in clear if (branch.value >= 0.5) == high]
         if totals:
             low, best = readable(min(totals)), readable(max(totals))
-            yield (
-                _line(shade, thick, 0.75),
-                f"{name}: return {low if low == best else f'{low} to {best}'}",
-            )
+            text = f"{name}: return {low if low == best else f'{low} to {best}'}"
+            yield f"{line} {_stroke(shade, thick, 0.75)}/>", text
     harms = {branch.harm for branch in branches if not branch.muted}
-    for harm, text in HARMS.items():
+    for harm, text in _HARMS.items():
         if harm in harms:
-            yield _line("bad", 1.2, dashes=DASHES[harm]), text
-    if any(branch.muted and not branch.chosen for branch in branches):
-        yield _line("faint", 1.2), "behind a harm"
+            yield f"{line} {_stroke('bad', 1.2, dashes=DASHES[harm])}/>", text
     ends = {branch.end for branch in branches if branch.harm != "unsafe"}
-    for end, text in ENDS.items():
+    for end, text in _ENDS.items():
         if end in ends:
-            yield end_mark(end, _SAMPLE - 12, 0), text
-
-
-def _line(shade: str, thick: float, opacity: float = 1.0, dashes: str = "") -> str:
-    dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
-    return (
-        f'<path d="M0 0H{_SAMPLE - 8:.0f}" fill="none" stroke-width="{thick}" opacity="{opacity}"'
-        f'{dashed} style="stroke:{colour(shade)}"/>'
-    )
+            yield _end_mark(end, _SAMPLE - 12, 0), text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 from collections.abc import Iterable
@@ -14,7 +15,6 @@ from serp.runs.run import Run
 from serp.ui.pictures.film import FilmSettings, Frame, OnEpisode, film_of_run
 
 _SHARE: Final = 0.8  # largest share of the screen's height for the pictures
-_NO_SCREEN: Final = ("dummy", "offscreen")  # SDL's drivers that show nothing
 
 
 class NoDisplay(SerpError):
@@ -28,8 +28,8 @@ class NoDisplay(SerpError):
 
 def show_film(
     run: Run, settings: FilmSettings, title: str, on_episode: OnEpisode | None = None
-) -> bool:
-    """Play a run's policy in a window; return whether all of it was shown.
+) -> None:
+    """Play a run's policy in a window, until its end or until the window is closed.
 
     Raises:
         MissingExtra: Pygame is not installed.
@@ -38,19 +38,17 @@ def show_film(
     """
     with Window(title) as window:
         width, height = window.limits
-        within = settings.replace(
+        within = dataclasses.replace(
+            settings,
             width=min(settings.width or width, width),
             height=min(settings.height or height, height),
         )
         with film_of_run(run, within, on_episode) as frames:
-            return window.show(frames)
+            window.show(frames)
 
 
 class Window:
     """A window that opens with its first frame. Space pauses, Escape and Q close it.
-
-    Args:
-        title: Its title.
 
     Attributes:
         limits: Width and height, pixels, that pictures should keep within.
@@ -72,8 +70,8 @@ class Window:
             ((width, height), *_) = pygame.display.get_desktop_sizes()
         except pygame.error as error:
             raise NoDisplay(str(error)) from error
-        if pygame.display.get_driver() in _NO_SCREEN:
-            raise NoDisplay(f"SDL uses the driver {pygame.display.get_driver()}")
+        if (driver := pygame.display.get_driver()) in ("dummy", "offscreen"):
+            raise NoDisplay(f"SDL uses the driver {driver}")
         self.limits = (width, round(_SHARE * height))
 
     def __enter__(self) -> Window:
@@ -92,8 +90,8 @@ class Window:
             due = max(due + frame.seconds, time.monotonic())  # delays are not made up for
             waiting = True
             while waiting:
-                left = due - time.monotonic()
-                event = pygame.event.wait(50 if paused else max(1, round(1000 * left)))
+                remaining = due - time.monotonic()
+                event = pygame.event.wait(50 if paused else max(1, round(1000 * remaining)))
                 key = event.key if event.type == pygame.KEYDOWN else None
                 if event.type == pygame.QUIT or key in (pygame.K_ESCAPE, pygame.K_q):
                     return False

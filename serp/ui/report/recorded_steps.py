@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from serp._util.text import plural
 from serp.agent.decision import Reason
-from serp.errors import RunError, SerpError
+from serp.errors import RunError
 from serp.model.transition_model import Vector
 from serp.runs.evaluation import interval_of
 from serp.runs.recording import (
@@ -27,11 +27,12 @@ from serp.runs.recording_format import REASONS
 from serp.runs.run import Run
 from serp.runs.summary import Metrics, binned_shares, moving_interval, moving_mean
 
-NO_SAFE: Final = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
+_NO_SAFE: Final = [REASONS.index(each) for each in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)]
 _SHOWN: Final = (
     "state", "action", "executed_by", "reason", "proposed", "proposed_by", "ground", "value",
     "path_risk", "safe_steps", "reward", "flags", "indifferent", "bound", "unsafe",
 )  # fmt: skip
+_MOST, _POINTS = 3_000, 600  # episodes and points of the mean in the curve; more are thinned out
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class RecordedEpisode:
         no_safe_action: Number of steps without an action predicted safe.
         end: How it ended: `terminated`, `truncated`, or `unfinished` where the recording ends
             before the episode.
-        cut: Number of its last steps that the report leaves out.
+        omitted: Number of its last steps that the report leaves out.
     """
 
     number: int
@@ -55,7 +56,7 @@ class RecordedEpisode:
     vetoes: int
     no_safe_action: int
     end: str
-    cut: int = 0
+    omitted: int = 0
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -67,6 +68,7 @@ class RecordedSteps:
 
     Attributes:
         episodes: The episodes, in the order in which they begin.
+        positions: Positions in the recording.
         columns: Columns of a recording.
         next_states: `[N, F]`; NaN where it was not recorded.
         ground: Ground action executed, -1 where the model does not know it.
@@ -75,6 +77,7 @@ class RecordedSteps:
     """
 
     episodes: tuple[RecordedEpisode, ...]
+    positions: NDArray[np.int64]
     columns: dict[str, NDArray[Any]]
     next_states: Vector
     ground: NDArray[np.int64]
@@ -88,38 +91,30 @@ class RecordedSteps:
         return self.columns[name]
 
     @property
-    def positions(self) -> NDArray[np.int64]:
-        """`[N]` positions in the recording."""
-        return np.concatenate([np.zeros(0, np.int64), *(each.positions for each in self.episodes)])
-
-    @property
     def rows(self) -> list[slice]:
         """The rows of each episode."""
         ends = np.cumsum([len(each) for each in self.episodes]).tolist()
         return [slice(end - len(each), end) for each, end in zip(self.episodes, ends, strict=True)]
 
     def place_of(self, step: int) -> str:
-        """Say where a step is: `episode 3, step 12`."""
-        for episode, rows in zip(self.episodes, self.rows, strict=True):
-            if step < rows.stop:
-                return f"episode {episode.number}, step {step - rows.start + 1}"
-        raise IndexError(step)
+        """Return `episode 3, step 12`."""
+        pairs = zip(self.episodes, self.rows, strict=True)
+        episode, rows = next((e, rows) for e, rows in pairs if step < rows.stop)
+        return f"episode {episode.number}, step {step - rows.start + 1}"
 
 
 def recorded_episodes(recording: Recording) -> list[RecordedEpisode]:
     """Return all episodes of a recording, in the order in which they begin."""
-    found = recording.columns("env_reward", *VETO_COLUMNS, "terminated", "truncated")
-    refused = vetoed(found)
-    unsafe = np.isin(found["reason"], [REASONS.index(reason) for reason in NO_SAFE])
+    columns = recording.columns("env_reward", *VETO_COLUMNS, "terminated", "truncated")
+    refused, unsafe = vetoed(columns), np.isin(columns["reason"], _NO_SAFE)
     episodes = []
     for number, steps in sorted(recording.episodes.items()):
-        last = steps[-1]
-        ends = [name for name in ("terminated", "truncated") if found[name][last]]
+        ends = [name for name in ("terminated", "truncated") if columns[name][steps[-1]]]
         episodes.append(
             RecordedEpisode(
                 number=number,
                 positions=steps,
-                return_=float(found["env_reward"][steps].sum()),
+                return_=float(columns["env_reward"][steps].sum()),
                 vetoes=int(refused[steps].sum()),
                 no_safe_action=int(unsafe[steps].sum()),
                 end=ends[0] if ends else "unfinished",
@@ -136,12 +131,9 @@ def by_interest(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
     latest = sorted(episodes, key=lambda each: -each.number)
     if not latest:
         return []
-    first = [
-        latest[0],
-        max(latest, key=lambda each: each.return_),
-        min(latest, key=lambda each: each.return_),
-    ]
+    by_return = sorted(latest, key=lambda each: each.return_)
     rest = sorted(latest, key=lambda each: (not each.no_safe_action, not each.vetoes))
+    first = (latest[0], by_return[-1], by_return[0])
     return list({each.number: each for each in (*first, *rest)}.values())
 
 
@@ -150,42 +142,31 @@ def chosen_steps(
 ) -> RecordedSteps:
     """Return the steps of as many episodes as fit into a number of steps, see `by_interest`.
 
-    If not even one fits, it is cut.
+    If not even one fits, its last steps are omitted.
     """
     chosen: list[RecordedEpisode] = []
     room = most
     for episode in by_interest(episodes):
+        if not chosen and len(episode) > room:
+            shown = episode.positions[:most]
+            episode = replace(episode, positions=shown, omitted=len(episode) - most)
         if len(episode) <= room:
             chosen.append(episode)
             room -= len(episode)
-        elif not chosen:
-            kept = episode.positions[:most]
-            cut = len(episode) - most
-            chosen.append(RecordedEpisode(**{**vars(episode), "positions": kept, "cut": cut}))
-            break
     chosen.sort(key=lambda each: each.number)
-    return _steps_of(recording, chosen)
-
-
-def _steps_of(recording: Recording, episodes: list[RecordedEpisode]) -> RecordedSteps:
     everything = recording.columns(*dict.fromkeys((*_SHOWN, *NEXT_STATE_COLUMNS)))
-    rows = np.concatenate([np.zeros(0, np.int64), *(each.positions for each in episodes)])
+    rows = np.concatenate([np.zeros(0, np.int64), *(each.positions for each in chosen)])
     columns = {name: everything[name][rows] for name in _SHOWN}
-    chosen = columns["action"][:, None]
+    executed = columns["action"][:, None]
     return RecordedSteps(
-        episodes=tuple(episodes),
+        episodes=tuple(chosen),
+        positions=rows,
         columns=columns,
         next_states=next_states(everything)[rows],
-        ground=np.take_along_axis(columns["ground"], chosen, 1)[:, 0].astype(np.int64),
+        ground=np.take_along_axis(columns["ground"], executed, 1)[:, 0].astype(np.int64),
         vetoed=vetoed(columns),
-        no_safe=np.isin(columns["reason"], [REASONS.index(reason) for reason in NO_SAFE]),
+        no_safe=np.isin(columns["reason"], _NO_SAFE),
     )
-
-
-_MOST: Final = 3_000
-"""Most episodes that are drawn one by one; of more, evenly spread ones are."""
-_POINTS: Final = 600
-"""Most points of the mean."""
 
 
 def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[str, NDArray[Any]]:
@@ -224,37 +205,26 @@ def _spread(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, max(0, count - 1), min(count, most)).astype(np.int64))
 
 
-def planner_baseline(run: Run, episodes: int) -> tuple[dict[str, Any] | None, list[str]]:
-    """Return the planner's mean return: `mean`, `low`, `high` and a `label`; and what was left out.
+def planner_baseline(run: Run) -> tuple[dict[str, Any] | None, list[str]]:
+    """Return the planner's return in its longest recorded evaluation, and what cannot be read.
 
-    It is that of the recorded evaluation with the most episodes; without one the planner is
-    evaluated now, for some episodes (None if for 0). What cannot be read or evaluated is left out,
-    for the rest of a report does not need it.
+    It has `mean`, `low`, `high` (95 % interval) and a `label`; None without such an evaluation.
     """
-    found: dict[str, list[float]] = {}
+    returns: dict[str, list[float]] = {}
     notes: list[str] = []
     for name in evaluations_of(run.path):
         try:
             recording = open_recording(run.path, name)
-            if recording.layout.policy == "planner":
+            if recording.layout.policy == "planner" and recording.episodes:
                 rewards = recording.columns("env_reward")["env_reward"]
-                found[name] = [float(rewards[own].sum()) for own in recording.episodes.values()]
+                returns[name] = [float(rewards[own].sum()) for own in recording.episodes.values()]
         except RunError as error:
             notes.append(f"The evaluation {name} was left out: {error}")
-    best = max(found, key=lambda name: len(found[name]), default="")
-    if best and found[best]:
-        returns, origin = found[best], f"evaluation {best}"
-    else:
-        try:
-            returns = list(run.evaluate("planner", episodes=episodes).returns) if episodes else []
-        except SerpError as error:  # no checkpoint, or no environment
-            returns = []
-            notes.append(f"The planner alone was not evaluated: {error}")
-        origin = "evaluated for this report"
     if not returns:
         return None, notes
-    mean = float(np.mean(returns))
-    low, high = interval_of(returns) or (mean, mean)
-    count = plural(len(returns), "episode")
-    label = f"the planner alone, mean of {count} with its 95 % interval ({origin})"
+    best = max(returns, key=lambda name: len(returns[name]))
+    mean = float(np.mean(returns[best]))
+    low, high = interval_of(returns[best]) or (mean, mean)
+    count = plural(len(returns[best]), "episode")
+    label = f"the planner alone, mean of {count} with its 95 % interval (evaluation {best})"
     return {"mean": mean, "low": low, "high": high, "label": label}, notes

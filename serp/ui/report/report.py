@@ -23,7 +23,7 @@ from serp.errors import Notice, needs_extra
 from serp.pddl.source import Source
 from serp.runs.agreeing import RunModel
 from serp.runs.recording import Recording
-from serp.runs.recording_format import ACTORS, RECORDING, Layout
+from serp.runs.recording_format import ACTORS, RECORDING
 from serp.runs.report import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
 from serp.runs.run import Run
@@ -45,7 +45,6 @@ from serp.ui.report.tables import (
     error_table,
     model_errors,
     prevented,
-    unsafe_ahead_by,
     veto_table,
 )
 
@@ -71,7 +70,7 @@ class Content:
         recorded: All episodes of the recording.
         steps: The steps in the page.
         errors: How well the file predicted them.
-        causes: What of the file is behind their alternatives.
+        causes: What of the file is behind their actions.
         scenes: The pictures of their episodes.
         baseline: The return of the planner alone; None if it is not known.
         notes: What was left out, and why.
@@ -94,17 +93,12 @@ class Content:
         name = self.recording.folder.name
         return "" if name == RECORDING else visible(name)
 
-    @property
-    def sources(self) -> tuple[Source, ...]:
-        """The run's own copies of the files."""
-        return tuple(self.read.domain.sources)
-
     @functools.cached_property
     def cards(self) -> list[dict[str, Any]]:
         """What vetoes prevented, see `prevented`."""
         return prevented(self.steps, self.causes, self.actions)
 
-    @property
+    @functools.cached_property
     def actions(self) -> list[str]:
         """Names of the actions."""
         return [visible(name) for name in self.recording.layout.actions]
@@ -121,9 +115,10 @@ def page(content: Content) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    style = _palette() + _text("style.css")
+    colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
+    style = f":root {{ {colors}}}\n" + _text("style.css")
     script = "".join(_text(f"{name}.js") for name in _SCRIPTS)
-    sheets = content.scenes.sheets.sheets() if content.scenes.frames else []
+    sources = content.read.domain.sources
     return environment.get_template("page.html.j2").render(
         title=visible(title(summary)),
         lead=visible(lead(summary)),
@@ -132,7 +127,6 @@ def page(content: Content) -> str:
         policy={"style": _digest(style), "script": _digest(script)},
         meta=Markup(_json(meta)),
         arrays=Markup(arrays),
-        sheets=Markup("\n".join(sheets)),
         figures=_figures(content, summary),
         curve={"window": WINDOW} if summary["episodes"] else None,
         baseline=content.baseline,
@@ -140,70 +134,52 @@ def page(content: Content) -> str:
         evaluation=content.evaluation,
         vetoes=veto_table(content.recording, content.actions),
         prevented=_prevented(content),
-        more_prevented=f"{max(0, len(content.cards) - _CARDS):,}",
-        errors=error_table(content.errors, content.read.model, content.actions,
-                           content.steps),
+        more_prevented=max(0, len(content.cards) - _CARDS),
+        errors=error_table(content.errors, content.read.model, content.actions, content.steps),
         steps=len(content.steps),
         steps_note=_steps_note(content),
-        files=[_file(number, source) for number, source in enumerate(content.sources)],
-        **_choices(content),
+        files=[_file(number, source) for number, source in enumerate(sources)],
+        **_filters(content),
         origin=_origin(content),
-    )  # fmt: skip
-
-
-def _palette() -> str:
-    """Return the colours of all pictures as variables of the style sheet."""
-    colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
-    return f":root {{ {colors}}}\n"
+    )
 
 
 def _data(content: Content) -> tuple[dict[str, Any], str]:
     """Return the data of the page: JSON values, and packed arrays."""
-    steps, scenes, layout = content.steps, content.scenes, content.recording.layout
+    steps, scenes = content.steps, content.scenes
     metrics, model = content.run.metrics, content.read.model
     card = np.zeros(len(steps), np.uint16)
     for number, each in enumerate(content.cards, 1):
         card[each["steps"]] = number
-    risk_arrays, risks = step_data.risk_data(steps, content.causes)
-    grids = {"grids": scenes.sheets.grids()} if scenes.frames else {}
     arrays, order = packed(
         {
             **curve_arrays(metrics, () if content.evaluation else content.recorded),
-            **step_data.step_arrays(steps, content.errors, scenes.drawn(steps)),
+            **step_data.step_arrays(steps, content.errors, content.causes, scenes.drawn(steps)),
             "card": card,
-            **step_data.cause_arrays(content.causes),
-            **risk_arrays,
-            **step_data.told_of(steps, content.actions),
-            **grids,
+            **step_data.decision_arrays(steps, content.actions),
+            **step_data.picture_arrays(scenes.pictures),
         }
     )
+    vetoes = np.flatnonzero(steps.vetoed)
+    start = int(vetoes[-1]) if len(vetoes) else steps.rows[-1].start if len(steps) else 0
+    sources = content.read.domain.sources
     meta = {
         "layout": order,
         "steps": len(steps),
-        "dt": layout.control_period,
+        "dt": content.recording.layout.control_period,
         "envSteps": int(metrics["env_steps"].max(initial=1)),
         "actors": [str(actor) for actor in ACTORS],
         "actions": content.actions,
         "fluents": [
-            {"name": visible(fluent.name), "numeric": fluent.numeric, "unit": float(unit)}
-            for fluent, unit in zip(model.fluents, content.errors.units, strict=True)
+            {"name": visible(fluent.name), "numeric": fluent.numeric} for fluent in model.fluents
         ],
-        "risks": risks,
         "largeError": content.errors.limit,
         "baseline": content.baseline,
         "episodes": step_data.episode_data(steps, scenes),
-        "causes": step_data.cause_data(content.causes, content.sources),
-        "scene": scenes.sheets.info() if scenes.frames else None,
-        "sceneNote": visible(scenes.note) or "There is no picture of this step.",
-        "start": _start(steps),
+        "causes": [step_data.shown_cause(cause, sources) for cause in content.causes.causes],
+        "start": start,
     }
     return meta, arrays
-
-
-def _start(steps: RecordedSteps) -> int:
-    """Return the step that is shown first: the last veto, else the last episode's first one."""
-    vetoes = np.flatnonzero(steps.vetoed)
-    return int(vetoes[-1]) if len(vetoes) else steps.rows[-1].start if len(steps) else 0
 
 
 def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
@@ -217,7 +193,7 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
     safety = f"{plural(summary['no_safe_action'], 'step')} without a safe action"
     came = summary["unsafe_observed"]
     if came is not None:
-        safety += f", {plural(came, 'step')} came out unsafe"
+        safety += f", {plural(came, 'step')} observed unsafe"
     acted = [f"{name} {percent(share)}" for name, share in shares.items() if share]
     learner = (shares["learner"] or 0.0) + (shares["exploration"] or 0.0)
     off = content.errors.mean
@@ -245,18 +221,14 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
 def _prevented(content: Content) -> list[dict[str, Any]]:
     """Return the cards on what vetoes prevented, with what the file says of it."""
     cards = []
-    for each in content.cards[:_CARDS]:
-        card = {**each, "says": f"vetoes of {each['what']}"}
-        cause, ahead = None, ""
-        if each["cause"] >= 0:
-            cause = content.causes.causes[each["cause"]]
-        elif each["ahead"]:
-            cause = unsafe_ahead_by(content.read, content.recording, each["ahead"])
-            ahead = "" if cause is None else f", for example {plural(cause.after, 'step')} later"
-        about = step_data.shown_cause(cause, content.sources)
-        if cause is not None:
+    for card in content.cards[:_CARDS]:
+        about = {"says": f"vetoes of {card['what']}"}
+        if card["cause"] >= 0:
+            cause = content.causes.causes[card["cause"]]
+            about |= step_data.shown_cause(cause, content.read.domain.sources)
             by = "" if cause.origin == "action" else f" by {about['by']}"
-            card["what"] += f": {_PREVENTED.get(cause.what, about['label'])}{by}{ahead}"
+            what = _PREVENTED.get(cause.what, about["label"])
+            about["what"] = f"{card['what']}: {what}{by}"
         cards.append(card | about)
     return cards
 
@@ -264,27 +236,27 @@ def _prevented(content: Content) -> list[dict[str, Any]]:
 def _steps_note(content: Content) -> str:
     steps, all_steps = len(content.steps), len(content.recording)
     episodes = plural(len(content.steps.episodes), "episode")
-    said = f"{plural(steps, 'recorded step')} of {episodes}."
+    note = f"{plural(steps, 'recorded step')} of {episodes}."
     if steps < all_steps:
-        said = (
+        note = (
             f"{steps:,} of {plural(all_steps, 'recorded step')}, {episodes} of "
             f"{len(content.recorded):,}: the last, the best and the worst one, those without a "
             "safe action and those with vetoes first. --steps shows more."
         )
     drawn = len(content.scenes.frames)
     if drawn:
-        said += f" The scene is drawn for {plural(drawn, 'episode')}."
-    return f"{said} ? shows the keys."
+        note += f" The scene is drawn for {plural(drawn, 'episode')}."
+    return f"{note} ? shows the keys."
 
 
-def _choices(content: Content) -> dict[str, Any]:
+def _filters(content: Content) -> dict[str, Any]:
     """Return the filters and the episodes to choose from."""
     steps = content.steps
     large = content.errors.largest >= content.errors.limit
     kinds = [
         ("vetoes", step_data.VETOED, "back-vetoed", steps.vetoed),
         ("no safe action", step_data.NO_SAFE, "back-unsafe", steps.no_safe),
-        ("came out unsafe", step_data.UNSAFE, "back-unsafe", steps["unsafe"]),
+        ("observed unsafe", step_data.UNSAFE, "back-unsafe", steps["unsafe"]),
         ("large errors", step_data.LARGE_ERROR, "back-error", large),
         ("drawn", step_data.DRAWN, "back-drawn", content.scenes.drawn(steps)),
     ]
@@ -336,11 +308,6 @@ def _digest(text: str) -> str:
     return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
 
 
-STEPS: Final = 30_000
-PICTURES: Final = 4_000
-BASELINE: Final = 10
-_PICTURE_BYTES: Final = 4_500_000
-"""Bytes of pictures beyond which nothing more is drawn; in the page they take a third more."""
 _NUMBERS: Final = 8_000_000
 """Most numbers in the page."""
 
@@ -350,24 +317,22 @@ def write_report(
     path: Path,
     *,
     evaluation: str | None = None,
-    steps: int = STEPS,
-    pictures: int = PICTURES,
-    baseline: int = BASELINE,
+    steps: int = 30_000,
+    pictures: int = 1_000,
     quiet: bool = False,
 ) -> None:
     """Write the report of a run; an existing file is replaced.
+
+    A damaged evaluation, beside the one that is shown, is left out; the page and a `Notice` say so.
 
     Args:
         run: The run.
         path: The file.
         evaluation: Name of the recorded evaluation whose steps are shown; None: those of the
             training.
-        steps: Most steps in the page; of fluents and actions in great number fewer.
+        steps: Most steps in the page; fewer where there are many fluents and actions.
         pictures: Most pictures of the scene; 0 for none.
-        baseline: Episodes of the planner alone if no evaluation of it was recorded; 0 for none.
         quiet: Show no progress bar.
-
-    A damaged evaluation, beside the one that is shown, is left out; the page and a `Notice` say so.
 
     Raises:
         RunError: The run has no recording, or a file cannot be read or written.
@@ -376,18 +341,15 @@ def write_report(
     read = RunModel(run.path)
     recording = read.recording(evaluation)
     episodes = recorded_episodes(recording)
-    shown = chosen_steps(recording, episodes, _limit(steps, recording.layout))
+    numbers = 4 * len(recording.layout.fluents) + 6 * len(recording.layout.actions) + 12
+    shown = chosen_steps(recording, episodes, max(1, min(steps, _NUMBERS // numbers)))
     count = min(pictures, len(shown) + len(shown.episodes))
     with bar("drawing", max(1, count), quiet=quiet) as advance:
-        scenes = drawn_scenes(
-            run,
-            shown,
-            _seeds(run, recording, evaluation),
-            most=pictures,
-            most_bytes=_PICTURE_BYTES,
-            on_picture=advance,
-        )
-    compared, notes = planner_baseline(run, baseline)
+        seeds = _seeds(run, recording, evaluation)
+        scenes = drawn_scenes(run, shown, seeds, most=pictures, on_picture=advance)
+    with bar("explaining", max(1, len(shown)), quiet=quiet) as advance:
+        causes = CauseTable(read.adapted or read.model, shown, advance)
+    baseline, notes = planner_baseline(run)
     for note in notes:
         warnings.warn(visible(note), Notice, stacklevel=2)
     content = Content(
@@ -397,9 +359,9 @@ def write_report(
         recorded=episodes,
         steps=shown,
         errors=model_errors(read.model, shown, recording.usual_change),
-        causes=CauseTable(read.adapted or read.model, shown),
+        causes=causes,
         scenes=scenes,
-        baseline=compared,
+        baseline=baseline,
         notes=notes,
     )
     write_durably(path, page(content))
@@ -411,9 +373,3 @@ def _seeds(run: Run, recording: Recording, evaluation: str | None) -> Callable[[
         return functools.partial(training_seed, run.config["seed"])
     seed = recording.layout.seed
     return None if seed is None else functools.partial(evaluation_seed, seed)
-
-
-def _limit(steps: int, layout: Layout) -> int:
-    """Return how many steps fit with all their numbers."""
-    each = 4 * len(layout.fluents) + 6 * len(layout.actions) + 12
-    return max(1, min(steps, _NUMBERS // each))

@@ -241,7 +241,7 @@ def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecis
         order.sort(key=lambda k: (k != plan.action, -plan.forecast.value[k]))
     order = order[:_MOST_ACTIONS]
     for k in order:
-        account.alternatives[k].behind  # noqa: B018  (traced now, in this thread)
+        account.alternatives[k].as_dict()  # traced now, in this thread
     graph = plan_svg(plan, planner)
     return ShownDecision(
         account, tuple(order), _verdict(plan, account), graph, tuple(controls(model, state, seen))

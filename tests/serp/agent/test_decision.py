@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from serp.agent.causes import causes_of, observed_causes
-from serp.agent.counterfactuals import flips_of
+from serp.agent.counterfactuals import counterfactuals
 from serp.agent.explanation import Explanation, explain
 from serp.agent.sentences import between, lines_of
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
@@ -200,24 +200,30 @@ def test_the_smallest_change_that_tips_the_choice_is_found(hall: TransitionModel
     state = np.array([1.0, 0.5])  # leaping costs less than walking
     ranges = np.array([0.0, -5.0]), np.array([1.0, 5.0])
     assert planner.forecast(state).choice == 1
-    flips = flips_of(lambda s: planner.forecast(s).choice, hall, state, ranges)
-    by_fluent = {flip.fluent: flip for flip in flips.found}
+    found = counterfactuals(lambda s: planner.forecast(s).choice, hall, state, ranges)
+    by_fluent = {change.fluent: change for change in found.changes}
     assert by_fluent["open"].becomes == 0.0 and by_fluent["open"].outcome == "0"
     x = by_fluent["x"]  # below 0.25 a leap ends in the hole
     assert x.becomes == pytest.approx(0.25) and x.becomes < 0.25 and x.outcome == "0"
     assert x.share == pytest.approx(0.025)
-    whole = flips_of(lambda s: planner.forecast(s).choice, hall, state, ranges, whole=[1])
-    assert [flip.becomes for flip in whole.found if flip.fluent == "x"] == []  # 0 and 1 are none
+    whole = counterfactuals(lambda s: planner.forecast(s).choice, hall, state, ranges, whole=[1])
+    assert [
+        change.becomes for change in whole.changes if change.fluent == "x"
+    ] == []  # 0 and 1 are none
     one = np.array([1.0, 1.0])
-    whole = flips_of(lambda s: planner.forecast(s).choice, hall, one, ranges, whole=[1])
-    assert [flip.becomes for flip in whole.found if flip.fluent == "x"] == [0.0]
-    assert flips.found[0].share == min(flip.share for flip in flips.found)
-    assert "1 number" in flips.searched and "1 predicate" in flips.searched
+    whole = counterfactuals(lambda s: planner.forecast(s).choice, hall, one, ranges, whole=[1])
+    assert [change.becomes for change in whole.changes if change.fluent == "x"] == [0.0]
+    assert found.changes[0].share == min(change.share for change in found.changes)
+    assert "1 number" in found.searched and "1 predicate" in found.searched
 
 
 def test_no_change_is_told_with_which_all_would_be_over(hall: TransitionModel) -> None:
     state = np.array([1.0, 0.5])
     ranges = np.array([0.0, -5.0]), np.array([1.0, 5.0])
-    found = flips_of(lambda s: int(s[1] >= 2.0), hall, state, ranges).found  # the hole is there
-    assert [flip.becomes for flip in found] == [pytest.approx(2.25)]
-    assert flips_of(lambda s: int(s[1] > 3.5), hall, state, ranges).found == ()  # it is outside
+    found = counterfactuals(
+        lambda s: int(s[1] >= 2.0), hall, state, ranges
+    ).changes  # the hole is there
+    assert [change.becomes for change in found] == [pytest.approx(2.25)]
+    assert (
+        counterfactuals(lambda s: int(s[1] > 3.5), hall, state, ranges).changes == ()
+    )  # it is outside

@@ -120,9 +120,7 @@ def test_names_are_taken_from_attributes_that_speak_of_actions() -> None:
         env = Plain()
         env.observation_space = spaces.Box(0, 1, (50, 50, 3))
         describe(env, "env")
-    with pytest.raises(
-        TaskError, match=r"`at.seen` \(Sequence\) cannot be .*.*FilterObservation\(env, \['to'"
-    ):
+    with pytest.raises(TaskError, match=r"`at.seen` .*FilterObservation\(env, \['to'"):
         env = Plain()
         said = spaces.Dict({"seen": spaces.Sequence(spaces.Discrete(3))})
         env.observation_space = spaces.Dict({"at": said, "to": spaces.Box(0, 1)})  # type: ignore[assignment]

@@ -100,8 +100,8 @@ def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     found = most_telling(recording)
     assert found.because == "the last refused proposal that was applicable"
     made = account_of_step(run, recording, found)
-    assert made.vetoed and made.veto_flips is not None and made.choice_flips is not None
-    (flip,) = made.veto_flips.found
+    assert made.vetoed and made.other_vetoes is not None and made.other_choices is not None
+    (flip,) = made.other_vetoes.changes
     state = recording.step(found.step).state
     ground = run.model.action_index(made.proposed)
     nearer = flip.becomes + float(np.sign(state[0] - flip.becomes))  # x is a whole number

@@ -4,17 +4,10 @@
 let meta, curves;
 const byId = (id) => document.getElementById(id);
 
-function decoded(base64) {
-  const text = atob(base64);
-  const bytes = new Uint8Array(text.length);
-  for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
-  return bytes;
-}
-
 async function unpacked(base64) {
-  const stream = new Blob([decoded(base64)]).stream();
-  return new Uint8Array(
-    await new Response(stream.pipeThrough(new DecompressionStream("gzip"))).arrayBuffer());
+  const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
 const KINDS = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array, f4: Float32Array };
@@ -50,6 +43,13 @@ function compact(value) {
   const size = Math.abs(value);
   if (size > 0 && size < 1e-3) return value.toExponential(1).replaceAll("-", "−");
   return size < 0.1 ? readable(Number(value.toPrecision(3))) : readable(value);
+}
+
+/** A share in per cent, as everywhere in serp. */
+function percent(share) {
+  const value = 100 * share;
+  if (value > 0 && value < 0.01) return "< 0.01 %";
+  return `${value >= 10 ? Math.round(value) : Number(value.toPrecision(2))} %`;
 }
 
 function element(tag, attributes = {}, text = null) {

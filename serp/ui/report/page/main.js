@@ -68,11 +68,8 @@ if (total()) {
     meta.fluents.length, fillFluent);
   alternatives = new RowTable(byId("alternatives"), ["name", "n", "n", "n", "n", "remark"], 27,
     meta.actions.length, fillAlternative);
-  if (meta.scene) {
-    const { width, height } = meta.scene;
-    document.querySelector(".picture").style.aspectRatio = Math.max(1, width / height);
-    scene = new Scene(byId("scene"), meta.scene, arrays.grids,
-      byId("sheets").textContent.trim().split("\n"));
+  if (arrays.pictureAt.length > 1) {
+    scene = new Scene(byId("scene"), arrays.pictures, arrays.pictureAt);
   }
   byId("after").parentElement.hidden = !scene;
   now = Math.min(meta.start, total() - 1);

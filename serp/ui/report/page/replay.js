@@ -1,6 +1,6 @@
 // The recorded steps: one of them is shown, with the scene, the state, the decision and the file.
 
-const [VETOED, UNSAFE, NO_SAFE, INDIFFERENT, LARGE_ERROR] = [1, 2, 4, 8, 16];
+const [VETOED, UNSAFE, NO_SAFE, LARGE_ERROR] = [1, 2, 4, 8];
 const [APPLICABLE, IS_UNSAFE, TERMINAL, UNDEFINED, RISKY, UNMODELLED] = [1, 2, 4, 8, 16, 128];
 const NONE = 0xffff, SAFE = 0xfffe;
 
@@ -46,7 +46,7 @@ function paint() {
   paintScene(episode, k);
   fluents.paint();
   alternatives.paint();
-  say(byId("told"), sentences[steps.told[now]]);
+  say(byId("decision"), sentences[steps.sentence[now]]);
   const actor = meta.actors[steps.executedBy[now]];
   byId("actor").className = `actor back-${actor}`;
   say(byId("actor"), actor);
@@ -62,7 +62,7 @@ function paintScene(episode, k) {
   byId("scene").hidden = !drawn;
   byId("no-scene").hidden = Boolean(drawn);
   if (drawn) scene.show(episode.frame + k + (after ? 1 : 0));
-  else say(byId("no-scene"), episode.note || meta.sceneNote);
+  else say(byId("no-scene"), episode.note || "There is no picture of this step.");
 }
 
 function enter(episode) {
@@ -117,7 +117,7 @@ function fillAlternative(cells, row, a) {
   cells[0].title = meta.actions[a];
   say(cells[1], applicable ? compact(steps.value[at]) : "–");
   say(cells[2], applicable ? compact(steps.reward[at]) : "–");
-  say(cells[3], applicable ? meta.risks[steps.risk[at]] : "–");
+  say(cells[3], applicable ? percent(steps.risk[at]) : "–");
   say(cells[4], safe === SAFE ? "all" : safe === NONE ? "–" : readable(safe));
   say(cells[5], remarks.join(", "));
   const executed = a === steps.executed[now], proposed = a === steps.proposed[now];
@@ -138,7 +138,10 @@ function paintCauses() {
   list.dataset.key = key;
   say(byId("causes-of"), `What the file says of ${meta.actions[chosen]}, one step ahead`);
   list.replaceChildren(...found.map(causeItem));
-  if (!found.length) list.append(element("li", { class: "quiet" }, "Nothing but the changes of the state."));
+  const explained = chosen === steps.executed[now] || chosen === steps.proposed[now];
+  if (!found.length) list.append(element("li", { class: "quiet" }, explained
+    ? "No reward, end or flag." : "Explained are the executed and the refused action; "
+      + `serp why --step ${steps.position[now]} explains all.`));
   const lines = new Set(found.map((k) => meta.causes[steps.cause[k]].line));
   for (const old of document.querySelectorAll(".file li.used")) old.classList.remove("used");
   for (const id of lines) if (id) byId(id).classList.add("used");
@@ -148,7 +151,7 @@ function causeItem(k) {
   const cause = meta.causes[steps.cause[k]], amount = steps.amount[k];
   const item = element("li", { class: `cause ${cause.kind}` });
   const what = cause.kind === "reward" ? `${amount > 0 ? "+" : ""}${readable(amount)}`
-    : cause.kind === "risk" ? `${meta.risks[steps.causeRisk[k]]} risk` : cause.label;
+    : cause.kind === "risk" ? `${percent(amount)} risk` : cause.label;
   item.append(element("b", {}, what), ` ${cause.by}`);
   if (cause.line) {
     const go = element("button", { class: "line", type: "button" }, cause.place);

@@ -1,52 +1,28 @@
-// The drawn scene: every picture is a grid of tiles, which lie in sheets; equal tiles lie there once.
+// The drawn scene: every picture is a WebP in the packed arrays.
 
 class Scene {
-  constructor(canvas, info, grids, sheets) {
-    this.info = info;
-    this.canvas = canvas;
-    this.sheets = sheets; // base64 of each sheet, and later its bitmap
-    this.bitmaps = new Map();
-    this.shown = null;
-    this.perFrame = info.columns * info.rows;
-    this.perSheet = info.sheet * info.sheet;
-    this.grids = grids;
-    for (let k = this.perFrame; k < grids.length; k++) grids[k] += grids[k - this.perFrame];
-    canvas.width = info.width;
-    canvas.height = info.height;
+  constructor(canvas, pictures, at) {
+    [this.canvas, this.pictures, this.at] = [canvas, pictures, at];
+    this.bitmaps = new Map(); // of the pictures that were shown last
     this.context = canvas.getContext("2d", { alpha: false });
   }
 
-  /** Draw a picture, at once if its sheets are there, else when they have been decoded. */
-  show(frame) {
+  /** Draw a picture, at once if it is decoded. */
+  async show(frame) {
     this.wanted = frame;
-    const { columns, tile, sheet } = this.info;
-    const own = this.grids.subarray(frame * this.perFrame, (frame + 1) * this.perFrame);
-    const missing = new Set();
-    for (const tileId of own) {
-      const at = Math.floor(tileId / this.perSheet);
-      if (!this.bitmaps.has(at)) missing.add(at);
+    let bitmap = this.bitmaps.get(frame);
+    if (!bitmap) {
+      const bytes = this.pictures.subarray(this.at[frame], this.at[frame + 1]);
+      bitmap = await createImageBitmap(new Blob([bytes], { type: "image/webp" }));
+      this.bitmaps.set(frame, bitmap);
+      if (this.bitmaps.size > 64) this.bitmaps.delete(this.bitmaps.keys().next().value);
+      if (this.wanted !== frame) return;
     }
-    if (missing.size) {
-      Promise.all(Array.from(missing, (at) => this.decode(at))).then(() => {
-        if (this.wanted === frame) this.show(frame);
-      });
-      return;
+    const { width, height } = bitmap;
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      [this.canvas.width, this.canvas.height] = [width, height];
+      this.canvas.parentElement.style.aspectRatio = Math.max(1, width / height);
     }
-    for (let k = 0; k < own.length; k++) {
-      if (this.shown && this.shown[k] === own[k]) continue;
-      const at = own[k] % this.perSheet;
-      this.context.drawImage(this.bitmaps.get(Math.floor(own[k] / this.perSheet)),
-        (at % sheet) * tile, Math.floor(at / sheet) * tile, tile, tile,
-        (k % columns) * tile, Math.floor(k / columns) * tile, tile, tile);
-    }
-    this.shown = own;
-  }
-
-  async decode(at) {
-    if (typeof this.sheets[at] === "string") {
-      const blob = new Blob([decoded(this.sheets[at])], { type: "image/webp" });
-      this.sheets[at] = createImageBitmap(blob);
-    }
-    this.bitmaps.set(at, await this.sheets[at]);
+    this.context.drawImage(bitmap, 0, 0);
   }
 }

@@ -11,7 +11,7 @@ from nicegui import ui
 from serp._util.text import percent, readable
 from serp.agent.causes import Cause
 from serp.agent.explanation import Alternative
-from serp.agent.sentences import kind_of_return, told
+from serp.agent.sentences import kind_of_return, line_of_cause
 from serp.ui.studio.pages.live import Live
 from serp.ui.studio.session import Session
 from serp.ui.studio.view import Request, View
@@ -125,7 +125,7 @@ def _item(causes: list[Cause], action: str) -> str:
     if place is None:
         return f"<li>{escape(text)}</li>"
     at = f"{place.line}:{place.column}:{place.file}"
-    whole = "\n".join(told(cause) for cause in causes)
+    whole = "\n".join(line_of_cause(cause) for cause in causes)
     return (
         f'<li><button type="button" data-place="{escape(at, quote=True)}" '
         f'title="{escape(whole, quote=True)}">{escape(text)}</button></li>'

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp._util.text import percent
 from serp.agent.agent import account_of
 from serp.errors import Notice
 from serp.runs.recording import open_recording
@@ -34,21 +33,6 @@ def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path)
     recorded = open_recording(trained, f"{policy}-seed9")
     assert [len(steps) for steps in recorded.episodes.values()] == shown["lengths"]
     assert recorded.columns("env_reward")["env_reward"].sum() == sum(shown["returns"])
-
-
-def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:
-    shown = measured(run, str(trained), "--episodes=3")
-    text = run("evaluate", str(trained), "--episodes=3").stdout
-    low, high = shown["confidence_interval"]
-    assert f"Measured: {shown['meaning']}." in text
-    assert f"{shown['mean']:.4g}, 95 % interval {low:.4g} to {high:.4g}" in text
-    assert f"trained policy  {shown['trained_policy']}" in text
-    assert f"everything in {percent(shown['sight']['saw_all'])} of the steps" in text
-    assert shown["model"]["sentence"] in text
-    assert f"deviation {shown['std']:.4g}, {shown['min']:.4g} to {shown['max']:.4g}" in text
-    assert f"{shown['terminated']} of 3 episodes" in text
-    assert shown["warning"] in text
-    assert "--policy training" not in text  # this run's ρ is 1
 
 
 def test_where_nothing_can_be_recorded_it_is_measured_all_the_same(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
 import pytest
 
@@ -20,24 +19,10 @@ def test_everything_installed_is_listed(run: Run) -> None:
     for name in task_entries():
         assert f"\n{name} " in shown
         assert load_task(name).description in shown
-    for name in (
-        *KNOWN,
-        *OWN,
-        *algorithm_entries(),
-        *strategy_names(),
-        "lookahead",
-        "dqn",
-        "local",
-    ):
+    for name in (*KNOWN, *OWN, *algorithm_entries(), *strategy_names(), "lookahead", "dqn"):
         assert f"\n{name} " in shown
     table = re.sub(" +", " ", shown.partition("\nplanner.name (--planner) ")[2])
     assert "\nfar-sight the planner that sees to the end of a finite task" in table
-
-
-def test_a_domain_of_the_working_directory_is_named(run: Run) -> None:
-    Path("domains").mkdir()
-    Path("domains/cartpole.pddl").write_text("")
-    assert f"{Path('domains/cartpole.pddl')} (instead of the installed one)" in run("list").stdout
 
 
 def test_a_task_that_cannot_be_loaded_hides_no_other(

@@ -21,20 +21,6 @@ def config(folder: str | Path) -> Any:
     return json.loads((Path(folder) / "config.json").read_text())["config"]
 
 
-def test_the_end_says_what_came_out_and_what_to_do_next(run: Run) -> None:
-    result = run(*TRAIN, "--episodes=3", "--out=first run")
-    assert "3 episodes" in result.stdout
-    for word in ("return", "terminated", "vetoes", "unsafe"):
-        assert f"\n{word} " in result.stdout
-    summary = json.loads(Path("first run", "summary.json").read_text())
-    assert f"trained policy  {summary['trained_policy']}" in result.stdout
-    assert (summary["evidence"] is None) == ("\nevidence " not in result.stdout)
-    assert summary["model"]["sentence"] in result.stdout
-    assert "serp evaluate 'first run'" in result.stdout
-    assert "serp plan 'first run'" in result.stdout
-    assert "episode 3/3" in result.stderr
-
-
 def test_options_reach_the_run(run: Run) -> None:
     options = ["--preset=paper", "--seed=7", "--set=learner.hidden=[8,8]"]
     out = run(*TRAIN, *options, "--env-steps=20", "--out=r", "--quiet").stdout
@@ -73,7 +59,6 @@ def test_resuming_a_finished_run_does_nothing_and_says_so(
         (["--resume=a", "--seed=1"], "--seed cannot change"),
         (["--resume=a", "--preset=paper"], "--preset cannot change"),
         (["--resume=a", "--set=planner.depth=3"], "--set cannot change"),
-        (["--domain=cartpole", "--correct=off"], "--correct is now called --adapt"),
         (["--resume=a", "--num-envs=2"], "--num-envs cannot change"),
         (
             ["--domain=cartpole", "--num-envs=2", "--set=training.num_envs=3"],

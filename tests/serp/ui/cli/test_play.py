@@ -24,37 +24,13 @@ def typed(lines: str, *arguments: str, expect: int = 0) -> str:
     return result.output
 
 
-def test_a_script_of_commands_plays_and_says_what_of_the_file_did_what(walk: Path) -> None:
-    shown = typed(
-        "; to the shop and back\n1\ngo shop home\n rest\nu 2\nwalked = 5\ns\nr\np 2\nq\nnever read",
-        "walk.pddl", "--set=planner.name=lookahead",
-    )  # fmt: skip
-    for said in (
-        "the world of walk.pddl, control period 1\nafter 0 steps, total 0\n",
-        "\n1  go home shop\n2  go home field\n",
-        "step 1: go home shop; reward −1, total −1\n",
-        "    at home  true → false  by action go home shop (line 10)\n",
-        "    walked   0 → 1         by action go home shop (line 10)\n",
-        "   −1 by action go home shop. [walk.pddl:10 `(decrease (reward) 1)`]\n",
-        "step 3: rest; reward 3, total 1\n",
-        "2 taken back\nafter 1 step, total −1\n",
-        "  walked    5\n",
-        "go home shop   `(at ?a)` (line 9) does not hold (at home = false)\n",
-        "step 2: rest; reward 3, total 2\n",
-    ):
-        assert said in shown
-    assert "never" not in shown
-
-
-def test_the_planner_is_asked_and_slips_and_ends_are_told(walk: Path) -> None:
-    shown = typed("?\n1\n", "walk.pddl", "--slip=0.99", "--set=planner.name=lookahead")
-    assert "walk, after 0 steps" in shown and "Chosen: go home shop" in shown
+def test_a_world_slips_and_mistakes_have_a_line(walk: Path) -> None:
+    shown = typed("1\n", "walk.pddl", "--slip=0.99", "--set=planner.name=lookahead")
     assert "step 1: go home shop slips: go home field happens instead" in shown
     assert "   unsafe by action go home field. [walk.pddl:11 `(unsafe)`]" in shown
     shown = typed("field = 3", "walk.pddl", expect=1)
     assert "line 1: change: unknown fluent `field`" in shown
     assert "line 2: there is no action or command `gp`" in typed("s\ngp", "walk.pddl", expect=1)
-    assert "may be go home shop or go home field" in typed("go ho", "walk.pddl", expect=1)
 
 
 def test_a_situation_is_saved_as_a_scenario_that_holds(run: Run, walk: Path) -> None:
@@ -84,21 +60,14 @@ def test_keys_and_options_that_do_not_fit_are_refused(walk: Path) -> None:
 
 def test_without_a_problem_all_begins_at_nothing(folder: Path) -> None:
     shown = typed("push-left\n", "cartpole", "--state=pole-angle=0.1")
-    assert "control period 0.02" in shown and "  pole-angle     0.1\n" in shown
+    assert "  pole-angle     0.1\n" in shown
     assert "has no problem" not in shown
     assert "has no problem with an :init: numbers begin at 0" in typed("", "cartpole")
 
 
 def test_a_training_in_the_world_of_a_file_is_a_run_like_any_other(run: Run, walk: Path) -> None:
-    arguments = (
-        "--train",
-        "--slip=0.1",
-        "--max-steps=5",
-        "--env-steps=9",
-        "--planner=lookahead",
-        "--quiet",
-        *QUICK,
-    )
+    limits = ("--max-steps=5", "--env-steps=9")
+    arguments = ("--train", "--slip=0.1", *limits, "--planner=lookahead", "--quiet", *QUICK)
     run("play", "walk.pddl", *arguments, "--out=run", "--state=walked=3")
     walk.unlink()
     assert "mean return" in run("evaluate", "run", "--episodes=2").stdout
@@ -126,14 +95,8 @@ def test_on_a_terminal_a_key_is_an_action(walk: Path) -> None:
     try:
         os.close(there)
         shown = ""
-        for prompt, keys in (
-            (" > ", "1"),
-            (" > ", "\r"),
-            (" > ", ":"),
-            (":", "walked = 7\r"),
-            (" > ", "z"),
-            (" > ", "q"),
-        ):
+        typing = ("1", "\r", ":", "walked = 7\r", "z", "q")
+        for prompt, keys in zip((" > ", " > ", " > ", ":", " > ", " > "), typing, strict=True):
             shown += until(here, prompt)
             os.write(here, keys.encode())
         assert process.wait(20) == 0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -10,8 +12,9 @@ import pytest
 import serp
 from serp.errors import SerpError
 from serp.model.domain import Domain
-from serp.ui.state import observed_state, parse_state
-from tests.serp.sample_tasks import CORRIDOR, corridor
+from serp.ui.asked import parse_state
+from tests.serp.sample_tasks import CORRIDOR
+from tests.serp.ui.cli.conftest import Run
 
 MILD = CORRIDOR.replace("(unsafe) (terminal)", "(terminal)")
 KNOWN = """
@@ -23,43 +26,22 @@ KNOWN = """
 """
 
 
-def task_of(folder: Path, text: str) -> serp.Task:
-    task = corridor(folder)
-    Path(str(task.domain)).write_text(text)
-    return task
+def planned(run: Run, folder: Path, text: str) -> Any:
+    (folder / "my_corridor.py").write_text(
+        "from pathlib import Path\nfrom tests.serp.sample_tasks import corridor\n"
+        "def task(): return corridor(Path('.'))\n"
+    )
+    (folder / "own.pddl").write_text(text)
+    arguments = ("--task=my_corridor:task", "--set=planner.name=lookahead", "--depth=1", "--json")
+    return json.loads(run("plan", *arguments, "--domain=own.pddl").stdout)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_where_the_planner_is_indifferent_the_next_state_is_looked_at(
-    tmp_path: Path, seed: int
-) -> None:
-    """Far from goal and pit nothing differs; the walk goes left until the pit is in sight."""
-    task = task_of(tmp_path, MILD)
-    planner = serp.MonitorReplanner(task.load().model, depth=1)
-    state, origin = observed_state(task, planner, seed)
-    first, _ = observed_state(task, None, seed)
-    assert planner.plan(first).indifferent
-    assert not planner.plan(state).indifferent
-    assert f"after a reset with seed {seed} and " in origin
-    assert observed_state(task, planner, seed)[0].tolist() == state.tolist()
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        MILD.replace("(decrease (reward) 5)", "").replace("(increase (reward) 5)", ""),
-        CORRIDOR.replace(":precondition (and)", ":precondition (and (> (x) 99))"),
-    ],
-    ids=["nothing matters", "one action at most"],
-)
-def test_where_there_is_nothing_to_choose_the_first_state_is_taken(
-    tmp_path: Path, text: str
-) -> None:
-    task = task_of(tmp_path, text)
-    planner = serp.MonitorReplanner(task.load().model, depth=1)
-    state, origin = observed_state(task, planner, 2)
-    first, expected = observed_state(task, None, 2)
-    assert (state.tolist(), origin) == (first.tolist(), expected)
+def test_where_the_planner_is_indifferent_the_next_state_is_tried(run: Run, folder: Path) -> None:
+    """Far from goal and pit nothing differs; the walk goes left until the pit is near."""
+    shown = planned(run, folder, MILD)
+    assert not shown["indifferent"] and " without a choice" in shown["state_from"]
+    stuck = CORRIDOR.replace(":precondition (and)", ":precondition (and (> (x) 99))")
+    assert planned(run, folder, stuck)["state_from"] == "observed after a reset with seed 0"
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,6 @@ from serp._util import figures
 from serp.agent.agent import Agent
 from serp.agent.decision import Actor
 from serp.agent.step_record import StepRecord
-from serp.errors import SettingsError
 from serp.runs.evaluation import evaluate, play
 from serp.ui.pictures.caption import Caption, CaptionBand, Mark
 from serp.ui.pictures.film import END, HOLD, FilmSettings, Frame, film, marks_of
@@ -117,31 +116,6 @@ def test_time_is_real_time(
         assert sum(times) == pytest.approx(step / speed)
 
 
-class Judged(Drawn):
-    """Says how an episode stands."""
-
-    def info(self) -> dict[str, Any]:
-        return {**super().info(), "outcome": "home" if self.x >= 4 else f"at {self.x}"}
-
-
-def test_the_last_picture_says_how_the_episode_ended(agent: Agent, tmp_path: Path) -> None:
-    settings = FilmSettings(policy="planner", episodes=4)
-    frames = list(film(agent, bound(tmp_path, Judged), settings))
-    said = [frame.caption.outcome for frame in frames if frame.caption.outcome]
-    ends = [frame.caption.outcome for frame in frames if frame.step and frame.step.last]
-    assert said == ends and len(ends) == 4 and "home" in ends
-
-
-def test_no_more_frames_a_second_than_asked_for(agent: Agent, tmp_path: Path) -> None:
-    every = filmed(agent, tmp_path, policy="planner", episodes=5)
-    fewer = filmed(agent, tmp_path, policy="planner", episodes=5, fps=5)
-    assert all(frame.seconds >= 1 / 5 for frame in fewer)
-    assert len(fewer) <= len(every) / 2 + 2 * 5
-    for frames in (every, fewer):
-        assert sum(frame.step is None for frame in frames) == 5
-        assert sum(frame.step is not None and frame.step.last for frame in frames) == 5
-
-
 @pytest.mark.parametrize(
     ("limits", "size"),
     [({}, (420, 80)), ({"width": 210}, (210, 40)), ({"width": 900}, (420, 80)),
@@ -156,15 +130,6 @@ def test_pictures_keep_within_their_limits(
     assert whole[1] % 2 == 0
 
 
-def test_senseless_settings_are_refused(agent: Agent, tmp_path: Path) -> None:
-    for wrong in ({"speed": 0}, {"fps": 0.5}, {"speed": "x"}, {"fps": float("nan")},
-                  {"policy": "best"}):  # fmt: skip
-        with pytest.raises(SettingsError, match="must be"):
-            FilmSettings(**wrong)
-    with pytest.raises(SettingsError, match="at least one"):
-        next(film(agent, bound(tmp_path), FilmSettings(episodes=0)))
-
-
 # Captions ----------------------------------------------------------------------------------------
 
 
@@ -176,19 +141,3 @@ def test_captions_of_one_width_have_one_size(width: int) -> None:
         for text in ("", "home", LONG):
             caption = Caption(Actor.PLANNER, text, (LONG, "step 1"), marks, strip, text)
             assert band.draw(caption).size == band.size
-
-
-def test_every_actor_looks_different_and_a_refusal_too() -> None:
-    band = CaptionBand(640)
-    captions = [Caption(actor, "go", ()) for actor in Actor]
-    captions += [Caption(None, "go", (), strip=[(Actor.PLANNER, no)]) for no in (True, False)]
-    assert len({band.draw(caption).tobytes() for caption in captions}) == len(captions)
-
-
-def test_where_room_is_short_the_return_is_what_stays() -> None:
-    facts = ("episode 1", "step 22", "return +3.00")
-    whole, last, none = (
-        CaptionBand(330).draw(Caption(Actor.LEARNER, "charge-opponent", told)).tobytes()
-        for told in (facts, facts[-1:], ())
-    )
-    assert whole == last != none

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import pytest
 from PIL import Image, ImageColor
 
 from serp._util import figures
-from serp.errors import EnvironmentFailure, MissingExtra, RunError
+from serp.errors import EnvironmentFailure, RunError
 from serp.runs.recording import open_recording
 from serp.runs.recording_format import EVALUATIONS
 from serp.runs.run import Run, load_run
@@ -89,15 +88,6 @@ def test_an_mp4_lasts_as_long_as_the_film(run: Run, tmp_path: Path) -> None:
         write_mp4(tmp_path / "nosuch" / "x.mp4", iter(filmed))
 
 
-def test_without_ffmpeg_the_extra_is_named(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingExtra, match="pip install 'serp\\[watch\\]'"):
-        write_film(run, tmp_path / "x.mp4", SETTINGS)
-    assert not list(tmp_path.glob("x.mp4*"))
-
-
 @pytest.mark.parametrize("kind", [".gif", ".mp4"])
 def test_a_film_that_fails_leaves_the_former_one(recorded: Path, tmp_path: Path, kind: str) -> None:
     def make_env(render_mode: str | None = None) -> Any:
@@ -109,12 +99,3 @@ def test_a_film_that_fails_leaves_the_former_one(recorded: Path, tmp_path: Path,
         write_film(load_run(recorded, drawn(tmp_path, make_env)), path, SETTINGS)
     assert path.read_bytes() == b"former"
     assert list(tmp_path.glob("x.*")) == [path]
-
-
-def test_a_folder_that_is_not_there_is_noticed_before_all_work(run: Run, tmp_path: Path) -> None:
-    played: list[int] = []
-    with pytest.raises(RunError, match="cannot write .*Make sure that the folder still exists"):
-        write_film(
-            run, tmp_path / "nosuch" / "x.gif", SETTINGS, lambda number, _: played.append(number)
-        )
-    assert played == []

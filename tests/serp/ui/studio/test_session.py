@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import shutil
 import time
 from pathlib import Path
@@ -127,6 +128,10 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> Non
     assert document.keep() == f"The unsaved text is kept in {folder / 'theirs.pddl.unsaved'}"
     assert (folder / "theirs.pddl.unsaved").read_text() == "not saved"
     assert (folder / "theirs.pddl").read_text() == "mine again"
+    (folder / "theirs.pddl").unlink()
+    os.mkfifo(folder / "theirs.pddl")
+    with pytest.raises(SerpError, match="no regular file"):  # reading it would never end
+        document.save()
     (folder / "linked.pddl").symlink_to(outside)
     document = Document(folder / "linked.pddl", folder)
     document.text = "through a link"
@@ -199,13 +204,13 @@ def test_each_text_that_was_not_saved_is_kept(tmp_path: Path, session: Session) 
     earlier = scenarios.target.with_name(scenarios.target.name + ".unsaved")
     earlier.write_text("earlier")
     session.edit("domain", "mine")
-    session.edit("scenarios", "mine, too")
+    session.edit("scenarios", "mine, too \ud800")  # a half of a character
     session.documents["domain"].target = outside  # cannot be written
     lost, kept = session.close()
     assert "is lost" in lost and not outside.exists()
     assert kept == f"The unsaved text is kept in {earlier}-2"
     assert earlier.read_text() == "earlier"
-    assert earlier.with_name(earlier.name + "-2").read_text() == "mine, too"
+    assert earlier.with_name(earlier.name + "-2").read_text() == "mine, too ?"
 
 
 # The guard ---------------------------------------------------------------------------------------

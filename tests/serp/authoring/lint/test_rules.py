@@ -1,15 +1,22 @@
-"""What a right domain may have forgotten."""
+"""Rules find what a right domain may have forgotten, and say nothing of what is meant."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from hypothesis import given
 
 from serp.authoring.lint.catalogue import warnings_of
+from serp.authoring.lint.conditions import contradiction
 from serp.authoring.lint.findings import findings_of
 from serp.model.domain import load_domain
+from serp.model.flags import APPLICABLE
+from serp.model.transition_model import Vector
 from serp.pddl.source import Source
+from tests.generated.models import Generated, load_texts, models_with_states
+from tests.generated.profile import examples
+from tests.generated.writer import Texts
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -43,17 +50,8 @@ def test_of_what_is_shipped_nothing_is_left_to_say(file: Path) -> None:
         ("(:action rest", "(:action loop :parameters (?a - place) :precondition (and (road ?a ?a))"
          ":effect (and (at ?a)))(:action rest",
          "action `loop` has no instance: its precondition can never hold"),
-        (":typing ", "", "used, but not among the :requirements: :typing"),
-        (":numeric-fluents", ":fluents", None),
-        (":typing :numeric-fluents :negative-preconditions :conditional-effects",
-         ":adl :numeric-fluents", None),
-        ("(at ?a) (road", "(at ?a) (or (mined ?a) (at ?a)) (road", ":disjunctive-preconditions"),
-        ("(at ?a) (road", "(at ?a) (not (mined ?a)) (road", None),
-        ("(at ?a) (road", "(at ?a) (not (= ?a ?b)) (road", ":equality"),
         ("(at ?a) (road", "(at ?a) (not (unsafe)) (road",
          "`(unsafe)` starts false in every step, so action `go` always finds it false"),
-        ("(at ?a) (road", "(at ?a) (exists (?c - place) (at ?c)) (road",
-         ":existential-preconditions"),
         ("(at ?a) (road", "(at ?a) (not (at ?a)) (road",
          "9:32: action `go` can never be applied: `(at ?a)` and `(not (at ?a))` exclude"),
         ("(> (walked) 0)", "(> (walked) 10) (< (+ (walked) 1) 6)",
@@ -71,9 +69,6 @@ def test_of_what_is_shipped_nothing_is_left_to_say(file: Path) -> None:
          "walk.pddl:13:18: parameter `?x` of `(:action rest` is not used"),
         ("(mined ?b)", "(forall (?c - place) (mined ?b))",
          "11:33: parameter `?c` of `(forall` is not used"),
-        ("(:action rest", "(:process p :parameters () :precondition (and)"
-         " :effect (and (increase (walked) #t)))(:action rest",
-         ":requirements: :time (processes and events need `:time`)"),
     ],
 )  # fmt: skip
 def test_each_warning(old: str, new: str, warning: str | None, tmp_path: Path) -> None:
@@ -83,14 +78,7 @@ def test_each_warning(old: str, new: str, warning: str | None, tmp_path: Path) -
         assert found == []
     else:
         assert any(warning in text for text in found), found
-        # What is wrong with a condition may also leave out a requirement.
-        assert len([text for text in found if ":requirements" not in text]) <= 1
-
-
-def test_a_domain_without_reward_is_warned_of(tmp_path: Path) -> None:
-    text = WALK.replace("(decrease (reward) 1)", "").replace("(increase (reward) 3)", "")
-    (found,) = warned(tmp_path, text)
-    assert "nothing changes `(reward)`" in found
+        assert len(found) == 1
 
 
 def test_a_metric_is_a_reward(tmp_path: Path) -> None:
@@ -112,12 +100,6 @@ def test_waiting_is_an_action_where_the_world_moves(tmp_path: Path) -> None:
     process = "(:process p :parameters () :precondition (and) :effect (and (increase (walked) #t)))"
     text = WALK.replace("(:action rest", idle + process + "(:action rest")
     assert warned(tmp_path, text.replace(":typing", ":typing :processes")) == []
-
-
-def test_parameters_without_objects_are_warned_of(tmp_path: Path) -> None:
-    found = warned(tmp_path, WALK, problem=None)
-    (empty,) = (text for text in found if "`go`" in text)
-    assert "there is no object of type `place` (nor a problem file that could name some)" in empty
 
 
 BLOCKS = """
@@ -169,3 +151,38 @@ def test_an_event_that_can_never_fire_is_warned_of(tmp_path: Path) -> None:
         found = warned(tmp_path, text.replace("{}", condition))
         assert bool(found) == bool(never), (condition, found)
         assert all("event `e` can never fire" in text for text in found)
+
+
+@given(models_with_states(count=4))
+@examples(150)
+def test_an_action_whose_conditions_exclude_each_other_is_applicable_nowhere(
+    drawn: tuple[Generated, Vector],
+) -> None:
+    generated, states = drawn
+    model = generated.model
+    theta = model.theta.tolist()
+    for index, action in enumerate(model.actions):
+        if contradiction(action.preconditions, theta):
+            for state in states.tolist():
+                assert not model.transition(state, index)[1] & APPLICABLE
+
+
+@pytest.mark.parametrize(
+    ("condition", "never"),
+    [
+        ("(> (atan2 (x) (y)) 90)", True),  # degrees
+        ("(< (* 2 (abs (x))) -1)", True),
+        ("(= (+ (sin (x)) 1) 2.5)", True),
+        ("(not (>= (sqrt (x)) 0))", True),
+        ("(> (max 1 (- 7 (abs -2))) (- (+ (x) 4) (x)))", False),
+        ("(< (max 1 (- 7 (abs -2))) (- (+ (x) 4) (x)))", True),
+        ("(> (cos (x)) -1)", False),
+        ("(not (= (sqrt (x)) -1))", False),
+    ],
+)
+def test_what_a_function_never_gives_is_known(condition: str, never: bool) -> None:
+    text = f"""(define (domain d) (:requirements :math-functions) (:functions (x) (y))
+      (:action a :precondition {condition}))"""
+    model = load_texts(Texts(text, None)).model
+    tests = model.ground.actions[0].preconditions
+    assert (contradiction(tests, model.theta.tolist()) is not None) == never
