@@ -1,7 +1,7 @@
 """The ladder: what SErP is worth after 500, 2,000 and 5,000 env steps, and each of its mechanisms.
 
     python -m tests.benchmarks.ladder --points 2000 --out new.csv --against docs/results/ladder.csv
-    python -m tests.benchmarks.ladder taxi cliff --without repeat --without n-step
+    python -m tests.benchmarks.ladder taxi cliff --without slack --without n-step
     python -m tests.benchmarks.ladder --mechanisms --seeds 0-2 --out docs/results/mechanisms.csv
 
 Tasks are named as for `--domain`; without any, all installed tasks and the shipped variants whose
@@ -91,17 +91,13 @@ EVIDENCE, NOTHING = "agent.evidence:Evidence", np.zeros(0, dtype=np.int64)
 WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     # The planner
     "far-sight": ["planner.name=lookahead"],
-    "closed-graph": [(f"{PLANNER}._may_close", lambda self, state: False)],
+    "closed-graph": [(f"{PLANNER}._may_search", lambda self, state: False)],
     "goal-search": [(f"{FAR}.goal_search:GoalSearch.goal", always(False))],
     "cells": [(f"{PLANNER}._find_cells", lambda self, state, visited: False)],
     "unknown": [(f"{FAR}.cell_graph:CellGraph.explores", always(False))],
-    "rollouts": [(f"{FAR}.far_sight:favour_cells", lambda *given: False)],
-    "account": [(f"{PLANNER}._saved", always(200_000))],
-    "account-and-patience": [(f"{PLANNER}._saved", always(200_000)),
-                             (f"{PLANNER}._attempt_at", always(0))],
+    "budget": [(f"{PLANNER}._saved", always(200_000)), (f"{PLANNER}._wait", always(0))],
     "inert": [(f"{FAR}.{module}:inert_fluents", lambda ground: NOTHING)
               for module in ("closed_graph", "goal_search", "cell_graph")],
-    "repeat": ["planner.repeat=1"],
     "slack": ["planner.accepted_risk=0"],
     # What is learned of the model
     "adaptation": ["adaptation.mode=off"],

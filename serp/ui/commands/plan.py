@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
 
 
-_USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
+_USED = ("name", "depth", "discount", "max_nodes", "accepted_risk")
 """The settings of one decision."""
 _SECONDS = 10.0
 """Time that a plan may take."""
@@ -160,10 +160,9 @@ def _planning(
 ) -> MakePlanner:
     """Return a function that makes the planner of a domain, as task, settings and options say."""
     from serp.settings import resolve
-    from serp.tasks.file_world import STEP_BY_STEP
     from serp.ui.planner import ChosenPlanner, chosen_planner
 
-    resolved = resolve("default", STEP_BY_STEP if task is None else task.settings, settings)
+    resolved = resolve("default", None if task is None else task.settings, settings)
     for section, values in settings.items():
         for name in values:
             if section != "planner" or name not in _USED:

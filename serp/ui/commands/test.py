@@ -163,7 +163,6 @@ def _opened(
     from serp.authoring.scenarios.files import ScenarioFile, read_beside, scenarios_beside
     from serp.pddl.source import Source
     from serp.settings import resolve
-    from serp.tasks.file_world import STEP_BY_STEP
     from serp.tasks.registry import find_domain_file
 
     own = asked_own_task()
@@ -175,7 +174,7 @@ def _opened(
         source = read_beside(domain) if file is None else Source.read(file)
     if run is not None:
         return ScenarioFile(source, trained(open_run(run).agent, domain))
-    used = resolve(preset, STEP_BY_STEP if task is None else task.settings, settings)
+    used = resolve(preset, None if task is None else task.settings, settings)
     period = dt or (task.dt if task else 1.0)
     return ScenarioFile.open(source, domain, used, period, task)
 

@@ -20,7 +20,6 @@ QUICK = [
         "arbiter.rho=1",
         "guide.strategy=mixture",
         "planner.depth=1",
-        "planner.repeat=1",
         "learner.members=1",
         "training.checkpoint_seconds=0",
     )
