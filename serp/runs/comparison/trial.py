@@ -371,6 +371,7 @@ class _Evaluations:
             for policy, play in policies.items():
                 for episode in range(episodes):
                     key = {"env_steps": env_steps, "policy": policy, "episode": episode + 1}
+                    agent.arbiter.begin_episode()
                     row = key | play(evaluation_seed(_SEED, episode))
                     writer = csv.DictWriter(table, list(row), lineterminator="\n")
                     if not self._text and not table.tell():
