@@ -166,7 +166,6 @@ REWARDS: Final[Mapping[Source, str]] = {
 }
 _NOT_OF_TRAINING: Final = (
     "env_steps",
-    "units",
     "checkpoint_seconds",
     "tensorboard",
 )

@@ -374,7 +374,6 @@ class ComparisonMetadata:
     Attributes:
         plan: The plan; its algorithms and variants are in the order of the tables.
         rewarded_by: The source of the reward: `domain`, `environment` or `sum`.
-        inputs: What learners see: `observation`, `state` (the grounded one) or `both`.
         command: The command that runs the same comparison again.
         notes: Sentences for the top of the report.
         machine: Description of the machine.
@@ -383,7 +382,6 @@ class ComparisonMetadata:
 
     plan: ComparisonPlan
     rewarded_by: str
-    inputs: str
     command: str
     notes: Sequence[str] = ()
     machine: Mapping[str, Any] = field(default_factory=machine)
@@ -398,7 +396,6 @@ def metadata_of(
     return ComparisonMetadata(
         plan=prepared.plan,
         rewarded_by=reward_source(bound.rewarded_by, settings),
-        inputs=settings.training.inputs,
         command=rerun_command(prepared, default_threshold(bound)),
         notes=notes,
     )

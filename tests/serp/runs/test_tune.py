@@ -106,7 +106,7 @@ def test_a_trial_below_the_median_is_not_continued(tmp_path: Path) -> None:
         ("planner.discount", "0.5..1", {"low": 0.5, "high": 1.0}),
         ("learner.learning_rate", " log:1e-4 .. 1e-2", {"low": 1e-4, "high": 1e-2, "log": True}),
         ("learner.batch_size", "100..200", {"low": 100, "high": 200}),
-        ("training.units", "none,100", {"choices": (None, 100)}),
+        ("learner.gradient_clip", "none,10", {"choices": (None, 10.0)}),
         ("learner.hidden", "[64,64],[8]", {"choices": ((64, 64), (8,))}),
         ("arbiter.veto_horizon", None, {"choices": ("step", "lookahead")}),
         ("learner.guarded_targets", "", {"choices": (False, True)}),

@@ -118,7 +118,6 @@ def metadata(found, **more):
     plan |= {name: more.pop(name) for name in list(more) if name in plan}
     about = {
         "rewarded_by": "domain",
-        "inputs": "observation",
         "command": "serp compare --domain walkway",
         "machine": {"cores": 2},
         "versions": {"serp": "1"},

@@ -93,7 +93,7 @@ def test_names_that_hold_markup_are_shown_as_text():
                metadata={"characteristics": {odd: odd + str(seed)}})
         for seed in range(2)
     ] + [trial("serp", seed, 2.0, variant=odd) for seed in range(2)]  # fmt: skip
-    about = {"notes": [odd], "command": f"```\n{odd}", "inputs": odd, "machine": {odd: odd}}
+    about = {"notes": [odd], "command": f"```\n{odd}", "machine": {odd: odd}}
     asked = metadata(found, task=odd, variants=(odd, "b"), **about)
     text = text_of(found, asked)
     page = html_page(text, odd, {})

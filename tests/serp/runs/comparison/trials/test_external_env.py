@@ -35,16 +35,13 @@ class Noting(Walk):
         return super().reset(seed=seed, **options)
 
 
-@pytest.mark.parametrize("inputs", ["observation", "state", "both"])
 @pytest.mark.parametrize("reward", ["domain", "environment"])
-def test_an_external_one_meets_what_our_learner_meets(
-    tmp_path: Path, inputs: str, reward: Any
-) -> None:
+def test_an_external_one_meets_what_our_learner_meets(tmp_path: Path, reward: Any) -> None:
     """With the actions that our learner took: the same seeds, observations, rewards and ends."""
     ours: list[int | None] = []
     task = walk(tmp_path, type("Ours", (Noting,), {"seeds": ours}), reward=reward)
     bound = task.bind()
-    changes = {"training": {"inputs": inputs, "episode_steps": 9}}
+    changes = {"training": {"episode_steps": 9}}
     algorithm = find_algorithm("dqn")
     settings = algorithm.settings(task, changes)
     trainer = make_contestant(algorithm, bound, settings, SEED)
