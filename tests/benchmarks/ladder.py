@@ -105,7 +105,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "residual-and-counts": ["adaptation.mode=parameters"],
     "residual": [(f"{RESIDUAL}.learn", lambda *given: False)],
     "counts": [("model.learned.outcome_counts:OutcomeCounts.used", always(False))],
-    "random-features": [(f"{RESIDUAL.split(':')[0]}:_UNEXPLAINED", np.inf)],
+    "random-features": [("model.learned.residual_fit:_FEATURES_FROM", np.inf)],
     "modes": [("model.learned.residual_features:FeatureGroup.bits", always(()))],
     "change-test": [(f"{RESIDUAL}._forget", lambda self: None)],
     "outliers": [(f"{RESIDUAL}._drop_outliers", lambda self, head, enabled, used: used)],
