@@ -20,7 +20,7 @@ PLANNER_ALONE = [
     for section, values in OWN["mrp"].changes.items()
     for name, value in values.items()
 ]
-ADAPTED = ["--set=adaptation.mode=residual", "--set=adaptation.min_visits=3"]
+ADAPTED = ["--set=adaptation.mode=residual"]
 
 
 @pytest.fixture(scope="module")
