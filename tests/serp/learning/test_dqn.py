@@ -133,16 +133,6 @@ def test_learning_and_pretraining_start_when_the_settings_say() -> None:
 # --- what changes nothing ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("imitates", "action"), [(False, 0), (True, A), (True, -2)])
-def test_an_action_that_cannot_be_imitated_is_refused_and_changes_nothing(
-    imitates: bool, action: int
-) -> None:
-    agent, same = learner(imitates=imitates), learner(imitates=imitates)
-    with pytest.raises(ValueError, match="can be imitated"):
-        agent.remember(HERE, 0, 0.0, HERE, False, False, imitated=action)
-    assert_same_state(agent, same)
-
-
 # --- repeating and resuming ----------------------------------------------------------------------
 
 

@@ -100,9 +100,3 @@ def test_parameters_that_do_not_fit_are_refused(small: TransitionModel, theta: l
 def test_control_periods_that_make_no_sense_are_refused(small: TransitionModel, dt: Any) -> None:
     with pytest.raises(StateError, match="control period"):
         small.replace(dt=dt)
-
-
-def test_judging_an_action_that_does_not_exist_is_refused(small: TransitionModel) -> None:
-    for action in (-2, 2):
-        with pytest.raises(StateError, match=f"no action {action};"):
-            small.judge(np.zeros(2), action, np.zeros(2))

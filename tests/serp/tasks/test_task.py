@@ -88,15 +88,6 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
         assert [bound.model.step(state, "wait").unsafe for state in (shut, opened)] == [False, True]
 
 
-def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
-    assert corridor(tmp_path, dt=0.25).bind().model.dt == 0.25
-    assert corridor(tmp_path, dt=np.float32(0.25)).bind().model.dt == 0.25
-    assert corridor(tmp_path, dt=np.int64(2)).bind().model.dt == 2.0
-    for wrong in (0.0, -1, float("nan"), float("inf"), "a", None, True, [0.1]):
-        with pytest.raises(TaskError, match=r"corridor.*control period.*a number > 0, not "):
-            corridor(tmp_path, dt=wrong).bind()
-
-
 # What does not fit -------------------------------------------------------------------------------
 
 
@@ -116,6 +107,7 @@ def unplugged() -> gym.Env[Any, Any]:
     ("changes", "said"),
     [
         ({"name": 3}, "name must be a text, not 3"),
+        *(({"dt": dt}, "control period.*a number > 0, not ") for dt in (0.0, float("nan"), "a")),
         ({"ground": {"x": 0}}, "ground must be a function of an observation, not {'x': 0}"),
         ({"actions": ["left", "right"]}, "actions must be a mapping .*, not \\['left'"),
         ({"actions": {"lef": 0, "right": 1, "wait": 2}}, "no action `lef`; did you mean `left`"),
@@ -260,15 +252,6 @@ def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_
             bound.observation({**good, **part})
 
 
-def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_path: Path) -> None:
-    buffer, info = np.zeros(2), {"game": 1}
-    bound = odd(tmp_path, step=(buffer, 0.0, False, False, info), reset=({"seen": buffer}, info))
-    (reset, first), (seen, *_, second) = bound.reset(), bound.step(0)
-    buffer[:], info["game"] = 7.0, 2
-    assert not seen.any() and not reset["seen"].any()
-    assert first["game"] == second["game"] == 1
-
-
 def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Path) -> None:
     bound = corridor(tmp_path, lambda: CableCut(Corridor(), at=2)).bind()
     bound.reset(seed=0)
@@ -283,3 +266,12 @@ def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Pa
 
     with pytest.raises(EnvironmentFailure, match="step with action left failed: SystemExit: 3"):
         corridor(tmp_path, Exits).bind().step(0)
+
+
+def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_path: Path) -> None:
+    buffer, info = np.zeros(2), {"game": 1}
+    bound = odd(tmp_path, step=(buffer, 0.0, False, False, info), reset=({"seen": buffer}, info))
+    (reset, first), (seen, *_, second) = bound.reset(), bound.step(0)
+    buffer[:], info["game"] = 7.0, 2
+    assert not seen.any() and not reset["seen"].any()
+    assert first["game"] == second["game"] == 1
