@@ -21,7 +21,7 @@ from serp.runs.evaluation import Policy
 from serp.runs.recording_format import COLUMNS
 from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.tasks.registry import task_entries
-from serp.ui.main import COMMANDS, SECTIONS
+from serp.ui.root import COMMANDS, SECTIONS
 from tests.docs.pages import PAGES, ROOT, code, marks, prose, table_after
 
 

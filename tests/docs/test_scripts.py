@@ -18,7 +18,7 @@ import pytest
 
 import serp
 from serp.settings import LearnerSettings
-from serp.ui.main import serp as group
+from serp.ui.root import serp as group
 from tests.docs.pages import EXAMPLES
 from tests.serp.runs.runs import without_pictures
 

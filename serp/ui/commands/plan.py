@@ -10,9 +10,9 @@ import click
 
 from serp.errors import SettingsError
 from serp.ui.asked import MakePlanner, asked_domain, asked_own_task, asked_state
-from serp.ui.main import say
 from serp.ui.options import OutputFile, max_ground_schemas_option, own_task_option, settings_option
 from serp.ui.output import examples, learned_from, open_console, print_json
+from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.model.domain import Domain

@@ -12,9 +12,9 @@ import click
 from serp._util.text import plural
 from serp.errors import SerpError, with_notes
 from serp.ui.asked import asked_domain, asked_own_task, open_run
-from serp.ui.main import DONE, MISTAKE, say
 from serp.ui.options import own_task_option, settings_option
 from serp.ui.output import examples, open_console, print_json
+from serp.ui.root import DONE, MISTAKE, say
 
 if TYPE_CHECKING:
     from rich.console import Console

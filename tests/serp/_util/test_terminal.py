@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp._util.terminal import bar, open_console, visible
-from serp.runs.comparison.workers import Display
+from serp.runs.comparison.pool import progress
 from serp.runs.progress import Progress
 from serp.runs.trainer import Budget
-from serp.ui.main import say, serp
 from serp.ui.output import print_table
+from serp.ui.root import say, serp
 from tests.serp.runs.test_progress import Terminal
 
 HOSTILE = "a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"
@@ -61,8 +61,8 @@ def test_no_way_out_passes_control_characters_or_markup_on(
     for stream in (terminal, lines):
         Progress(SimpleNamespace(env_steps=0), Budget(), "", stream=stream).note(HOSTILE)  # type: ignore[arg-type]
     say(HOSTILE, head="Error: ")
-    with Display([], 1, quiet=False) as display:
-        display.say(HOSTILE)
+    with progress("comparing", quiet=False) as line:
+        line(HOSTILE)
     error = capsys.readouterr().err
     assert error.count(SHOWN) == 2
     for written in (terminal.getvalue(), lines.getvalue(), error):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from serp.ui.main import serp
+from serp.ui.root import serp
 from tests.serp.runs.runs import without_pictures
 
 Run = Callable[..., Result]
