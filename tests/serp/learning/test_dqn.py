@@ -221,12 +221,8 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: a["replay.action"].fill(A), "action has entries"),
         (lambda a, m: a["replay.forbidden"].fill(True), "forbids all actions"),
         (lambda a, m: a["replay.imitated"].fill(A), "imitated has entries"),
-        (lambda a, m: a["replay.imitated"].fill(-2), "imitated has entries"),
-        (lambda a, m: a.pop("replay.imitated"), "imitated is missing"),
-        (lambda a, m: m["replay"]["pending_imitated"].pop(), "pending_imitated"),
         (lambda a, m: m["replay"].update(pending_imitated=[A] * 2), "pending_imitated"),
         (lambda a, m: m["replay"].update(head=3), "the head is 3"),
-        (lambda a, m: m["replay"].update(head=99), "head"),
     ],
 )  # fmt: skip
 def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str) -> None:
