@@ -29,6 +29,9 @@ from serp.planning.preference import free_of_risk
 from serp.settings import Settings
 from serp.tasks.task import BoundTask, reward_source
 
+MIN_VISITS = 4
+"""In training, a planner prefers actions that were observed fewer times."""
+
 
 class ExplorationBonus:
     """Makes a planner prefer actions with fewer visits than `min_visits`; 0: no preference.
@@ -115,7 +118,7 @@ class Agent:
             vetoes=VetoPolicy(actions, settings.arbiter, settings.planner.depth),
             exploration_bonus=ExplorationBonus(
                 self.adaptation.visits,
-                settings.adaptation.min_visits if model is not task.model else 0,
+                MIN_VISITS if model is not task.model else 0,
             ),
         )
         self.arbiter = self.guarded
@@ -126,7 +129,7 @@ class Agent:
         notice = self.adaptation.notice
         self.notices: tuple[str, ...] = () if notice is None else (notice,)
         self.learner = make_learner(
-            self._input_size(),
+            task.observation_size + len(task.model.fluents),
             task.actions.size,
             settings.learner,
             learner_seed,
@@ -135,17 +138,6 @@ class Agent:
         self._random = np.random.default_rng(random_seed)
         self._waiting: dict[int, list[tuple[Vector, int, Vector, int, float]]] = {}
         """Episode → steps that the model has not learned from, in the order of the episodes."""
-
-    def _input_size(self) -> int:
-        observation = np.zeros(self.task.observation_size)
-        return len(self._input(observation, np.zeros(len(self.task.model.fluents))))
-
-    def _input(self, observation: Vector, state: Vector) -> Vector:
-        """Return the learner's input."""
-        inputs = self.settings.training.inputs
-        if inputs == "both":
-            return np.concatenate((observation, state))
-        return observation if inputs == "observation" else state
 
     @property
     def strategy(self) -> Strategy:
@@ -174,20 +166,19 @@ class Agent:
 
         Errors are those of `perceive`; the observation is a flat vector.
         """
-        inputs = self.settings.training.inputs
         place = _too_large(observation)
-        if place >= 0 and inputs != "state":
+        if place >= 0:
             raise EnvironmentFailure(
                 f"task {self.task.name}: the observation: {self.task.observations.name(place)} "
                 f"is {observation[place]:g}, {_FOR_LEARNER}"
             )
         place = _too_large(state)
-        if place >= 0 and inputs != "observation":
+        if place >= 0:
             raise TaskError(
                 f"task {self.task.name}: grounding: fluent `{self.task.model.fluents[place].name}` "
                 f"is {state[place]:g}, {_FOR_LEARNER}"
             )
-        return state, self._input(observation, state)
+        return state, np.concatenate((observation, state))
 
     def turn_to(self, env_index: int) -> None:
         """Note from which of several environments, from 0, the next calls come."""
