@@ -7,9 +7,11 @@ Everything that is restored is therefore checked here, once, by type, shape and 
 
 from __future__ import annotations
 
+import copy
 import reprlib
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -168,6 +170,77 @@ class Saved:
         if not check.fits(value):
             raise self.wrong(f"{name} is {reprlib.repr(value)}, not {check.expected}")
         return value
+
+
+Reader = Callable[[Saved, str, Any], Any]
+"""(saved state, name, value of today) → checked value of an attribute."""
+
+
+class Declared:
+    """A class whose state in a checkpoint is declared once and checked by one reader.
+
+    `STATE` says of each attribute how it is read: by a method of `Saved`, `random` or `part`. Its
+    name in the checkpoint has no underscore. Nothing changes unless all attributes can be read.
+    """
+
+    STATE: ClassVar[Mapping[str, Reader]] = {}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {name.lstrip("_"): _json_of(getattr(self, name)) for name in self.STATE}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        saved = Saved(type(self).__name__, {}, meta)
+        values = {
+            name: read(saved, name.lstrip("_"), getattr(self, name))
+            for name, read in self.STATE.items()
+        }
+        for name, value in values.items():
+            setattr(self, name, value)
+
+
+def _json_of(value: Any) -> Any:
+    if isinstance(value, np.random.Generator):
+        return value.bit_generator.state
+    return value.state_dict() if hasattr(value, "state_dict") else value
+
+
+def count(saved: Saved, name: str, own: Any) -> int:
+    """Read a whole number from 0 on."""
+    return saved.whole(name)
+
+
+def probability(saved: Saved, name: str, own: Any) -> float:
+    """Read a number from 0 to 1."""
+    return saved.real(name, 0.0, 1.0)
+
+
+def counts_of(names: Iterable[str]) -> Reader:
+    """Return the reader of a `Counter` with some of the names."""
+    known = {str(name): name for name in names}
+
+    def read(saved: Saved, name: str, own: Any) -> Counter[str]:
+        counts = saved.part(name)[1]
+        if not isinstance(counts, dict) or not counts.keys() <= known.keys():
+            raise saved.wrong(f"{name} is {reprlib.repr(counts)}, not counts by name")
+        entry = Saved(name, {}, counts)
+        return Counter({known[key]: entry.whole(key) for key in counts})
+
+    return read
+
+
+def random(saved: Saved, name: str, own: np.random.Generator) -> np.random.Generator:
+    """Read the state of a random generator of the same kind."""
+    read = copy.deepcopy(own)
+    read.bit_generator.state = saved.generator_state(name, own)
+    return read
+
+
+def part(saved: Saved, name: str, own: Any) -> Any:
+    """Restore an object with a state of its own."""
+    own.load_state_dict(saved.part(name)[1])
+    return own
 
 
 def whole_within(value: Any, low: int, high: int) -> bool:

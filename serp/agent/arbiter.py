@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import ClassVar
 
-from serp._util.saved_state import Saved
+from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.protocols import ForeseeingPlanner, Planner, Proposer
 from serp.agent.refusals import unsafe_ahead, why_not_applicable, why_unsafe
@@ -20,7 +20,7 @@ from serp.settings import ArbiterSettings, Settings
 from serp.tasks.action_map import ActionForecast, ActionMap
 
 
-class Arbiter:
+class Arbiter(Declared):
     """Executes what a strategy proposes, except for refused actions.
 
     Guarantee, under every strategy and whatever was learned: no action that the file as written
@@ -40,6 +40,8 @@ class Arbiter:
         exploration_bonus: Returns a forecast whose choice has been tried less often, to be used in
             training; by default the same forecast.
     """
+
+    STATE: ClassVar[Mapping[str, Reader]] = {"strategy": part, "vetoes": part}
 
     def __init__(
         self,
@@ -226,18 +228,6 @@ class Arbiter:
             )
         steps = int(decision.forecast.safe_steps[shown])
         return f"{name}: {unsafe_ahead(steps)}"
-
-    # State -------------------------------------------------------------------------------------
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"strategy": self.strategy.state_dict(), "vetoes": self.vetoes.state_dict()}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
-        saved = Saved("arbiter", {}, meta)
-        self.strategy.load_state_dict(saved.part("strategy")[1])
-        self.vetoes.load_state_dict(saved.part("vetoes")[1])
 
 
 def _proposer(proposal: Proposal) -> Actor:

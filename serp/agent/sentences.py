@@ -36,13 +36,11 @@ def line_of_cause(cause: Cause) -> str:
 
 
 def lines_of(alternative: Alternative) -> list[str]:
-    """Return what is behind an alternative, now and ahead, a line for each schema of the file.
-
-    What a schema brings in one control period is one line, and so is what it brings in several
-    periods in succession.
-    """
-    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
-    return [*lines, *beyond_of(alternative)]
+    """Return what is behind an alternative, now and ahead, a line for each schema of the file."""
+    return [
+        *lines_of_causes((*alternative.causes, *alternative.ahead)),
+        *beyond_of(alternative),
+    ]
 
 
 def beyond_of(alternative: Alternative) -> list[str]:
@@ -52,7 +50,11 @@ def beyond_of(alternative: Alternative) -> list[str]:
 
 
 def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
-    """Return causes as lines, as `lines_of` does."""
+    """Return causes as lines.
+
+    What a schema brings in one control period is one line, and so is what it brings in several
+    periods in succession.
+    """
     by_schema: dict[tuple[str, str], dict[int, list[Cause]]] = {}
     for cause in causes:
         periods = by_schema.setdefault((cause.origin, cause.name), {})

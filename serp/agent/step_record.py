@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
-from serp._util.saved_state import Saved
+from serp._util.saved_state import Declared, Reader, count, counts_of
 from serp.agent.decision import Actor, Decision, Reason
 from serp.model.transition_model import Vector
 from serp.planning.edges import Bound
@@ -45,7 +45,7 @@ _ALL: Final = Bound.EXHAUSTED.name.lower()
 _CELLS: Final = (Bound.CELLS.name.lower(), Bound.UNKNOWN.name.lower())
 
 
-class DecisionCounts:
+class DecisionCounts(Declared):
     """Counts over steps.
 
     Attributes:
@@ -61,6 +61,12 @@ class DecisionCounts:
             everything.
         indifferent: Steps in which it had no reason to prefer one action.
     """
+
+    STATE: ClassVar[Mapping[str, Reader]] = {
+        "executed": counts_of(Actor),
+        "refused": counts_of(Reason),
+        **dict.fromkeys(_SUMS, count),
+    }
 
     def __init__(self) -> None:
         self.executed: Counter[str] = Counter()
@@ -106,26 +112,6 @@ class DecisionCounts:
             "vetoes": self.vetoes,
             **{name: getattr(self, name) for name in _SUMS},
         }
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `from_saved` takes."""
-        return {
-            "executed": [self.executed[actor] for actor in Actor],
-            "refused": [self.refused[reason] for reason in Reason],
-            **{name: getattr(self, name) for name in _SUMS},
-        }
-
-    @classmethod
-    def from_saved(cls, meta: Any) -> DecisionCounts:
-        """Return the counts that `state_dict` wrote."""
-        tally, saved = cls(), Saved("counts", {}, meta)
-        executed = saved.wholes("executed", len(Actor))
-        refused = saved.wholes("refused", len(Reason))
-        tally.executed.update(dict(zip(Actor, executed, strict=True)))
-        tally.refused.update(dict(zip(Reason, refused, strict=True)))
-        for name in _SUMS:
-            setattr(tally, name, saved.whole(name))
-        return tally
 
     def vetoes_by_reason(self) -> dict[str, int]:
         """Return reason → proposals refused for it, the most frequent first, ties by name."""

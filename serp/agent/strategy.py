@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from serp._util.saved_state import Saved
+from serp._util.saved_state import Declared, Reader, probability, random
 from serp._util.text import measured, percent, plural
 from serp.agent.protocols import Mask, Proposer
 from serp.learning.dqn import Proposal
@@ -84,7 +84,7 @@ class Situation(NamedTuple):
     admissible: Mask
 
 
-class Strategy:
+class Strategy(Declared):
     """A rule for who proposes; in this base class it is always the learner.
 
     A strategy proposes; `serp.Arbiter` decides, so that the vetoes hold under every strategy. A
@@ -160,17 +160,6 @@ class Strategy:
     def end_episode(self, return_: float, length: int) -> None:
         """Handle the end of an episode of training."""
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
-
 
 class Mixture(Strategy):
     """The planner acts with probability 1 - ρ, else the learner (paper, Algorithm 1).
@@ -179,6 +168,7 @@ class Mixture(Strategy):
     """
 
     reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit")
+    STATE: ClassVar[Mapping[str, Reader]] = {"_rho": probability, "_random": random}
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
@@ -211,13 +201,3 @@ class Mixture(Strategy):
         """Increase ρ if this is the unit by which it grows."""
         if unit == self._settings.arbiter.rho_unit:
             self._rho = min(1.0, self._rho + self._settings.arbiter.rho_increment)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly."""
-        return {"rho": self._rho, "random": self._random.bit_generator.state}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        saved = Saved("strategy", {}, meta)
-        self._rho = saved.real("rho", 0.0, 1.0)
-        self._random.bit_generator.state = saved.generator_state("random", self._random)

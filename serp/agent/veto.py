@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.saved_state import Saved
+from serp._util.saved_state import Declared, Reader, count, part
 from serp._util.text import plural
 from serp.agent.decision import Reason
 from serp.agent.step_record import StepRecord
@@ -23,7 +23,7 @@ _PER_STEP: Final = 0.001
 """Tolerated failures per env step in the long run."""
 
 
-class LookaheadReliability:
+class LookaheadReliability(Declared):
     """Counts the failures of the lookahead.
 
     The lookahead predicts an executed action to be safe if a plan exists that avoids everything
@@ -32,6 +32,8 @@ class LookaheadReliability:
     1,000 env steps) does not model what endangers the robot, so its vetoes beyond the next step are
     not justified.
     """
+
+    STATE: ClassVar[Mapping[str, Reader]] = {"failures": count, "steps": count}
 
     def __init__(self, horizon: int) -> None:
         self._horizon = horizon
@@ -72,21 +74,11 @@ class LookaheadReliability:
         """Note that the episode of an environment goes on no further."""
         self._since.pop(env_index, None)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"failures": self.failures, "steps": self.steps}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        saved = Saved("lookahead reliability", {}, meta)
-        self.failures, self.steps = saved.whole("failures"), saved.whole("steps")
-        self._since.clear()
-
 
 Mask = NDArray[np.bool_]
 
 
-class VetoPolicy:
+class VetoPolicy(Declared):
     """Refuses actions that are flagged, too risky, undefined, not applicable or below R_min.
 
     With `arbiter.veto_horizon=lookahead` it also refuses an action that leads, within the
@@ -103,6 +95,8 @@ class VetoPolicy:
         available: `[E]` actions that the model does not know and that may be executed.
         env_index: Environment, from 0, that the next observed step comes from.
     """
+
+    STATE: ClassVar[Mapping[str, Reader]] = {"_reliability": part}
 
     def __init__(self, actions: ActionMap, settings: ArbiterSettings, horizon: int = 1) -> None:
         self._actions = actions
@@ -168,16 +162,8 @@ class VetoPolicy:
         """Treat the step observed last as the last one of its episode."""
         self._reliability.cut_off(self.env_index)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"reliability": self._reliability.state_dict()}
 
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
-        self._reliability.load_state_dict(Saved("vetoes", {}, meta).part("reliability")[1])
-
-
-class NoVeto:
+class NoVeto(Declared):
     """Refuses nothing. The guarantee of `serp.Arbiter` does not hold.
 
     It is for baselines. Their steps are forecast nevertheless, so that actions predicted unsafe are
@@ -212,10 +198,3 @@ class NoVeto:
 
     def cut_off(self) -> None:
         """Do nothing: nothing is kept from step to step."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return an empty mapping: there is no state."""
-        return {}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Do nothing: there is no state."""

@@ -45,7 +45,7 @@ from serp._util.saved_state import Saved
 from serp.errors import RunError
 from serp.model.domain import problem_beside
 from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
-from serp.runs.tables import DECISIONS_COLUMNS, METRICS_ADDED, METRICS_COLUMNS, Position, Table
+from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Position, Table
 
 LOCK: Final = ".lock"
 
@@ -289,7 +289,7 @@ METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
 _COPY: Final = re.compile(r"(domain|problem)\.pddl")
-_TABLES: Final = {METRICS: (METRICS_COLUMNS, METRICS_ADDED), DECISIONS: (DECISIONS_COLUMNS, ())}
+_TABLES: Final = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
 _POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
 Texts = Sequence[tuple[str, str]]
 """Name and text of a domain file and, if there is one, of its problem file."""
@@ -322,8 +322,8 @@ class RunFolder(Closing):
         self._tables: dict[str, Table] = {}
         if lock is not None:
             try:
-                for name, (columns, added) in _TABLES.items():
-                    self._tables[name] = Table(path / name, columns, added)
+                for name, columns in _TABLES.items():
+                    self._tables[name] = Table(path / name, columns)
             except BaseException:
                 self.close()
                 raise

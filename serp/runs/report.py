@@ -54,8 +54,7 @@ def lead(summary: Mapping[str, Any]) -> str:
         result = f"went from {readable(returns['first_10'])} (first {FIRST} episodes) to "
         result += f"{readable(returns['last_20'])} (last {WINDOW})"
     unsafe = f"Unsafe actions executed: {summary['unsafe_executed']:,}."
-    if summary["unsafe_observed"] is not None:
-        unsafe += f" Steps that came out unsafe: {summary['unsafe_observed']:,}."
+    unsafe += f" Steps that came out unsafe: {summary['unsafe_observed']:,}."
     return (
         f"{plural(summary['episodes'], 'episode')}, "
         f"{plural(summary['env_steps'], 'environment step')} in {duration(summary['wall_time'])}. "

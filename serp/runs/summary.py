@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from serp.agent.step_record import SAFETY, STEPS_BY, sight_of, total
-from serp.runs.tables import METRICS_ADDED
 
 FIRST = 10  # episodes at the beginning of a run
 WINDOW = 20  # episodes of the moving mean, also in the learning curve
@@ -104,8 +103,7 @@ def summarize(
         JSON values. ``return`` and ``domain_return`` hold the mean of all episodes, of the first
         10, of the last 20 and of the best 20 consecutive ones, each null where there are fewer.
         ``shares`` holds actor → share of all steps in which its action was executed; they add up to
-        1. ``avoidable_unsafe`` and ``unsafe_observed`` are null in runs of earlier versions, which
-        did not count them. ``vetoes_by_reason`` adds up to ``vetoes``. ``sight`` says how far the
+        1. ``vetoes_by_reason`` adds up to ``vetoes``. ``sight`` says how far the
         planner saw, see `sight_of`.
     """
     settings = config or {}
@@ -125,7 +123,8 @@ def summarize(
         "terminations": int(metrics["terminated"].sum()),
         "truncations": int(metrics["truncated"].sum()),
         **{name: counts[name] for name in SAFETY},
-        **{name: _counted(metrics[name]) for name in METRICS_ADDED},
+        "avoidable_unsafe": int(metrics["avoidable_unsafe"].sum()),
+        "unsafe_observed": int(metrics["unsafe_observed"].sum()),
         "vetoes_by_reason": dict(vetoes_by_reason or {}),
         "shares": {
             actor: counts[name] / steps if steps else None for actor, name in STEPS_BY.items()
@@ -149,10 +148,6 @@ def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> di
         "best_20": float(means[best]) if count >= WINDOW else None,
         "best_20_at_env_step": int(env_steps[best]) if count >= WINDOW else None,
     }
-
-
-def _counted(counts: np.ndarray[Any, Any]) -> int | None:
-    return None if np.isnan(counts).any() else int(counts.sum())
 
 
 def _last(values: np.ndarray[Any, Any]) -> float | None:

@@ -55,8 +55,8 @@ class MetricsRow(NamedTuple):
     vetoes: int
     unsafe_predicted: int
     unsafe_executed: int
-    avoidable_unsafe: int | None
-    unsafe_observed: int | None
+    avoidable_unsafe: int
+    unsafe_observed: int
     no_safe_action: int
     saw_all: int
     by_cells: int
@@ -147,8 +147,6 @@ def _columns(row: type[NamedTuple]) -> tuple[str, ...]:
 
 
 METRICS_COLUMNS = _columns(MetricsRow)
-METRICS_ADDED: Final = ("avoidable_unsafe", "unsafe_observed")
-"""Columns that runs of earlier versions lack; their cells are empty."""
 DECISIONS_COLUMNS = _columns(DecisionRow)
 
 
@@ -172,16 +170,13 @@ class Table(Closing):
     Args:
         path: The file.
         columns: The names of its columns.
-        added: Those that earlier versions did not write. A file of theirs goes on without them.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str], added: Sequence[str] = ()) -> None:
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self._path = path
         self._columns = tuple(columns)
-        self._added = tuple(added)
         self._rows: list[Sequence[Any]] = []
         self._header = _lines([columns])
-        self._written: list[int] | None = None  # positions of the columns; None: all of them
         try:
             file = open_regular(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
             self._file = os.fdopen(file, "r+b", buffering=0)
@@ -207,7 +202,7 @@ class Table(Closing):
             raise ValueError(
                 f"{len(row)} values for the {len(self._columns)} columns of {self._path}"
             )
-        self._rows.append(row if self._written is None else [row[k] for k in self._written])
+        self._rows.append(row)
         if len(self._rows) >= _ROWS_HELD:
             self.flush()
 
@@ -262,11 +257,7 @@ class Table(Closing):
     def _open_rows(self) -> int:
         """Check the header, drop an incomplete last line, and return the end of the last row."""
         size = os.fstat(self._file.fileno()).st_size
-        earlier = [k for k, name in enumerate(self._columns) if name not in self._added]
-        header = _lines([[self._columns[k] for k in earlier]])
         found = self._file.read(len(self._header))
-        if not self._header.startswith(found) and found.startswith(header):
-            self._header, self._written, found = header, earlier, header
         if not self._header.startswith(found):
             raise RunError(
                 f"{self._path}:1: has other columns than this serp writes "
@@ -377,7 +368,7 @@ def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     hints = get_type_hints(MetricsRow)
     kinds = {field.rstrip("_"): hints[field] for field in MetricsRow._fields}
     columns: dict[str, list[float]] = {name: [] for name in METRICS_COLUMNS}
-    for number, cells in read_rows(path, METRICS_COLUMNS, METRICS_ADDED):
+    for number, cells in read_rows(path, METRICS_COLUMNS):
         for name, cell in zip(METRICS_COLUMNS, cells, strict=True):
             columns[name].append(_parse(path, number, name, kinds[name], cell))
     return {

@@ -396,7 +396,7 @@ class Trainer(Closing):
         self.agent.load_state_dict(arrays, saved.part("agent")[1])
         for name in ("episode", "env_steps", "units"):
             setattr(self, name, saved.whole(name))
-        self.tally = DecisionCounts.from_saved(saved.part("tally")[1])
+        self.tally.load_state_dict(saved.part("tally")[1])
         self.recent.clear()
         self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
         self._pretrained = saved.truth("pretrained")

@@ -82,25 +82,12 @@ def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
         section, dot, name = (part.strip() for part in target.partition("."))
         if not (equals and dot and section and name):
             raise click.UsageError(
-                f"--set {text}: expected section.name=value, such as {_example(target)}"
+                f"--set {text}: expected section.name=value, such as planner.depth=7"
             )
         if name in settings.setdefault(section, {}):
             raise click.UsageError(f"--set {section}.{name} is given twice")
         settings[section][name] = _setting(value.strip())
     return settings
-
-
-def _example(name: str) -> str:
-    """Return an assignment of the setting of a name, whatever its section; else of any."""
-    from serp.settings import Settings
-
-    found = (
-        f"{section}.{setting}={value}".replace(" ", "")
-        for section, values in Settings().as_dict().items()
-        for setting, value in values.items()
-        if setting == name.strip()
-    )
-    return next(found, "planner.depth=7")
 
 
 _WORDS = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}

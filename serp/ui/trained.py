@@ -24,9 +24,7 @@ def unsafe_text(counts: Mapping[str, Any]) -> str:
     text = f"{plural(counts['unsafe_executed'], 'action')} executed that the domain file flags"
     if counts["avoidable_unsafe"]:
         text += f", {counts['avoidable_unsafe']:,} of them while another one was not flagged"
-    if counts["unsafe_observed"] is not None:
-        text += f"; {plural(counts['unsafe_observed'], 'step')} observed unsafe, predicted or not"
-    return text
+    return text + f"; {plural(counts['unsafe_observed'], 'step')} observed unsafe, predicted or not"
 
 
 def print_account(

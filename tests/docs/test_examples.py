@@ -17,7 +17,6 @@ import click
 import pytest
 
 import serp
-from serp.ui import main
 from serp.ui.main import serp as group
 from tests.docs.pages import EXAMPLES, PAGES, ROOT, Block, blocks, name_of, prose
 from tests.serp.runs.runs import without_pictures
@@ -48,7 +47,7 @@ def run_commands(block: Block) -> str:
                 assert page.status == 200
             continue
         with pytest.raises(SystemExit) as end, contextlib.redirect_stdout(output):
-            main(words[1:] + added)
+            group(words[1:] + added, prog_name="serp")
         assert end.value.code == 0, words
     return output.getvalue()
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import serp
-from serp.ui import main
+from serp.ui.main import serp as group
 from tests.docs.pages import EXAMPLES
 from tests.serp.runs.runs import without_pictures
 
@@ -80,7 +80,10 @@ def test_an_extension_is_found_by_its_entry_points(
     names = ["guide.strategy=planner-first", "learner.learning_starts=40", "planner.name=one-step"]
     words = ["plan-and-learn", "--domain=cartpole", "--env-steps=80", "--out=run", "--quiet"]
     with pytest.raises(SystemExit) as end, without_pictures():
-        main([*words, *(f"--set={name}" for name in [*names, "learner.name=table"])])
+        group(
+            [*words, *(f"--set={name}" for name in [*names, "learner.name=table"])],
+            prog_name="serp",
+        )
     assert end.value.code == 0
     with (tmp_path / "run" / "decisions.csv").open(newline="", encoding="utf-8") as file:
         proposed = [row["proposed_by"] for row in csv.DictReader(file)]

@@ -27,11 +27,6 @@ _FIXED = {
 """What cannot change in a run that is resumed."""
 
 
-def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> None:
-    if value is not None:
-        raise click.UsageError(f"{option.opts[0]} is now called --adapt", ctx)
-
-
 @click.command(
     "plan-and-learn",
     epilog=examples(
@@ -68,7 +63,6 @@ def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> 
 )
 @click.option("--num-envs", type=click.IntRange(min=1), metavar="N",
               help="Step N environments at the same time.  [default: 1]")  # fmt: skip
-@click.option("--correct", hidden=True, expose_value=False, callback=_renamed)
 @max_ground_schemas_option
 @settings_option
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")

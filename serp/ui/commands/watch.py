@@ -40,11 +40,6 @@ _GIF_WIDTH = 640
               help="Write a film there; no screen is needed.  [default: a window]")  # fmt: skip
 @click.option("--speed", type=click.FloatRange(min=0.05, max=100), default=1.0,
               show_default=True, metavar="X", help="How much faster than real time.")  # fmt: skip
-@click.option("--fps", type=click.FloatRange(min=1, max=60), metavar="X",
-              help="Most frames a second.  [default: 50 in a GIF, else 60]")  # fmt: skip
-@click.option("--width", type=click.IntRange(min=64), metavar="N",
-              help="Most pixels in width.  [default: 640 in a GIF, else as it is drawn]",
-              )  # fmt: skip
 def command(
     run: Path,
     policy: Policy,
@@ -52,8 +47,6 @@ def command(
     seed: int,
     out: Path | None,
     speed: float,
-    fps: float | None,
-    width: int | None,
 ) -> None:
     """Show episodes of a policy of RUN, the folder that plan-and-learn made.
 
@@ -68,15 +61,8 @@ def command(
         from serp.ui.pictures.window import show_film
 
     is_gif = out is not None and out.suffix.lower() == ".gif"
-    most = 50.0 if is_gif else 60.0
-    settings = FilmSettings(
-        policy=policy,
-        episodes=episodes,
-        seed=seed,
-        speed=speed,
-        fps=most if fps is None else min(fps, most),
-        width=_GIF_WIDTH if width is None and is_gif else width,
-    )
+    fps, width = (50.0, _GIF_WIDTH) if is_gif else (60.0, None)
+    settings = FilmSettings(policy, episodes, seed, speed, fps, width)
     loaded = open_run(run)
     if out is None:
         show_film(loaded, settings, f"{loaded.task.name}, policy {policy}, {run}", _report)

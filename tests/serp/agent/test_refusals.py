@@ -66,21 +66,12 @@ def state_of(model: TransitionModel, given: dict[str, float]) -> Vector:
             "`(>= (battery) 0.25)` (line 9) does not hold (battery = 0.125)",
         ),
         (
-            "drive hall",
-            {"open": 1, "battery": 1, "at hall": 1},
-            "`(not (at ?to))` (line 10) does not hold (at hall = true)",
-        ),
-        (
             "lift",
             {"load": 1.5},
             "`(or (open) (< (load) 1))` (line 14) does not hold (open = false, load = 1.5)",
         ),
         ("never", {}, "`(> 1 2)` (line 31) does not hold"),
-        (
-            "both",
-            {"open": 1},
-            "`(increase (load) 2)` (line 24) contradicts another effect",
-        ),
+        ("both", {"open": 1}, "`(increase (load) 2)` (line 24) contradicts another effect"),
         ("split", {}, "split gives no finite number"),
     ],
 )

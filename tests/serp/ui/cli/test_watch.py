@@ -13,10 +13,10 @@ from tests.serp.ui.cli.conftest import Run
 
 
 def test_cartpole_on_a_gif(run: Run, trained: Path) -> None:
-    done = run("watch", str(trained), "--episodes=2", "--seed=4", "--out=x.gif", "--width=300")
+    done = run("watch", str(trained), "--episodes=2", "--seed=4", "--out=x.gif")
     measured = load_run(trained).evaluate(episodes=2, seed=4)
     with Image.open("x.gif") as gif:
-        assert gif.width == 300
+        assert gif.width == 600
         assert gif.n_frames == sum(measured.lengths) + 2  # type: ignore[attr-defined]
     assert done.stdout.startswith("x.gif: 0.")
     for number, value in enumerate(measured.returns, 1):
@@ -25,7 +25,7 @@ def test_cartpole_on_a_gif(run: Run, trained: Path) -> None:
 
 def test_usage_errors(run: Run, trained: Path) -> None:
     assert "ends in .gif or .mp4" in run("watch", str(trained), "--out=x.avi", expect=2).stderr
-    for wrong in ("--policy=best", "--episodes=0", "--speed=0", "--fps=0", "--width=1"):
+    for wrong in ("--policy=best", "--episodes=0", "--speed=0"):
         run("watch", str(trained), "--out=x.gif", wrong, expect=2)
     run("watch", expect=2)
     assert not list(Path().glob("x.*"))
