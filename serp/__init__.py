@@ -12,43 +12,43 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0.dev0"
 
 _NAMES = {
-    "serp.runs.comparison.compare": ("Comparison", "compare"),
     "serp.agent.arbiter": ("Arbiter",),
-    "serp.agent.decision": ("Decision",),
-    "serp.agent.protocols": ("Learner", "Planner"),
-    "serp.agent.step_record": ("StepRecord",),
-    "serp.agent.strategy": ("Situation", "Strategy"),
-    "serp.agent.veto": ("NoVeto", "VetoPolicy"),
-    "serp.runs.diagnosis.diagnosis": ("Diagnosis", "diagnose"),
-    "serp.runs.diagnosis.repair": ("repair",),
-    "serp.errors": ("RunError", "SerpError", "SettingsError", "TaskError"),
-    "serp.runs.policy": ("Policy", "export_policy"),
-    "serp.learning.dqn": ("DQN", "Proposal"),
-    "serp.model.domain": ("Domain", "load_domain"),
+    "serp.agent.strategy": ("Strategy",),
+    "serp.errors": (
+        "RunError",
+        "SerpError",
+        "SettingsError",
+        "TaskError",
+    ),
+    "serp.learning.dqn": ("Proposal",),
+    "serp.model.domain": (
+        "Domain",
+        "load_domain",
+    ),
     "serp.model.transition_model": ("TransitionModel",),
     "serp.pddl.source": ("DomainError",),
-    "serp.planning.forecast": ("Forecast",),
     "serp.planning.lookahead": ("Lookahead",),
     "serp.planning.plan_follower": ("PlanFollower",),
-    "serp.planning.replanner": ("MonitorReplanner", "Plan"),
-    "serp.runs.recording": ("Recording", "StoredStep"),
-    "serp.runs.tables": ("MetricsRow",),
-    "serp.settings": (
-        "AdaptationSettings",
-        "ArbiterSettings",
-        "GuideSettings",
-        "LearnerSettings",
-        "PlannerSettings",
-        "Settings",
-        "TrainingSettings",
+    "serp.planning.replanner": ("MonitorReplanner",),
+    "serp.runs.comparison.compare": ("compare",),
+    "serp.runs.diagnosis.diagnosis": ("diagnose",),
+    "serp.runs.diagnosis.repair": ("repair",),
+    "serp.runs.guarded_env": ("GuardedEnv",),
+    "serp.runs.policy": (
+        "Policy",
+        "export_policy",
     ),
+    "serp.runs.recording": ("Recording",),
+    "serp.runs.run": (
+        "Run",
+        "load_run",
+    ),
+    "serp.runs.train": ("plan_and_learn",),
+    "serp.runs.tuning": ("tune",),
+    "serp.settings": ("Settings",),
+    "serp.tasks.file_world": ("file_task",),
     "serp.tasks.registry": ("load_task",),
     "serp.tasks.task": ("Task",),
-    "serp.tasks.file_world": ("file_task",),
-    "serp.runs.guarded_env": ("GuardedEnv",),
-    "serp.runs.train": ("plan_and_learn",),
-    "serp.runs.run": ("Run", "load_run"),
-    "serp.runs.tuning": ("Tuned", "tune"),
 }
 """Module → the public names that it defines."""
 _HOMES = {name: module for module, names in _NAMES.items() for name in names}
@@ -57,52 +57,31 @@ __all__ = [*sorted(_HOMES), "__version__"]
 
 if TYPE_CHECKING:
     from serp.agent.arbiter import Arbiter as Arbiter
-    from serp.agent.decision import Decision as Decision
-    from serp.agent.protocols import Learner as Learner
-    from serp.agent.protocols import Planner as Planner
-    from serp.agent.step_record import StepRecord as StepRecord
-    from serp.agent.strategy import Situation as Situation
     from serp.agent.strategy import Strategy as Strategy
-    from serp.agent.veto import NoVeto as NoVeto
-    from serp.agent.veto import VetoPolicy as VetoPolicy
     from serp.errors import RunError as RunError
     from serp.errors import SerpError as SerpError
     from serp.errors import SettingsError as SettingsError
     from serp.errors import TaskError as TaskError
-    from serp.learning.dqn import DQN as DQN
     from serp.learning.dqn import Proposal as Proposal
     from serp.model.domain import Domain as Domain
     from serp.model.domain import load_domain as load_domain
     from serp.model.transition_model import TransitionModel as TransitionModel
     from serp.pddl.source import DomainError as DomainError
-    from serp.planning.forecast import Forecast as Forecast
     from serp.planning.lookahead import Lookahead as Lookahead
     from serp.planning.plan_follower import PlanFollower as PlanFollower
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
-    from serp.planning.replanner import Plan as Plan
-    from serp.runs.comparison.compare import Comparison as Comparison
     from serp.runs.comparison.compare import compare as compare
-    from serp.runs.diagnosis.diagnosis import Diagnosis as Diagnosis
     from serp.runs.diagnosis.diagnosis import diagnose as diagnose
     from serp.runs.diagnosis.repair import repair as repair
     from serp.runs.guarded_env import GuardedEnv as GuardedEnv
     from serp.runs.policy import Policy as Policy
     from serp.runs.policy import export_policy as export_policy
     from serp.runs.recording import Recording as Recording
-    from serp.runs.recording import StoredStep as StoredStep
     from serp.runs.run import Run as Run
     from serp.runs.run import load_run as load_run
-    from serp.runs.tables import MetricsRow as MetricsRow
     from serp.runs.train import plan_and_learn as plan_and_learn
-    from serp.runs.tuning import Tuned as Tuned
     from serp.runs.tuning import tune as tune
-    from serp.settings import AdaptationSettings as AdaptationSettings
-    from serp.settings import ArbiterSettings as ArbiterSettings
-    from serp.settings import GuideSettings as GuideSettings
-    from serp.settings import LearnerSettings as LearnerSettings
-    from serp.settings import PlannerSettings as PlannerSettings
     from serp.settings import Settings as Settings
-    from serp.settings import TrainingSettings as TrainingSettings
     from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
     from serp.tasks.task import Task as Task

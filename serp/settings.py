@@ -127,12 +127,9 @@ class PlannerSettings(Section):
     `Task.planners`. `a+b` names several; the strategy `evidence` finds the better one. What follows
     a colon is for the planner itself."""
     depth: Periods = 5
-    """Lookahead in actions."""
+    """Lookahead in control periods, each with an action."""
     discount: Annotated[float, Field(gt=0, le=1)] = 0.99
     """Weight of a reward one control period later."""
-    repeat: Periods = 1
-    """Control periods for which one edge of the graph repeats its action. The executed action is
-    still chosen anew in every period."""
     max_nodes: PositiveCount = 10_000
     """Most nodes that are expanded. A layer that would exceed the budget is not expanded, and the
     plan ends at the deepest complete layer. The first layer is always expanded."""
@@ -281,7 +278,7 @@ Changes = Mapping[str, Mapping[str, Any]]
 class Settings(BaseModel):
     """All settings, by section; immutable.
 
-    `serp.Settings()` has the defaults; `serp.Settings(planner=serp.PlannerSettings(depth=3))`
+    `serp.Settings()` has the defaults; `serp.Settings(planner=PlannerSettings(depth=3))`
     differs in one of them.
 
     Raises:
@@ -386,8 +383,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
     },
     # The best known choices.
     "default": {
-        # With two control periods per edge the lookahead is twice as long at the same cost.
-        "planner": {"name": "far-sight", "repeat": 2},
+        "planner": {"name": "far-sight"},
         "adaptation": {"mode": "full", "min_visits": 4},
         "guide": {"strategy": "evidence"},
         "learner": {

@@ -21,7 +21,7 @@ def row(task: str, seed: int, serp: float, without: str = "", speed: float = 100
 
 def test_differences_are_paired_by_seed_in_per_cent_of_the_range() -> None:
     full = [row("taxi", seed, 10.0 * (seed + 1)) for seed in (0, 1)]  # the best mean is 15
-    less = [row("taxi", seed, 10.0 * (seed + 1) - 3.0, "repeat", 200.0) for seed in (1, 0)]
+    less = [row("taxi", seed, 10.0 * (seed + 1) - 3.0, "slack", 200.0) for seed in (1, 0)]
     found = ladder.compare(less, full)["taxi", 2000]
     assert found.differences["serp"].value == pytest.approx(-20.0)
     assert found.differences["serp"].half == pytest.approx(0.0)
@@ -41,7 +41,7 @@ def test_a_mechanism_stays_for_two_unrelated_tasks_or_one_large_difference() -> 
     def said(**serp: float) -> str:
         worth = {"taxi": 10.0, "cliff": 10.0, "soccer": 10.0, "soccer_coarse": 10.0} | serp
         less = [
-            row(task.replace("_", "-"), seed, value, "repeat")
+            row(task.replace("_", "-"), seed, value, "slack")
             for task, value in worth.items()
             for seed in (0, 1)
         ]

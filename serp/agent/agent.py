@@ -118,7 +118,7 @@ class Agent:
         planner = make_planner(model, settings.planner, task.task.planners)
         if isinstance(planner, ExperiencedPlanner):
             planner.visited = self.adaptation.experience
-        horizon = settings.planner.depth * settings.planner.repeat
+        horizon = settings.planner.depth
         self.guarded = Arbiter(
             planner,
             actions,

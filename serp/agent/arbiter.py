@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
-from serp.agent.protocols import ForeseeingPlanner, Planner, Proposer
+from serp.agent.protocols import EpisodicPlanner, Planner, PrefetchingPlanner, Proposer
 from serp.agent.refusals import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.agent.strategy import Mixture, Situation, Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
@@ -74,12 +74,17 @@ class Arbiter(Declared):
         """Return the planner's forecast for a state `[F]`, by environment action."""
         return self.actions.project(self.planner.forecast(state))
 
+    def begin_episode(self) -> None:
+        """Say that an episode begins, perhaps in another world."""
+        if isinstance(self.planner, EpisodicPlanner):
+            self.planner.begin_episode()
+
     @contextmanager
     def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
         """Have the forecasts for several states at hand in the body, if the planner can."""
         planner = self.planner
-        if len(states) > 1 and isinstance(planner, ForeseeingPlanner):
-            with planner.foreseeing(states):
+        if len(states) > 1 and isinstance(planner, PrefetchingPlanner):
+            with planner.prefetch(states):
                 yield
         else:
             yield

@@ -26,10 +26,10 @@ Values = NDArray[np.floating[Any]]
 class Planner(Protocol):
     """A planner forecasts the consequences of each ground action; `serp.Lookahead` is one.
 
-    A function that takes a `serp.TransitionModel` and `serp.PlannerSettings` and returns a planner
-    is found by name through the entry-point group `serp.planners`. A forecast depends on nothing
-    but the state, the model, what a `StatefulPlanner` saves and, of an `ExperiencedPlanner`, the
-    visited states.
+    A function that takes a `serp.TransitionModel` and the `planner` section of the settings, and
+    returns a planner, is found by name through the entry-point group `serp.planners`. A forecast
+    depends on nothing but the state, the model, what a `StatefulPlanner` saves and, of an
+    `ExperiencedPlanner`, the visited states.
     """
 
     def forecast(self, state: Vector) -> Forecast:
@@ -71,10 +71,18 @@ class ExperiencedPlanner(Planner, Protocol):
 
 
 @runtime_checkable
-class ForeseeingPlanner(Planner, Protocol):
+class EpisodicPlanner(Planner, Protocol):
+    """A planner that may search anew in every episode."""
+
+    def begin_episode(self) -> None:
+        """Say that an episode begins, perhaps in another world."""
+
+
+@runtime_checkable
+class PrefetchingPlanner(Planner, Protocol):
     """A planner that computes its forecasts for several states at the same time."""
 
-    def foreseeing(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
+    def prefetch(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
         """Have the forecasts for these states at hand in the body, where they are asked for."""
 
 
@@ -92,10 +100,10 @@ class Proposer(Protocol):
 
 
 class Learner(Protocol):
-    """A learner of the values of E environment actions; `serp.DQN` is one.
+    """A learner of the values of E environment actions; `serp.learning.dqn.DQN` is one.
 
     A function that makes one is found by name through the entry-point group `serp.learners`; it
-    takes the arguments of `serp.DQN`.
+    takes the arguments of `serp.learning.dqn.DQN`.
 
     Attributes:
         input_size: Length of an input, F.

@@ -169,7 +169,7 @@ class TransitionModel(StateSpace):
 
         Returns:
             F + 1 floats (the next state and the reward; meaningless where not applicable) and
-            the flags, as in `serp.Forecast`.
+            the flags, as in `serp.planning.forecast.Forecast`.
         """
         out = [*state, 0.0]
         return out, self._program.step(state, action, self._theta_list, self.dt, out)

@@ -85,8 +85,9 @@ class GraphArrays(NamedTuple):
         layer: `[N]` edges from the state that the node was first reached from.
         first_edge: `[N + 1]`.
         undefined: `[N]` whether the result of an action is undefined.
-        doomed: `[N]` whether damage is certain, whatever is done and whatever happens.
-        action, flags, reward, hazard: `[E]` of edges; `hazard` is 0 where the risk is accepted.
+        dead_end: `[N]` whether damage is certain, whatever is done and whatever happens.
+        action, flags, reward: `[E]` of edges.
+        step_risk: `[E]`, 0 where the risk is accepted.
         first_outcome: `[E + 1]`.
         target: `[O]` node that an outcome leads to, or `ENDED`.
         chance: `[O]` its probability.
@@ -102,11 +103,11 @@ class GraphArrays(NamedTuple):
     layer: NDArray[np.int32]
     first_edge: NDArray[np.int64]
     undefined: NDArray[np.uint8]
-    doomed: NDArray[np.uint8]
+    dead_end: NDArray[np.uint8]
     action: NDArray[np.int32]
     flags: NDArray[np.int64]
     reward: NDArray[np.float64]
-    hazard: NDArray[np.float64]
+    step_risk: NDArray[np.float64]
     first_outcome: NDArray[np.int64]
     target: NDArray[np.int32]
     chance: NDArray[np.float64]
@@ -134,11 +135,11 @@ class GraphArrays(NamedTuple):
             layer=np.zeros(nodes, dtype=np.int32),
             first_edge=np.zeros(nodes + 1, dtype=np.int64),
             undefined=np.zeros(nodes, dtype=np.uint8),
-            doomed=np.zeros(nodes, dtype=np.uint8),
+            dead_end=np.zeros(nodes, dtype=np.uint8),
             action=np.zeros(edges, dtype=np.int32),
             flags=np.zeros(edges, dtype=np.int64),
             reward=np.zeros(edges),
-            hazard=np.zeros(edges),
+            step_risk=np.zeros(edges),
             first_outcome=np.zeros(edges + 1, dtype=np.int64),
             target=np.zeros(outcomes, dtype=np.int32),
             chance=np.zeros(outcomes),

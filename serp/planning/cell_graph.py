@@ -37,7 +37,7 @@ from serp.planning.cells import (
     value_at,
 )
 from serp.planning.hash_table import key_slot
-from serp.planning.preference import compiled_joined, compiled_rank_of, hazard, marked
+from serp.planning.preference import compiled_joined, compiled_rank_of, marked, step_risk
 from serp.planning.value_iteration import best_rank
 from serp.settings import PlannerSettings
 
@@ -161,7 +161,7 @@ def expand_cells(model, rules, arrays, division, found, room):
                     if held == 0 and step & UNDEFINED:
                         graph.undefined[node] = 1
                     break
-                further = hazard(step, accepted)
+                further = step_risk(step, accepted)
                 step = marked(step, further)
                 flags = step if held == 0 else np.int64(compiled_joined(flags, step))
                 danger += (1.0 - danger) * further
@@ -186,7 +186,7 @@ def expand_cells(model, rules, arrays, division, found, room):
                 continue
             edge = count[_EDGES]
             count[_EDGES] = edge + 1
-            graph.action[edge], graph.flags[edge], graph.hazard[edge] = action, flags, danger
+            graph.action[edge], graph.flags[edge], graph.step_risk[edge] = action, flags, danger
             seen[edge], periods[edge], beyond[edge] = total, length, 0.0
             held_edges.weight[edge] = weight / discount
             held_edges.node[edge] = ENDED
@@ -262,15 +262,16 @@ _EVALUATIONS = 4
 
 
 @cached_njit(nogil=True)
-def _sweep(sources, edges, outcomes, values, backwards):
+def _sweep(sources, edges, outcomes, values, backwards, evaluates):
     """Find the values of all cells once, in one of two orders.
 
     Args:
         sources: `[n]` cells; `[n + 1]` where the edges of each begin.
         edges: Rewards and discounts of the edges, and where the outcomes of each begin.
         outcomes: Cells that they lead to and weights.
-        values: `[N]` values of the cells; `[N]` their best edges, written.
+        values: `[N]` values of the cells; `[n]` their best edges, written.
         backwards: Whether the last cell comes first.
+        evaluates: Whether only the best edges are followed.
 
     Returns:
         The largest change, and the largest absolute value.
@@ -285,7 +286,8 @@ def _sweep(sources, edges, outcomes, values, backwards):
         at = count - 1 - k if backwards else k
         node = node_of[at]
         most, chosen = -np.inf, np.int64(-1)
-        for edge in range(first_edge[at], first_edge[at + 1]):
+        start = best[at] if evaluates else first_edge[at]
+        for edge in range(start, start + 1 if evaluates else first_edge[at + 1]):
             total = reward[edge]
             for o in range(first_outcome[edge], first_outcome[edge + 1]):
                 total += chance[o] * value[target[o]]
@@ -295,23 +297,6 @@ def _sweep(sources, edges, outcomes, values, backwards):
         largest = max(largest, abs(most))
         value[node], best[at] = most, chosen
     return change, largest
-
-
-@cached_njit(nogil=True)
-def _evaluate(sources, edges, outcomes, values, backwards):
-    """Find the values of all cells once by their best edges; arguments as those of `_sweep`."""
-    node_of = sources[0]
-    reward, first_outcome = edges
-    target, chance = outcomes
-    value, best = values
-    count = node_of.shape[0]
-    for k in range(count):
-        at = count - 1 - k if backwards else k
-        edge = best[at]
-        total = reward[edge]
-        for o in range(first_outcome[edge], first_outcome[edge + 1]):
-            total += chance[o] * value[target[o]]
-        value[node_of[at]] = total
 
 
 @cached_njit(nogil=True)
@@ -370,7 +355,7 @@ def solve_cells(arrays, found, discount, worst, beyond):
         for edge in range(start, end):
             if np.int64(compiled_rank_of(graph.flags[edge])) > lowest:
                 continue
-            danger, weight = graph.hazard[edge], discount * held.weight[edge]
+            danger, weight = graph.step_risk[edge], discount * held.weight[edge]
             reward[edge_count] = held.reward[edge] + (
                 (1.0 - danger) * beyond * held.beyond[edge] + danger * worst * weight
             )
@@ -390,11 +375,11 @@ def solve_cells(arrays, found, discount, worst, beyond):
     )
     values = (graph.value, np.empty(count, np.int64))
     for sweep in range(SWEEPS):
-        change, largest = _sweep(sources, edges, outcomes, values, sweep % 2 == 0)
+        change, largest = _sweep(sources, edges, outcomes, values, sweep % 2 == 0, False)
         if change <= PRECISION * largest:
             break
         for again in range(_EVALUATIONS):
-            _evaluate(sources, edges, outcomes, values, again % 2 == 0)
+            _sweep(sources, edges, outcomes, values, again % 2 == 0, True)
     return sweep
 
 
@@ -540,7 +525,7 @@ class CellGraph(ArrayGraph):
         rates = held.reward[:edges] / held.periods[:edges]
         # The reward of an end, or of what is unsafe, is not one that goes on.
         goes_on = (held.node[:edges] != ENDED) | (held.beyond[:edges] > 0.0)
-        goes_on &= arrays.hazard[:edges] == 0.0
+        goes_on &= arrays.step_risk[:edges] == 0.0
         least, middle, most, alike = 0.0, 0.0, 0.0, True
         if goes_on.any():
             least, middle, most = np.quantile(rates[goes_on], (0.0, 0.5, 1.0)).tolist()

@@ -7,7 +7,7 @@ look-up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -33,7 +33,7 @@ from serp.planning.array_graph import (
 from serp.planning.edges import Bound, FirstActions
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.hash_table import state_slot
-from serp.planning.preference import hazard, marked
+from serp.planning.preference import marked, step_risk
 from serp.settings import PlannerSettings
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -150,8 +150,8 @@ def expand(model, branches, rules, arrays, room, most):
                 continue
             edge = graph.counters[_EDGES]
             graph.counters[_EDGES] = edge + 1
-            danger = hazard(flags, accepted)
-            graph.action[edge], graph.hazard[edge], graph.reward[edge] = action, danger, 0.0
+            danger = step_risk(flags, accepted)
+            graph.action[edge], graph.step_risk[edge], graph.reward[edge] = action, danger, 0.0
             graph.flags[edge] = marked(flags, danger)
             graph.first_outcome[edge + 1] = graph.counters[_OUTCOMES]
             if branches == 0:
@@ -168,19 +168,39 @@ def expand(model, branches, rules, arrays, room, most):
 
 
 _AT = Counters()
-_FLAGS: Final = 2**53
-_OF_NODES: Final = ("layer", "undefined", "value", "risk", "steps", "inside")
-_OF_EDGES: Final = ("action", "flags", "reward", "hazard")
-_OF_OUTCOMES: Final = ("target", "chance")
+_COLUMNS: Final[dict[str, tuple[str, float | None, float]]] = {
+    "states": ("numbers", None, 0.0),
+    "layer": ("nodes", 0, MOST),
+    "undefined": ("nodes", 0, 1),
+    "value": ("nodes", None, 0.0),
+    "risk": ("nodes", 0.0, 1.0),
+    "steps": ("nodes", -1, SAFE),
+    "inside": ("nodes", 0, 1),
+    "first_edge": ("sources", 0, MOST),
+    "action": ("edges", 0, MOST),
+    "flags": ("edges", 0, 2**53),
+    "reward": ("edges", None, 0.0),
+    "step_risk": ("edges", 0.0, 1.0),
+    "first_outcome": ("ends", 0, MOST),
+    "target": ("outcomes", ENDED, MOST),
+    "chance": ("outcomes", 0.0, 1.0),
+}
+"""Columns that are saved: what their length is, see `_lengths`, and the least and largest number.
+Everything else follows from them."""
+
+
+def _lengths(counts: Sequence[int], width: int) -> dict[str, int]:
+    nodes, expanded, edges, outcomes = counts
+    return {
+        "numbers": nodes * width, "nodes": nodes, "sources": expanded + 1, "edges": edges,
+        "ends": edges + 1, "outcomes": outcomes,
+    }  # fmt: skip
 
 
 def contents(graph: GraphArrays, width: int) -> Arrays:
-    """Return the filled part of a solved graph: what is not here follows from it."""
-    nodes, expanded, edges, outcomes = (int(graph.counters[k]) for k in _AT)
-    ends = {"first_edge": expanded + 1, "first_outcome": edges + 1, "states": nodes * width}
-    ends |= dict.fromkeys(_OF_NODES, nodes) | dict.fromkeys(_OF_EDGES, edges)
-    ends |= dict.fromkeys(_OF_OUTCOMES, outcomes)
-    return {name: getattr(graph, name)[:end].copy() for name, end in ends.items()}
+    """Return the filled part of a solved graph."""
+    ends = _lengths(graph.counters.tolist(), width)
+    return {name: getattr(graph, name)[: ends[of]].copy() for name, (of, *_) in _COLUMNS.items()}
 
 
 def restored(
@@ -203,53 +223,41 @@ def restored(
         RunError: It is damaged.
     """
     saved = Saved("planning graph", arrays, {})
-    first_edge = saved.array("first_edge", np.int64, (-1,), 0, MOST)
-    first_outcome = saved.array("first_outcome", np.int64, (-1,), 0, MOST)
-    layer = saved.array("layer", np.int32, (-1,), 0, MOST)
-    nodes, expanded, edges = len(layer), len(first_edge) - 1, len(first_outcome) - 1
-    outcomes = len(saved.array("chance", np.float64, (-1,), 0.0, 1.0))
-    for name, first, end in (
-        ("first_edge", first_edge, edges),
-        ("first_outcome", first_outcome, outcomes),
-    ):
+    kinds = GraphArrays.allocate(0, 0, 0, width)
+    columns = {
+        name: saved.array(name, getattr(kinds, name).dtype, (-1,), low, high)
+        for name, (_, low, high) in _COLUMNS.items()
+    }
+    sizes = {name: len(column) for name, column in columns.items()}
+    counts = sizes["layer"], sizes["first_edge"] - 1, sizes["action"], sizes["target"]
+    nodes, expanded, edges, outcomes = counts
+    ends = _lengths(counts, width)
+    for name, (of, *_) in _COLUMNS.items():
+        if sizes[name] != ends[of]:
+            raise saved.wrong(f"{name} has {sizes[name]} entries, not {ends[of]}")
+    for name, end in (("first_edge", edges), ("first_outcome", outcomes)):
+        first = columns[name]
         if not len(first) or first[0] != 0 or first[-1] != end or (np.diff(first) < 0).any():
             raise saved.wrong(f"{name} does not rise from 0 to {end}")
-    if expanded > nodes:
-        raise saved.wrong(f"{expanded} of {nodes} nodes are expanded")
-    bounds: dict[str, tuple[int, float | None, float]] = {
-        "states": (nodes * width, None, 0.0),
-        "layer": (nodes, 0, MOST),
-        "undefined": (nodes, 0, 1),
-        "value": (nodes, None, 0.0),
-        "risk": (nodes, 0.0, 1.0),
-        "steps": (nodes, -1, SAFE),
-        "inside": (nodes, 0, 1),
-        "first_edge": (expanded + 1, 0, edges),
-        "action": (edges, 0, actions - 1),
-        "flags": (edges, 0, _FLAGS),
-        "reward": (edges, None, 0.0),
-        "hazard": (edges, 0.0, 1.0),
-        "first_outcome": (edges + 1, 0, outcomes),
-        "target": (outcomes, ENDED, nodes - 1),
-        "chance": (outcomes, 0.0, 1.0),
-    }
-    room = (nodes + spare[0], edges + spare[1], outcomes + spare[2])
-    graph = GraphArrays.allocate(*room, width, inert)
-    for name, (length, low, high) in bounds.items():
-        column = getattr(graph, name)
-        part = saved.array(name, column.dtype, (length,), low, high)
-        column[: len(part)] = part
-    if graph.inside[expanded:].any():
-        raise saved.wrong("a node that is not expanded is inside")
-    graph.counters[:] = nodes, expanded, edges, outcomes
+    for name, end in (("action", actions), ("target", nodes)):
+        if columns[name].max(initial=-1) >= end:
+            raise saved.wrong(f"{name} has an entry that is not below {end}")
+    if expanded > nodes or columns["inside"][expanded:].any():
+        raise saved.wrong(f"{expanded} of {nodes} nodes are expanded, and more are inside")
+    graph = GraphArrays.allocate(
+        nodes + spare[0], edges + spare[1], outcomes + spare[2], width, inert
+    )
+    for name, column in columns.items():
+        getattr(graph, name)[: len(column)] = column
+    graph.counters[:] = counts
     hash_states(tuple(graph))
     return graph
 
 
 MAX_EDGES: Final = 400_000
 """Most edges of a graph; with this many, expansion and solution take about a second."""
-MAX_NUMBERS: Final = 20_000_000
-"""Most numbers in the states of a graph: 160 MB."""
+MAX_BYTES: Final = 400_000_000
+"""Most bytes of the arrays of a graph."""
 _JUDGED_FROM, _NEVER_MET = 512, 0.98
 """Expansion ends if, after so many edges, this fraction of them leads to new states."""
 _SMALLEST: Final = 256
@@ -270,7 +278,6 @@ class ClosedGraph(ArrayGraph):
     ) -> None:
         super().__init__(model, settings)
         self._max_edges = max_edges
-        self._max_nodes = max(1, MAX_NUMBERS // max(1, self._width))
         self._rules = (settings.discount, settings.accepted_risk)
         self._room = np.empty(OUTCOMES * (self._width + 3))
         self.clear()
@@ -322,19 +329,18 @@ class ClosedGraph(ArrayGraph):
         roots = np.array(states, ndmin=2)
         least = 0 if self.nodes else len(roots)
         for state in roots:
-            if self.nodes == len(self._arrays.layer):
-                self._enlarge()
+            if self.nodes == len(self._arrays.layer) and not self._enlarge():
+                break
             add_root(self._arrays_tuple, state)
         limit = min(limit, self._max_edges)
         ended, most = MANY, _JUDGED_FROM
-        while ended != DONE and (
-            self.expanded < least or (self.edges < limit and self.nodes < self._max_nodes)
-        ):
+        while ended != DONE and (self.expanded < least or self.edges < limit):
             while most <= self.edges:
                 most *= 2
             ended = self._expand(min(most, limit) if self.edges < limit else self.edges + 1)
             if ended == FULL:
-                self._enlarge()
+                if not self._enlarge():
+                    break
             elif self.edges >= most and self.expanded >= least and self.spreads:
                 break
         self._solve()
@@ -371,21 +377,6 @@ class ClosedGraph(ArrayGraph):
         """Largest magnitude of a number in all its states."""
         states = self._arrays.states[: self.nodes * self._width]
         return float(np.abs(states).max(initial=0.0))
-
-    def table(self) -> Arrays:
-        """Return the forecast for each of the N states that have one, as arrays.
-
-        They are `states` `[N, F]`, `inert` (the columns that are 0 in them), `choice` `[N]`, and
-        what a `Forecast` has for every action, `[N, A]`.
-        """
-        nodes = np.flatnonzero(self._arrays.inside[: self.expanded])
-        states = self._arrays.states[: self.nodes * self._width].reshape(-1, self._width)[nodes]
-        found = [forecast for state in states if (forecast := self.forecast(state)) is not None]
-        columns = {
-            name: np.array([getattr(forecast, name) for forecast in found])
-            for name in ("choice", *FirstActions._fields)
-        }
-        return {"states": states.copy(), "inert": self._inert.copy(), **columns}
 
     def ends(self, state: Vector) -> bool:
         """Return whether the best policy leads from a state `[F]` to the end of the task.
@@ -427,16 +418,26 @@ class ClosedGraph(ArrayGraph):
         room = (nodes + most, edges + self._actions, outcomes + most)
         self._hold(GraphArrays.allocate(*room, self._width, self._inert))
 
-    def _enlarge(self) -> None:
-        """Double the arrays."""
-        old = self._arrays
-        sizes = [2 * len(column) for column in (old.layer, old.action, old.target)]
-        self._allocate(*sizes)
+    def _enlarge(self) -> bool:
+        """Double the arrays that are nearly full; return whether there is memory for it."""
+        old, spare = self._arrays, self._actions * OUTCOMES
+        used = self.nodes + spare, self.edges + self._actions, int(old.counters[_OUTCOMES]) + spare
+        nodes, edges, outcomes = sizes = [
+            2 * len(column) if count >= len(column) else len(column)
+            for count, column in zip(used, (old.layer, old.action, old.target), strict=True)
+        ]
+        if np.dot(sizes, (8 * self._width + 60, 36, 12)) > MAX_BYTES:
+            return False
+        try:
+            self._hold(GraphArrays.allocate(nodes, edges, outcomes, self._width, self._inert))
+        except MemoryError:
+            return False
         new = self._arrays
         new.counters[:] = old.counters
         for name, column in contents(old, self._width).items():  # touches what is filled only
             getattr(new, name)[: len(column)] = column
         hash_states(self._arrays_tuple)
+        return True
 
     def state_dict(self) -> Arrays:
         """Return arrays that `load_state_dict` restores exactly."""
@@ -450,5 +451,5 @@ class ClosedGraph(ArrayGraph):
         most = self._actions * OUTCOMES
         spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
         self._hold(restored(arrays, self._width, self._actions, spare, self._inert))
-        solution.mark_doomed(self._arrays_tuple)
+        solution.mark_dead_ends(self._arrays_tuple)
         self._measure()

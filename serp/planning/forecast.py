@@ -28,10 +28,9 @@ class Forecast(NamedTuple):
             accepted count as 0, and a path whose risk is accepted has that of the safest action of
             its rank. 1 if the path contains a step that the file flags, or a state in which every
             action that might be applicable has an undefined result; 1 where not applicable.
-        safe_steps: `[A]` control periods on that path before the first step that has a risk (an
-            edge of the planner's setting `repeat` has several), or before such a state; SAFE where
-            there is none, -1 where not applicable. A path whose risk is accepted has those of the
-            safest action, too.
+        safe_steps: `[A]` control periods on that path before the first step that has a risk, or
+            before such a state; SAFE where there is none, -1 where not applicable. A path whose
+            risk is accepted has those of the safest action, too.
         reward: `[A]` predicted reward of one control period.
         flags: `[A]` predicted for one control period; a sum of APPLICABLE = 1, UNSAFE = 2,
             TERMINAL = 4, UNDEFINED = 8 and RISKY = 16, and above bit 8 the risk in units of 2⁻²⁴.
@@ -90,12 +89,10 @@ class Forecast(NamedTuple):
         first = chosen[0]
         return all(column[k] == column[first] for column in columns for k in chosen)
 
-    def sees_costs_alone(self, periods: float) -> bool:
-        """Return whether it is indifferent but for what the first edge gives: the cost of acting.
-
-        `periods` is the discounted number of control periods of an edge.
-        """
-        rest = self.value - periods * self.reward
+    @property
+    def sees_costs_alone(self) -> bool:
+        """Whether it is indifferent but for what the first step gives: the cost of acting."""
+        rest = self.value - self.reward
         largest = np.abs(self.value[np.isfinite(self.value)]).max(initial=0.0)
         if largest > 0.0:
             rest = np.round(rest / largest, 9)  # differences by rounding are none

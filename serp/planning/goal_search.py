@@ -14,7 +14,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.array_graph import NO_FLUENTS, inert_fluents
 from serp.planning.closed_graph import state_node
 from serp.planning.hash_table import START, bits_of, finished, mixed, table_size
-from serp.planning.preference import hazard
+from serp.planning.preference import step_risk
 from serp.planning.relaxation import RelaxedCosts, RelaxedTables, relaxed, relaxed_cost
 from serp.settings import PlannerSettings
 
@@ -205,7 +205,7 @@ def search(model, relaxed, rules, tree_arrays, root, limit):
             if not flags & APPLICABLE:
                 continue
             tree.counters[_TRIED] += 1
-            if hazard(flags, accepted) > 0.0:
+            if step_risk(flags, accepted) > 0.0:
                 continue
             if flags & TERMINAL:
                 if target[width] > 0.0:

@@ -13,15 +13,12 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
-from serp.model.native import pointer_to
+from serp.model.native import call_step, pointer_to
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.cells import NO_CELLS, CellValues, value_at
 from serp.planning.edges import (
     Bound,
     FirstActions,
-    Rules,
-    Scratch,
-    edge,
     edge_budget,
     lookahead_nodes,
 )
@@ -30,8 +27,11 @@ from serp.planning.hash_table import state_slot, table_size
 from serp.planning.preference import (
     PathScore,
     compiled_path_score,
+    compiled_rank_of,
     compiled_within_slack,
+    marked,
     path_score,
+    step_risk,
 )
 from serp.settings import PlannerSettings
 
@@ -41,38 +41,36 @@ _DEPTH = int(Bound.DEPTH)
 _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
 _BITS, _RANK = 0x1F, 6
-"""Stored flags of an edge: their bits, and above these the rank of its first period."""
+"""Stored flags of an edge: their bits, and above these its rank."""
 
 
 @cached_njit(nogil=True)
 def search(model, rules, leaves, state, scratch, found):
     """Expand the planning graph of one state and find the best path of every first action.
 
-    `model` is `TransitionModel.machine_code`. Rules, scratch and found (which is written) are
-    records of `serp.planning.edges` as plain tuples. So are `leaves`, a `CellValues`, the
-    values of the states that the last layer leads to; without any they are 0.
+    Where a budget ends the expansion, leaves are worth 0.
+
+    Args:
+        model: `TransitionModel.machine_code`.
+        rules: Actions, depth, discount, accepted risk, most nodes to expand, most edges.
+        leaves: Values of `CellValues`: those of the states that the last layer leads to; 0 without.
+        state: `[F]`.
+        scratch: Memory for N nodes and E edges: flat states; reward, flags, risk and child (-1 for
+            none) `[E]`; value, risk and steps of the best path `[N]`; hash table.
+        found: Values of `FirstActions`, written.
 
     Returns:
         Chosen action, layers expanded, bound, edges followed.
     """
-    room, first = Scratch(*scratch), FirstActions(*found)
-    return _search(model, Rules(*rules), CellValues(*leaves), state, room, first)
-
-
-@cached_njit(nogil=True)
-def _search(model, rules, leaves, state, scratch, found):
-    """Expand and evaluate the nodes; where a budget ends the expansion, leaves are worth 0."""
-    (
-        states, reward, weight, flags, periods, risk, child, best_value, best_risk, best_steps,
-        table,
-    ) = scratch  # fmt: skip
+    actions, depth, discount, accepted, max_nodes, max_edges = rules
+    states, reward, flags, risk, child, best_value, best_risk, best_steps, table = scratch
     value, path_risk, steps, first_reward, first_flags = found
-    actions, depth = rules.actions, rules.depth
-    max_nodes, max_edges = rules.max_nodes, rules.max_edges
-    accepted = rules.accepted_risk
+    values = CellValues(*leaves)
+    address, data, dt = model
+    theta = pointer_to(data, 0)
+    value, path_risk, steps, first_reward, first_flags = found
     width = state.shape[0]
     row = width + 1
-    room = pointer_to(states, (max_nodes + 1) * row)
     for i in range(width):
         states[i] = state[i]
     start = 0
@@ -99,20 +97,23 @@ def _search(model, rules, leaves, state, scratch, found):
             for action in range(actions):
                 e = node * actions + action
                 slot = min(stored, max_nodes)
-                reward[e], weight[e], bits, rank, periods[e], risk[e], one_reward, one_flags = edge(
-                    model, rules, source, action, pointer_to(states, slot * row), room, width
-                )
-                flags[e] = bits & _BITS | rank << _RANK
+                target = pointer_to(states, slot * row)
+                for i in range(width):
+                    target[i] = source[i]
+                step = call_step(address, source, action, theta, dt, target)
+                reward[e], risk[e] = target[width], step_risk(step, accepted)
+                step = marked(step, risk[e])
+                flags[e] = step & _BITS | compiled_rank_of(step) << _RANK
                 child[e] = -1
                 applied += flags[e] & APPLICABLE
                 if expanded == 0:
-                    first_reward[action] = one_reward
-                    first_flags[action] = one_flags
+                    first_reward[action] = reward[e]
+                    first_flags[action] = step
                 if not flags[e] & APPLICABLE or flags[e] & TERMINAL:
                     continue
                 if not keep:
-                    if leaves.value.shape[0] > 0:
-                        reward[e] += weight[e] * value_at(leaves, states, slot * row)
+                    if values.value.shape[0] > 0:
+                        reward[e] += discount * value_at(values, states, slot * row)
                     continue
                 if stored > max_nodes:
                     continue  # the next layer is too large to be expanded: all its nodes are leaves
@@ -150,13 +151,13 @@ def _search(model, rules, leaves, state, scratch, found):
                 continue
             total, danger, safe = reward[e], risk[e], SAFE
             if 0 <= child[e] < start:
-                total += weight[e] * best_value[child[e]]
+                total += discount * best_value[child[e]]
                 danger += (1.0 - danger) * best_risk[child[e]]
                 safe = best_steps[child[e]]
                 if safe != SAFE:
-                    safe += periods[e]
+                    safe += 1
             if risk[e] > 0.0:
-                safe = int(periods[e])
+                safe = 0
             value[action] = total  # those of node 0 come last, and remain
             path_risk[action] = danger
             steps[action] = safe
@@ -218,22 +219,20 @@ class Lookahead:
         self._width = len(model.fluents)
         self._actions = len(model.actions)
         nodes = lookahead_nodes(self.settings, self._actions, self._width)
-        self._rules = tuple(
-            Rules(
-                actions=self._actions,
-                depth=self.settings.depth,
-                repeat=self.settings.repeat,
-                discount=self.settings.discount,
-                accepted_risk=self.settings.accepted_risk,
-                max_nodes=nodes,
-                max_edges=edge_budget(self._width),
-            )
-        )
+        self._rules = (
+            self._actions, self.settings.depth, self.settings.discount,
+            self.settings.accepted_risk, nodes, edge_budget(self._width),
+        )  # fmt: skip
         self.followed = self._most = nodes * self._actions
-        self._memory = Scratch.allocate(nodes, self._actions, self._width)
-        self._scratch = tuple(self._memory)
+        edges = nodes * self._actions
+        self._best = np.zeros(nodes), np.zeros(nodes), np.zeros(nodes, np.int64)
+        self._scratch = (
+            np.zeros((nodes + 2) * (self._width + 1)), np.zeros(edges), np.zeros(edges, np.uint8),
+            np.zeros(edges), np.zeros(edges, np.int32), *self._best,
+            np.zeros(table_size(nodes), np.int32),
+        )  # fmt: skip
         self._others: list[Lookahead] = []
-        self._foreseen: dict[bytes, tuple[CellValues, Forecast, int]] = {}
+        self._prefetched: dict[bytes, tuple[CellValues, Forecast, int]] = {}
         """State → the leaves that were used, the forecast, and edges followed for it."""
 
     def scores(self, count: int) -> Iterator[PathScore]:
@@ -242,28 +241,25 @@ class Lookahead:
         They are in the order in which they were found; those in which the task has ended are left
         out.
         """
-        found = self._memory
-        for risk, steps, value in zip(
-            found.best_risk[:count].tolist(), found.best_steps[:count].tolist(),
-            found.best_value[:count].tolist(), strict=True,
-        ):  # fmt: skip
+        columns = (column[:count].tolist() for column in self._best)
+        for value, risk, steps in zip(*columns, strict=True):
             yield path_score(0, risk, steps, value)
 
     @contextlib.contextmanager
-    def foreseeing(self, states: Sequence[Vector]) -> Iterator[None]:
+    def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
         """Have the forecasts for these states at hand in the body, computed on all cores.
 
         Model and leaves are used as they are now. Where searches are short, nothing is done, which
         does not depend on the number of cores.
         """
         if len(states) > 1 and self._most >= _WORTH:
-            self._foresee(states, min(_CORES, len(states)))
+            self._prefetch(states, min(_CORES, len(states)))
         try:
             yield
         finally:
-            self._foreseen.clear()
+            self._prefetched.clear()
 
-    def _foresee(self, states: Sequence[Vector], threads: int) -> None:
+    def _prefetch(self, states: Sequence[Vector], threads: int) -> None:
         while len(self._others) < threads:
             self._others.append(Lookahead(self.model, self.settings))
 
@@ -271,7 +267,7 @@ class Lookahead:
             lookahead.leaves = self.leaves
             for state in own:
                 found = lookahead.forecast(state)
-                self._foreseen[state.tobytes()] = self.leaves, found, lookahead.followed
+                self._prefetched[state.tobytes()] = self.leaves, found, lookahead.followed
 
         with ThreadPoolExecutor(threads) as pool:
             parts = [states[k::threads] for k in range(threads)]
@@ -288,11 +284,11 @@ class Lookahead:
         state = np.ascontiguousarray(state, dtype=np.float64)
         if state.shape != (self._width,):
             raise StateError(f"a state has {self._width} numbers, found shape {state.shape}")
-        if self._foreseen:
-            leaves, foreseen, followed = self._foreseen.get(state.tobytes(), (None, None, 0))
-            if foreseen is not None and leaves is self.leaves:
+        if self._prefetched:
+            leaves, forecast, followed = self._prefetched.get(state.tobytes(), (None, None, 0))
+            if forecast is not None and leaves is self.leaves:
                 self.followed = followed
-                return foreseen
+                return forecast
         found = FirstActions.allocate(self._actions)
         choice, depth, bound, self.followed = search(
             (self._address, self.model.data, self.model.dt), self._rules,

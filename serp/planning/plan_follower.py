@@ -151,6 +151,11 @@ class PlanFollower:
     def visited(self, visited: Visited | None) -> None:
         self._fallback.visited = visited
 
+    def begin_episode(self) -> None:
+        """Say that another episode begins, in which a plan is asked for at once."""
+        self._wait = self._patience = 0
+        self._fallback.begin_episode()
+
     @property
     def plan(self) -> tuple[int, ...]:
         """Positions of the ground actions of the newest plan; empty for none."""

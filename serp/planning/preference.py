@@ -29,7 +29,7 @@ PathScore = tuple[int, float, int, float]
 
 
 @_inlined
-def hazard(flags: int, accepted: float) -> float:
+def step_risk(flags: int, accepted: float) -> float:
     """Return the risk of one step, `serp.model.flags.risk_of`; 0 where it is accepted."""
     risk = (flags >> RISK_SHIFT) * RISK_UNIT
     if flags & UNSAFE:
@@ -39,7 +39,7 @@ def hazard(flags: int, accepted: float) -> float:
 
 @_inlined
 def marked(flags: int, risk: float) -> int:
-    """Return the flags of a step, with RISKY where its risk by `hazard` is above 0."""
+    """Return the flags of a step, with RISKY where its risk by `step_risk` is above 0."""
     return flags | RISKY if risk > 0.0 and not flags & UNSAFE else flags
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
@@ -19,11 +18,12 @@ from numpy.typing import ArrayLike
 from serp._util.numbers import real
 from serp.errors import SettingsError
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
+from serp.model.native import step_batch
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound, Rules, expand
+from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.lookahead import Lookahead
-from serp.planning.preference import PathScore, counted, path_score
+from serp.planning.preference import PathScore, counted, marked, path_score, rank_of, step_risk
 from serp.settings import PlannerSettings
 
 State = tuple[float, ...]
@@ -33,26 +33,20 @@ _EDGES: Final = 4096
 
 
 class Edge(NamedTuple):
-    """An edge: positions of its nodes and action, and what `serp.planning.edges` finds.
+    """An edge of the planning graph: one control period of an action.
 
     Attributes:
-        source, action, target: Positions.
-        reward: Discounted sum of the rewards of its control periods.
-        weight: Weight of the rewards after it.
-        flags: Flags of the whole edge.
-        rank: `serp.planning.preference.rank_of` its first control period.
-        periods: Its control periods; those before the first with a risk, if any has one.
-        risk: Probability that it is unsafe, without the steps whose risk is accepted.
+        source, action, target: Positions of nodes and action.
+        reward: Its reward.
+        flags: Its flags, with RISKY where its risk is not accepted.
+        risk: Probability that it is unsafe; 0 if that is accepted.
     """
 
     source: int
     action: int
     target: int
     reward: float
-    weight: float
     flags: int
-    rank: int
-    periods: int
     risk: float
 
 
@@ -110,7 +104,8 @@ class PlanningGraph:
         If not, nothing is added.
         """
         first, known = len(self.states), dict[tuple[State, bool], int]()
-        size = max(1, _EDGES // max(1, len(self.model.actions)))
+        count, width = len(self.model.actions), len(self.model.fluents)
+        size = max(1, _EDGES // max(1, count))
         for start in range(0, len(nodes), size):
             if layer > 1 and time.perf_counter() >= deadline:
                 for column in (self.states, self._ended, self._layer_of, self._edges):
@@ -118,37 +113,30 @@ class PlanningGraph:
                 for node in nodes:
                     self._edges[node] = []
                 return False
-            for source, action, state, columns in self._follow(nodes[start : start + size]):
-                ended = (columns[2] & TERMINAL) != 0
-                target = known.setdefault((state, ended), len(self.states))
-                if target == len(self.states):
-                    self.states.append(state)
-                    self._ended.append(ended)
-                    self._layer_of.append(layer)
-                    self._edges.append([])
-                self._edges[source].append(Edge(source, action, target, *columns))
+            part = np.array(nodes[start : start + size])
+            sources, actions = np.repeat(part, count), np.tile(np.arange(count), len(part))
+            states = np.array([self.states[node] for node in sources.tolist()]).reshape(-1)
+            out, flags = np.empty((len(sources), width + 1)), np.empty(len(sources), np.int64)
+            step_batch(self.model.machine_code, states, actions, out.reshape(-1), flags)
+            for k in np.flatnonzero(flags & APPLICABLE).tolist():
+                *state, reward = out[k].tolist()
+                self._add(int(sources[k]), int(actions[k]), tuple(state), reward, int(flags[k]),
+                          layer, known)  # fmt: skip
         return True
 
-    def _follow(self, nodes: list[int]) -> Iterator[tuple[int, int, State, tuple[Any, ...]]]:
-        """Yield node, action, state reached and what else is known of the edges out of nodes."""
-        settings, actions, width = self.settings, len(self.model.actions), len(self.model.fluents)
-        tried = len(nodes) * actions
-        rows = np.zeros((len(nodes), width + 1))
-        rows[:, :width] = [self.states[node] for node in nodes]
-        out = np.empty((tried + 1, width + 1))
-        reward, weight, risk = np.empty((3, tried))
-        flags, rank, periods = np.empty((3, tried), dtype=np.int64)
-        columns = (reward, weight, flags, rank, periods, risk)
-        expand(
-            self.model.machine_code,
-            tuple(Rules(actions, 1, settings.repeat, settings.discount, settings.accepted_risk)),
-            len(nodes), rows.reshape(-1), out.reshape(-1), columns,
-        )  # fmt: skip
-        there = np.flatnonzero(flags & APPLICABLE)
-        found = zip(*(column[there].tolist() for column in columns), strict=True)
-        states = map(tuple, out[there, :width].tolist())
-        for e, state, numbers in zip(there.tolist(), states, found, strict=True):
-            yield nodes[e // actions], e % actions, state, numbers
+    def _add(
+        self, source: int, action: int, state: State, reward: float, flags: int, layer: int,
+        known: dict[tuple[State, bool], int],
+    ) -> None:  # fmt: skip
+        """Add an edge, and the node that it leads to unless it is known in this layer."""
+        ended, risk = (flags & TERMINAL) != 0, step_risk(flags, self.settings.accepted_risk)
+        target = known.setdefault((state, ended), len(self.states))
+        if target == len(self.states):
+            self.states.append(state)
+            self._ended.append(ended)
+            self._layer_of.append(layer)
+            self._edges.append([])
+        self._edges[source].append(Edge(source, action, target, reward, marked(flags, risk), risk))
 
     @functools.cached_property
     def best_path(self) -> list[Edge]:
@@ -173,11 +161,10 @@ class PlanningGraph:
     def _through(self, edge: Edge) -> PathScore:
         """Return the score of the best path that begins with an edge."""
         _, spared, safe, value = self._scores[edge.target]
-        steps = edge.periods if edge.risk > 0.0 or safe != SAFE else SAFE
-        if edge.risk == 0.0 and safe != SAFE:
-            steps += safe
+        steps = 0 if edge.risk > 0.0 else safe if safe == SAFE else safe + 1
         risk = edge.risk - (1.0 - edge.risk) * spared
-        return path_score(edge.rank, risk, steps, edge.reward + edge.weight * value)
+        total = edge.reward + self.settings.discount * value
+        return path_score(rank_of(edge.flags), risk, steps, total)
 
     def to_networkx(self) -> nx.MultiDiGraph:
         """Return the graph as a `networkx.MultiDiGraph`.
@@ -217,7 +204,7 @@ class PlanningGraph:
         return graph
 
 
-_SETTINGS: Final = ("depth", "discount", "repeat", "max_nodes", "accepted_risk")
+_SETTINGS: Final = ("depth", "discount", "max_nodes", "accepted_risk")
 
 
 class PlannedStep(NamedTuple):
@@ -235,52 +222,49 @@ class Plan:
     """One decision of the planner.
 
     Attributes:
-        action: Position of the chosen action, or None where none is applicable.
-        name: Its name, or None.
         path: The chosen path.
-        reward: Discounted sum of rewards along it.
-        safe: Whether every risk on it is accepted.
-        indifferent: Whether all safe actions have the same score: no difference is visible within
-            the lookahead, and the first action in the file was chosen.
-        depth: Layers that were expanded.
-        bound: What ended the expansion: depth, nodes, time, or nothing left to expand.
         forecast: The prediction for every first action.
         planning_graph: The planning graph of the lookahead.
     """
 
-    action: int | None
-    name: str | None
     path: tuple[PlannedStep, ...]
-    reward: float
-    safe: bool
-    indifferent: bool
-    depth: int
-    bound: Bound
     forecast: Forecast
     planning_graph: PlanningGraph = field(repr=False)
 
-    @classmethod
-    def of(
-        cls,
-        model: TransitionModel,
-        forecast: Forecast,
-        path: tuple[PlannedStep, ...],
-        graph: PlanningGraph,
-    ) -> Plan:
-        """Return the decision that a forecast for the root of a planning graph makes."""
-        chosen = forecast.choice if forecast.choice >= 0 else None
-        return cls(
-            action=chosen,
-            name=None if chosen is None else model.actions[chosen].name,
-            path=path,
-            reward=0.0 if chosen is None else float(forecast.value[chosen]),
-            safe=forecast.safe,
-            indifferent=forecast.indifferent,
-            depth=forecast.depth,
-            bound=forecast.bound,
-            forecast=forecast,
-            planning_graph=graph,
-        )
+    @property
+    def action(self) -> int | None:
+        """Position of the chosen action, or None where none is applicable."""
+        return self.forecast.choice if self.forecast.choice >= 0 else None
+
+    @property
+    def name(self) -> str | None:
+        """Its name, or None."""
+        return None if self.action is None else self.planning_graph.model.actions[self.action].name
+
+    @property
+    def reward(self) -> float:
+        """Discounted sum of rewards along the chosen path."""
+        return 0.0 if self.action is None else float(self.forecast.value[self.action])
+
+    @property
+    def safe(self) -> bool:
+        """Whether every risk on the chosen path is accepted."""
+        return self.forecast.safe
+
+    @property
+    def indifferent(self) -> bool:
+        """Whether all safe actions have the same score: the first in the file was chosen."""
+        return self.forecast.indifferent
+
+    @property
+    def depth(self) -> int:
+        """Layers that were expanded."""
+        return self.forecast.depth
+
+    @property
+    def bound(self) -> Bound:
+        """What ended the expansion."""
+        return self.forecast.bound
 
     @property
     def nodes(self) -> int:
@@ -289,16 +273,9 @@ class Plan:
 
     @property
     def paths(self) -> list[list[int]]:
-        """The actions of the best path in the graph that begins with each action.
-
-        Each is for one control period.
-        """
-        graph = self.planning_graph
-        repeat = graph.settings.repeat
-        return [
-            [edge.action for edge in graph.path_by(k) for _ in range(repeat)]
-            for k in range(len(self.forecast.flags))
-        ]
+        """The actions of the best path in the graph that begins with each action."""
+        actions = range(len(self.forecast.flags))
+        return [[edge.action for edge in self.planning_graph.path_by(k)] for k in actions]
 
     @functools.cached_property
     def graph(self) -> nx.MultiDiGraph:
@@ -313,7 +290,7 @@ class MonitorReplanner:
 
     Args:
         model: The transition model.
-        depth, discount, repeat, max_nodes, accepted_risk: See `PlannerSettings`.
+        depth, discount, max_nodes, accepted_risk: See `PlannerSettings`.
         time_budget: Seconds a decision may take; the deepest layer completed by then counts.
             None for no bound.
 
@@ -327,7 +304,6 @@ class MonitorReplanner:
         *,
         depth: int = 5,
         discount: float = 0.99,
-        repeat: int = 1,
         max_nodes: int = 10_000,
         accepted_risk: float = 0.02,
         time_budget: float | None = None,
@@ -338,9 +314,8 @@ class MonitorReplanner:
             )
         self.model = model
         self.settings = PlannerSettings(
-            depth=depth, discount=discount, repeat=repeat, max_nodes=max_nodes,
-            accepted_risk=accepted_risk,
-        )  # fmt: skip
+            depth=depth, discount=discount, max_nodes=max_nodes, accepted_risk=accepted_risk
+        )
         self.time_budget = None if time_budget is None else real(time_budget, infinite=True)
         if time_budget is not None and not (self.time_budget or 0.0) > 0:
             raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
@@ -382,4 +357,4 @@ class MonitorReplanner:
             )
             for e in graph.best_path
         )
-        return Plan.of(self.model, graph.forecast, path, graph)
+        return Plan(path, graph.forecast, graph)

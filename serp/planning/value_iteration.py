@@ -19,40 +19,44 @@ _TINY = 1e-9
 
 
 @cached_njit(nogil=True, forceinline=True)
-def risk_of(graph, edge, discount):
-    """Return the discounted risk of an edge and what follows it."""
-    danger, following = graph.hazard[edge], 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        if graph.target[k] >= 0:
-            following += graph.chance[k] * graph.risk[graph.target[k]]
-    return danger + (1.0 - danger) * discount * following
+def _following(graph, edge, node, column):
+    """Return the mean of a column `[N]` over the outcomes of an edge, and its chance to stay.
 
-
-@cached_njit(nogil=True, forceinline=True)
-def value_of(graph, edge, discount):
-    """Return the value of an edge and what follows it."""
-    following = 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        if graph.target[k] >= 0:
-            following += graph.chance[k] * graph.value[graph.target[k]]
-    return graph.reward[edge] + discount * following
-
-
-@cached_njit(nogil=True, forceinline=True)
-def lasting_risk(graph, edge, node, discount):
-    """Return the discounted risk of an edge that is taken again while it leads back to its node.
-
-    The best edge has the least, as it has of `risk_of`.
+    The outcome that leads back to `node` is left out of the mean; -2: none is.
     """
-    danger, following, own = graph.hazard[edge], 0.0, 0.0
+    mean, own = 0.0, 0.0
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
         target = graph.target[k]
         if target == node:
             own += graph.chance[k]
         elif target >= 0:
-            following += graph.chance[k] * graph.risk[target]
-    left = (1.0 - danger) * discount
-    return (danger + left * following) / max(1.0 - left * own, _TINY)
+            mean += graph.chance[k] * column[target]
+    return mean, own
+
+
+@cached_njit(nogil=True, forceinline=True)
+def risk_of(graph, edge, discount):
+    """Return the discounted risk of an edge and what follows it."""
+    danger = graph.step_risk[edge]
+    return danger + (1.0 - danger) * discount * _following(graph, edge, -2, graph.risk)[0]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def value_of(graph, edge, discount):
+    """Return the value of an edge and what follows it."""
+    return graph.reward[edge] + discount * _following(graph, edge, -2, graph.value)[0]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def lasting_risk(graph, edge, node, discount):
+    """Return the risk of an edge that is taken again while it leads back to its node.
+
+    The least risk is a fixed point of it, as it is of `risk_of`.
+    """
+    danger = graph.step_risk[edge]
+    following, own = _following(graph, edge, node, graph.risk)
+    rest = (1.0 - danger) * discount
+    return (danger + rest * following) / max(1.0 - rest * own, _TINY)
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -63,13 +67,7 @@ def lasting_value(graph, edge, node, discount):
     any other; but to wait for nothing, at discount 1, would be worth what can be done afterwards,
     and so might be done for ever.
     """
-    following, own = 0.0, 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        target = graph.target[k]
-        if target == node:
-            own += graph.chance[k]
-        elif target >= 0:
-            following += graph.chance[k] * graph.value[target]
+    following, own = _following(graph, edge, node, graph.value)
     total = graph.reward[edge] + discount * following
     if discount * own < 1.0 - _TINY:
         return total / (1.0 - discount * own)
@@ -79,7 +77,7 @@ def lasting_value(graph, edge, node, discount):
 @cached_njit(nogil=True, forceinline=True)
 def steps_through(graph, edge):
     """Return the control periods before the first risk on an edge and what follows it."""
-    if graph.hazard[edge] > 0.0:
+    if graph.step_risk[edge] > 0.0:
         return np.int64(0)
     least = np.int64(SAFE)
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
@@ -101,11 +99,11 @@ def best_rank(graph, node):
 @cached_njit(nogil=True, forceinline=True)
 def certain(graph, edge):
     """Return whether damage is certain after an edge."""
-    if graph.hazard[edge] >= 1.0:
+    if graph.step_risk[edge] >= 1.0:
         return True
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
         target = graph.target[k]
-        if target < 0 or not graph.doomed[target]:
+        if target < 0 or not graph.dead_end[target]:
             return False
     return True
 
@@ -123,18 +121,18 @@ _NODES, _EXPANDED, _EDGES, _ = Counters()
 
 
 @cached_njit(nogil=True)
-def mark_doomed(arrays):
+def mark_dead_ends(arrays):
     """Mark the nodes at which every action of the best rank is certain to do damage."""
     graph = GraphArrays(*arrays)
     expanded = graph.counters[_EXPANDED]
     for node in range(graph.counters[_NODES]):
-        graph.doomed[node] = 0
+        graph.dead_end[node] = 0
     changed = True
     while changed:
         changed = False
         for k in range(expanded):
             node = expanded - 1 - k
-            if graph.doomed[node]:
+            if graph.dead_end[node]:
                 continue
             start, end = graph.first_edge[node], graph.first_edge[node + 1]
             lost = start < end or graph.undefined[node] != 0
@@ -143,7 +141,7 @@ def mark_doomed(arrays):
                 if np.int64(compiled_rank_of(graph.flags[edge])) == lowest:
                     lost = lost and certain(graph, edge)
             if lost:
-                graph.doomed[node] = 1
+                graph.dead_end[node] = 1
                 changed = True
 
 
@@ -151,7 +149,7 @@ def mark_doomed(arrays):
 def _accepted(graph, edge, node, danger, accepted):
     """Return whether the risk of an edge of the best rank, `danger`, counts as the least."""
     within = compiled_within_slack(danger, graph.risk[node] + ALIKE, accepted)
-    return within and not graph.doomed[node] and not certain(graph, edge)
+    return within and not graph.dead_end[node] and not certain(graph, edge)
 
 
 @cached_njit(nogil=True)
@@ -187,8 +185,10 @@ def solve(arrays, discount, accepted):
             graph.value[node] = 0.0
             graph.risk[node] = 1.0 if graph.undefined[node] else 0.0
             graph.steps[node] = 0 if graph.undefined[node] else SAFE
-    mark_doomed(arrays)
-    if _solve_risks(graph, expanded, discount, allowed) and accepted > 0.0:
+    risky = _solve_risks(graph, expanded, discount, allowed)
+    graph.dead_end[:nodes] = 0
+    if risky and accepted > 0.0:
+        mark_dead_ends(arrays)
         _allow_accepted(graph, expanded, discount, accepted, allowed)
     _solve_values(graph, expanded, discount, allowed)
     _mark_inside(graph, expanded)
@@ -199,7 +199,7 @@ def _solve_risks(graph, expanded, discount, allowed):
     """Find the least risks, and leave only the edges that have them; return if there are any."""
     risky = False
     for edge in range(graph.counters[_EDGES]):
-        risky = risky or graph.hazard[edge] > 0.0
+        risky = risky or graph.step_risk[edge] > 0.0
     for node in range(expanded):
         risky = risky or graph.risk[node] > 0.0
     if not risky:
@@ -320,19 +320,7 @@ def _score(graph, edge, node, discount, unit):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _counted(graph, edge, node, rules, unit, safest):
-    """Return the score of an edge, in which an accepted risk counts as that of the safest."""
-    discount, accepted = rules
-    score = _score(graph, edge, node, discount, unit)
-    if accepted == 0.0 or score[0] != safest[0]:
-        return score
-    if not _accepted(graph, edge, node, lasting_risk(graph, edge, node, discount), accepted):
-        return score
-    return safest[0], safest[1], safest[2], score[3]
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _told_risk(graph, edge, discount, score):
+def _shown_risk(graph, edge, discount, score):
     """Return the risk of an edge that is taken once; 0 only if it is 0 in the score."""
     return 0.0 if score[1] == 0.0 else max(ALIKE, _rounded(risk_of(graph, edge, discount), ALIKE))
 
@@ -355,41 +343,50 @@ def look_up(arrays, node, rules, unit, found):
     """
     graph = GraphArrays(*arrays)
     first = FirstActions(*found)
-    discount, _ = rules
+    discount, accepted = rules
     for action in range(first.value.shape[0]):
         first.value[action] = -np.inf
         first.path_risk[action] = 1.0
         first.safe_steps[action] = -1
         first.reward[action] = 0.0
         first.flags[action] = 0
-    safest, start, end = np.int64(-1), graph.first_edge[node], graph.first_edge[node + 1]
-    best = compiled_path_score(0, 0.0, SAFE, 0.0)
-    for edge in range(start, end):
-        score = _score(graph, edge, node, discount, unit)
-        if safest < 0 or score > best:
-            safest, best = np.int64(edge), score
-    if safest < 0:
-        return safest
-    least, floor, chosen = _told_risk(graph, safest, discount, best), best, np.int64(-1)
-    for edge in range(start, end):
-        score = _counted(graph, edge, node, rules, unit, floor)
-        if chosen < 0 or score > best:
-            chosen, best = np.int64(edge), score
-    most = _rounded(value_of(graph, chosen, discount), unit)
-    for edge in range(start, end):
-        action, score = graph.action[edge], _counted(graph, edge, node, rules, unit, floor)
+    start, end = graph.first_edge[node], graph.first_edge[node + 1]
+    if start == end:
+        return np.int64(-1)
+    scores = [_score(graph, start, node, discount, unit)]
+    for edge in range(start + 1, end):
+        scores.append(_score(graph, edge, node, discount, unit))
+    safest = chosen = 0
+    for k in range(1, len(scores)):
+        if scores[k] > scores[safest]:
+            safest = k
+    rank, risk, steps, _ = scores[safest]
+    least = _shown_risk(graph, start + safest, discount, scores[safest])
+    if accepted > 0.0:  # an accepted risk counts as that of the safest
+        for k in range(len(scores)):
+            danger = lasting_risk(graph, start + k, node, discount)
+            if scores[k][0] == rank and _accepted(graph, start + k, node, danger, accepted):
+                scores[k] = rank, risk, steps, scores[k][3]
+    for k in range(1, len(scores)):
+        if scores[k] > scores[chosen]:
+            chosen = k
+    best = scores[chosen]
+    most = _rounded(value_of(graph, start + chosen, discount), unit)
+    for k in range(len(scores)):
+        edge, score = start + k, scores[k]
         value = _rounded(value_of(graph, edge, discount), unit)
-        danger = _told_risk(graph, edge, discount, score)
+        danger = _shown_risk(graph, edge, discount, score)
         if score[:2] == best[:2]:
             danger = least
             if score[2] == best[2]:
                 value = most if score[3] == best[3] else min(value, np.nextafter(most, -np.inf))
         elif score[0] == best[0]:
             danger = max(danger, np.nextafter(least, np.inf))
+        action = graph.action[edge]
         first.value[action], first.path_risk[action] = value, danger
         first.safe_steps[action], first.flags[action] = score[2], graph.flags[edge]
         first.reward[action] = graph.reward[edge]
-    return np.int64(graph.action[chosen])
+    return np.int64(graph.action[start + chosen])
 
 
 @cached_njit(nogil=True)

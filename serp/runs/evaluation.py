@@ -150,6 +150,7 @@ def play(
         for episode in range(count):
             begun = evaluation_seed(seed, episode)
             rollout = Rollout(task, agent.perceive, seed=begun, limit=limit, judge=judge)
+            agent.arbiter.begin_episode()
             draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
             decide = _decisions(agent, policy, draws)
             steps = rollout.steps(decide)

@@ -86,6 +86,7 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
             limit=self._agent.settings.training.episode_steps,
             judge=self.judge,
         )
+        self._agent.arbiter.begin_episode()
         return rollout.x.astype(np.float32), rollout.info
 
     def step(self, action: np.int64 | int) -> Answer:

@@ -60,7 +60,7 @@ class StoredStep:
         decision: The decision, with all that was predicted.
         env_reward: The environment's reward.
         domain_reward: R(s′) of the domain file.
-        unsafe: Whether the step came out unsafe, see `serp.StepRecord.unsafe_observed`.
+        unsafe: Whether the step came out unsafe, see `StepRecord.unsafe_observed`.
         terminated, truncated: Whether the episode ended, and how.
     """
 

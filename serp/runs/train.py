@@ -317,7 +317,7 @@ def plan_and_learn(
         resume: Continue the run in `out` with its own domain, settings and seed; the continued
             run equals one that was never interrupted.
         quiet: Show no progress.
-        **callbacks: `on_step`, a function that is called with the `serp.StepRecord` of every env
+        **callbacks: `on_step`, a function that is called with the `StepRecord` of every env
             step, and `on_episode`, one that is called with the metrics of every episode
             (`MetricsRow`). They must not change what they get. If one of them raises, the episode
             is finished, the run is saved, and the error is raised.

@@ -313,6 +313,7 @@ class Trainer(Closing):
             limit=self.settings.training.episode_steps,
             judge=self.judge,
         )
+        self.agent.arbiter.begin_episode()
         self._notice_unit(env, env.rollout.info, reset=True)
 
     def _perceive_of(self, task: BoundTask | RemoteTask) -> Perceive:

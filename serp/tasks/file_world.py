@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -21,7 +21,7 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.transition_model import Vector
 from serp.pddl.parser import parse_problem
 from serp.pddl.source import DomainError, Edit, Source, edited
-from serp.tasks.task import Overrides, Task, WorldOptions
+from serp.tasks.task import Task, WorldOptions
 
 
 def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
@@ -85,11 +85,6 @@ def _with_init(domain: Domain, init: str) -> Source:
     # A new one stands before the last parenthesis.
     edit = Edit(old.start, old.end, init) if old else Edit(end, end, f"\n  {init}")
     return Source(before.name, edited(before.text, [edit]))
-
-
-STEP_BY_STEP: Final[Mapping[str, Overrides]] = {"*": {"planner": {"repeat": 1}}}
-"""Settings of a file without an environment. Its steps are as long as its expert thinks of them, so
-that each is decided; presets repeat an action, which is for control periods of milliseconds."""
 
 
 class Happened(NamedTuple):
@@ -248,7 +243,6 @@ def world_task(domain: Domain, options: WorldOptions, dt: float) -> Task:
         ground=_state,
         dt=dt,
         world=options,
-        settings=STEP_BY_STEP,
         reward="environment",  # the file's, less that of actions that failed
         description=f"the world that {Path(domain.source.name).name} describes",
     )

@@ -38,7 +38,7 @@ Source = Literal["domain", "environment", "sum"]
 
 
 class Judged(NamedTuple):
-    """The rewards and the safety of an observed step; see `serp.StepRecord`."""
+    """The rewards and the safety of an observed step; see `serp.agent.step_record.StepRecord`."""
 
     reward: float
     domain_reward: float

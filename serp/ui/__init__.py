@@ -12,7 +12,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     Args:
         arguments: What follows `serp`; by default what the user typed.
     """
-    from serp.ui.main import serp
+    from serp.ui.root import serp
 
     serp(arguments, prog_name="serp")
     raise AssertionError("click exits by itself")

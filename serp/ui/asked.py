@@ -12,8 +12,8 @@ import click
 
 from serp._util.text import did_you_mean, listed, plural
 from serp.errors import SerpError
-from serp.ui.main import say
 from serp.ui.options import own_task_name
+from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.model.domain import Domain

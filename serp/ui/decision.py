@@ -33,7 +33,6 @@ def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[s
         "indifferent": plan.indifferent,
         "depth": plan.depth,
         "discount": planner.settings.discount,
-        "repeat": planner.settings.repeat,
         "control_period": planner.model.dt,
         "bound": plan.bound.name.lower(),
         "nodes": plan.nodes,

@@ -84,7 +84,7 @@ class ChosenPlanner:
                 PlannedStep(names[k], s.reward, s.unsafe, s.risk, tuple(s.state.tolist()))
                 for k, s in steps
             )
-            return Plan.of(self.model, forecast, path, near.planning_graph)
+            return Plan(path, forecast, near.planning_graph)
 
     @property
     def _most(self) -> int:
@@ -128,8 +128,7 @@ class ChosenPlanner:
         if plan.bound is Bound.EXHAUSTED:
             return f"{self._name} saw everything that can be reached, {discount}."
         states = f": {plural(plan.nodes, 'state')}" if self.decided_by_graph(plan) else ""
-        repeat = f" of {self.settings.repeat} control periods" if self.settings.repeat > 1 else ""
-        ahead = f"{plural(plan.depth, 'action')}{repeat}{states}"
+        ahead = f"{plural(plan.depth, 'action')}{states}"
         why = {
             Bound.CELLS: " Values of cells stand for what lies beyond.",
             Bound.UNKNOWN: f" {TO_THE_UNKNOWN}",

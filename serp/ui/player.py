@@ -23,7 +23,6 @@ from serp.agent.sentences import line_of_cause
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.settings import Settings, resolve
-from serp.tasks.file_world import STEP_BY_STEP
 from serp.tasks.task import Task
 from serp.ui.asked import parse_state
 from serp.ui.output import print_table
@@ -156,7 +155,7 @@ class Playground:
         Raises:
             SettingsError: There is no such setting or planner.
         """
-        of_task = STEP_BY_STEP if self.task is None else self.task.settings
+        of_task = None if self.task is None else self.task.settings
         resolved = resolve("default", of_task, self.changes)
         refuse_unknown_names(resolved, self.task.planners if self.task else {})
         return resolved

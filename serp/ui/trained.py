@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from serp._util.text import percent, plural, readable
-from serp.ui.main import say, stopped_by
 from serp.ui.options import own_task_name
 from serp.ui.output import open_console, print_result, print_table
+from serp.ui.root import say, stopped_by
 
 if TYPE_CHECKING:
     from rich.console import Console

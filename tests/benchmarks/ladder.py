@@ -1,7 +1,7 @@
 """The ladder: what SErP is worth after 500, 2,000 and 5,000 env steps, and each of its mechanisms.
 
     python -m tests.benchmarks.ladder --points 2000 --out new.csv --against docs/results/ladder.csv
-    python -m tests.benchmarks.ladder taxi cliff --without repeat --without n-step
+    python -m tests.benchmarks.ladder taxi cliff --without slack --without n-step
     python -m tests.benchmarks.ladder --mechanisms --seeds 0-2 --out docs/results/mechanisms.csv
 
 Tasks are named as for `--domain`; without any, all installed tasks and the shipped variants whose
@@ -91,17 +91,13 @@ EVIDENCE, NOTHING = "agent.evidence:Evidence", np.zeros(0, dtype=np.int64)
 WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     # The planner
     "far-sight": ["planner.name=lookahead"],
-    "closed-graph": [(f"{PLANNER}._may_close", lambda self, state: False)],
+    "closed-graph": [(f"{PLANNER}._may_search", lambda self, state: False)],
     "goal-search": [(f"{FAR}.goal_search:GoalSearch.goal", always(False))],
     "cells": [(f"{PLANNER}._find_cells", lambda self, state, visited: False)],
     "unknown": [(f"{FAR}.cell_graph:CellGraph.explores", always(False))],
-    "rollouts": [(f"{FAR}.far_sight:favour_cells", lambda *given: False)],
-    "account": [(f"{PLANNER}._saved", always(200_000))],
-    "account-and-patience": [(f"{PLANNER}._saved", always(200_000)),
-                             (f"{PLANNER}._attempt_at", always(0))],
+    "budget": [(f"{PLANNER}._saved", always(200_000)), (f"{PLANNER}._wait", always(0))],
     "inert": [(f"{FAR}.{module}:inert_fluents", lambda ground: NOTHING)
               for module in ("closed_graph", "goal_search", "cell_graph")],
-    "repeat": ["planner.repeat=1"],
     "slack": ["planner.accepted_risk=0"],
     # What is learned of the model
     "adaptation": ["adaptation.mode=off"],
@@ -109,7 +105,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "residual-and-counts": ["adaptation.mode=parameters"],
     "residual": [(f"{RESIDUAL}.learn", lambda *given: False)],
     "counts": [("model.learned.outcome_counts:OutcomeCounts.used", always(False))],
-    "random-features": [(f"{RESIDUAL.split(':')[0]}:_UNEXPLAINED", np.inf)],
+    "random-features": [("model.learned.residual_fit:_FEATURES_FROM", np.inf)],
     "modes": [("model.learned.residual_features:FeatureGroup.bits", always(()))],
     "change-test": [(f"{RESIDUAL}._forget", lambda self: None)],
     "outliers": [(f"{RESIDUAL}._drop_outliers", lambda self, head, enabled, used: used)],
@@ -129,10 +125,8 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "ensemble": ["learner.members=1"],
     "layer-norm": ["learner.layer_norm=false"],
     "n-step": ["learner.n_step=1"],
-    "double": ["learner.double=false"],
     "target-network": ["learner.target_polyak=none"],
-    "clip": ["learner.clip_targets=false"],
-    "mask": ["learner.mask_targets=false"],
+    "guarded-targets": ["learner.guarded_targets=false"],
     "gradient-clip": ["learner.gradient_clip=none"],
     "epsilon": ["learner.epsilon_start=0", "learner.epsilon_end=0"],
     "both-inputs": ["training.inputs=observation"],

@@ -26,6 +26,7 @@ import stable_baselines3
 
 import serp
 from serp.agent.agent import Agent
+from serp.agent.step_record import StepRecord
 from serp.runs.comparison.trial import ExternalEnv
 from serp.runs.guarded_env import EvaluationEnv, TaskEnv
 from serp.settings import resolve
@@ -53,7 +54,7 @@ def watch(env: TaskEnv, counts: Counter[str], returns: list[float]) -> None:
     """Count the unsafe steps of an environment, and collect the returns of its episodes."""
     after_step = env.after_step
 
-    def watching(step: serp.StepRecord) -> dict[str, Any]:
+    def watching(step: StepRecord) -> dict[str, Any]:
         decision = step.decision
         flagged = decision.unsafe
         forecast = decision.forecast

@@ -17,7 +17,7 @@ import click
 import pytest
 
 import serp
-from serp.ui.main import serp as group
+from serp.ui.root import serp as group
 from tests.docs.pages import EXAMPLES, PAGES, ROOT, Block, blocks, name_of, prose
 from tests.serp.runs.runs import without_pictures
 from tests.serp.ui.studio.browser import served

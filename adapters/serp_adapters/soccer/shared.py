@@ -24,7 +24,6 @@ PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
     # domain expects to end with a goal or a collision, and allows what loses the ball.
     "paper": {
         "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
-        "planner": {"repeat": 2},
         "training": {"units": 28},
     },
 }

@@ -40,9 +40,9 @@ class PlannerFirst(serp.Strategy):
         self._left = int(meta["left"])
 
 
-def one_step(model: serp.TransitionModel, settings: serp.PlannerSettings) -> serp.Lookahead:
+def one_step(model: serp.TransitionModel, settings: Any) -> serp.Lookahead:
     """Return a planner that looks one action ahead, whatever the settings say."""
-    return serp.Lookahead(model, settings.replace(depth=1, repeat=1))
+    return serp.Lookahead(model, settings.replace(depth=1))
 
 
 class Table:
@@ -60,7 +60,7 @@ class Table:
         self,
         input_size: int,
         action_count: int,
-        settings: serp.LearnerSettings,
+        settings: Any,
         seed: Any,
         imitates: bool = False,
     ) -> None:

@@ -7,6 +7,7 @@ names a server.
 from __future__ import annotations
 
 import os
+from typing import Any
 
 import mlflow
 
@@ -17,7 +18,7 @@ mlflow.set_experiment("serp")
 
 with mlflow.start_run(run_name="cartpole"):
 
-    def on_episode(row: serp.MetricsRow) -> None:
+    def on_episode(row: Any) -> None:
         """Log the columns of metrics.csv; what an episode lacks is left out."""
         numbers = {
             f"episode/{name.rstrip('_')}": float(number)

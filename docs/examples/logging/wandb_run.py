@@ -5,6 +5,8 @@ WANDB_MODE=offline logs to the folder `wandb/` without an account.
 
 from __future__ import annotations
 
+from typing import Any
+
 import wandb
 
 import serp
@@ -19,7 +21,7 @@ with wandb.init(project="serp", name="cartpole") as log:
     log.define_metric("step/*", step_metric="env_steps")
     steps = 0
 
-    def on_step(step: serp.StepRecord) -> None:
+    def on_step(step: Any) -> None:
         """Log a step now and then: its reward, and who acted."""
         global steps
         steps += 1
@@ -29,7 +31,7 @@ with wandb.init(project="serp", name="cartpole") as log:
             numbers = {"reward": step.reward, "planner": planner, "rho": decision.rho}
             log.log({"env_steps": steps} | {f"step/{k}": v for k, v in numbers.items()})
 
-    def on_episode(row: serp.MetricsRow) -> None:
+    def on_episode(row: Any) -> None:
         """Log the columns of metrics.csv."""
         columns = {f"episode/{name.rstrip('_')}": n for name, n in row._asdict().items()}
         log.log(columns | {"env_steps": row.env_steps})

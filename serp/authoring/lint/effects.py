@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -149,6 +150,12 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
             else:
                 sign = 0 if number is None else _sign(effect.change, number)
                 changes[effect.target].append(_Change(sign, limits, effect.place))
+    farthest: dict[tuple[int, tuple[str, str]], float] = defaultdict(lambda: -math.inf)
+    for limit in waiting:
+        side, way = (_ABOVE, 1) if limit.operator in _ABOVE else (_BELOW, -1)
+        if limit.operator in side:
+            key = limit.fluent, side
+            farthest[key] = max(farthest[key], limit.number * way)
     for fluent, ways in changes.items():
         (sign, *others) = {change.sign for change in ways}
         if not sign or others:
@@ -167,14 +174,8 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
             operators = {limit.operator for limit in change.limits}
             if not operators or not operators.issubset(behind) or stops[fluent]:
                 continue
-            if any(
-                other.fluent == fluent
-                and other.operator in behind
-                and (other.number - limit.number) * sign > 0
-                for limit in change.limits
-                for other in waiting
-            ):
-                continue
+            if farthest[fluent, behind] > min(limit.number * sign for limit in change.limits):
+                continue  # something else waits for the number farther on
             yield DomainWarning(
                 f"{never}, and `{change.limits[0].place.text}` does not stop this change of it",
                 change.place,

@@ -65,7 +65,7 @@ class Decider:
         model = domain.model.replace(dt=dt)
         actions = ActionMap(model, len(model.actions))
         planner = make_planner(model, settings.planner, own)
-        horizon = settings.planner.depth * settings.planner.repeat
+        horizon = settings.planner.depth
         vetoes = VetoPolicy(actions, settings.arbiter, horizon)
         arbiter = Arbiter(planner, actions, settings.arbiter, vetoes=vetoes)
         return cls(arbiter, domain, settings.planner)

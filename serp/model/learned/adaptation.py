@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,6 @@ from serp.settings import AdaptationSettings
 if TYPE_CHECKING:
     from serp.model.learned.online_parameters import ParameterEstimation
 
-
-_TOO_WIDE: Final = "it can depend on more fluents than the adaptation can learn from"
 
 Meta = dict[str, Any]
 
@@ -109,7 +107,8 @@ class GroupLearners:
             predicates = [fluents[column].symbol for column in group.predicates]
             changing.update(numbers, predicates)
             whole = [self._whole[column] for column in group.targets]
-            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
+            hindrance = "it can depend on more fluents than the adaptation can learn from"
+            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, hindrance)] * len(numbers)
             if key[1:] in self._residuals:
                 head = self._buffer.shared[key].head
                 judged = self._residuals[key[1:]].track_records(schema, head)
@@ -208,12 +207,6 @@ class GroupLearners:
         ]
 
 
-_REVISIONS: Final = 20.0
-"""A model that learns counts as changed when it has seen a twentieth more env steps."""
-_RELEARNED: Final = 500
-"""Newest transitions per ground action that are learned again when parameters change."""
-
-
 class ModelAdaptation:
     """Records every env step, and adapts the model to what was observed.
 
@@ -306,7 +299,7 @@ class ModelAdaptation:
     @property
     def _revision(self) -> int:
         """A number that grows with every twentieth part of the env steps."""
-        return 1 + int(_REVISIONS * math.log(max(1, self.experience.seen)))
+        return 1 + int(20.0 * math.log(max(1, self.experience.seen)))
 
     def _estimate_parameters(self) -> None:
         """Estimate the parameters; if they change, learn the residual anew."""
@@ -323,7 +316,7 @@ class ModelAdaptation:
         self._learners.reset()
         states, next_states = self.experience.states, self.experience.next_states
         actions, over = self.experience.actions, self.experience.over
-        for k in _newest_of_each(actions, _RELEARNED):
+        for k in _newest_of_each(actions, 500):
             self._learn(adapted, states[k], int(actions[k]), next_states[k], bool(over[k]))
 
     def state_dict(self) -> tuple[Arrays, Meta]:

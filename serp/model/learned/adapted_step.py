@@ -69,7 +69,7 @@ def apply_likeliest(buffer, action, state, dt, out, away, kind, room):
     """Apply the likeliest counted outcome of each group to `out`; `kind` for the group `away`.
 
     `out` `[F]` is the state after effects, processes and residual; `away` is the position of a
-    group, -1 for none. `room` is that of `prediction_kernels.likeliest`, followed by F + 1 numbers.
+    group, -1 for none. `room` is that of `likeliest`, followed by F + 1 numbers.
 
     Returns:
         The number of groups with counts, and the outcome of the last of these.
@@ -262,9 +262,6 @@ def weigh_row(buffer, action, state, dt, position):
 def step_row(buffer, action, state, dt, out):
     """Predict the adapted step on arrays; `out` `[F + 1]` begins with the state, then 0."""
     return adapted_row(pointer_to(state, 0), action, pointer_to(buffer, 0), dt, pointer_to(out, 0))
-
-
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 
 @cached_njit(nogil=True, forceinline=True)

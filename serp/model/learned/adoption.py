@@ -7,8 +7,6 @@ from typing import Any, Final, NamedTuple
 
 from serp._util.text import listed, percent, plural
 
-FEW: Final = 20
-"""Steps below which a part that is not in use is said to have seen too few."""
 BETTER: Final = 0.95
 """Fraction of the error of the file below which a learned part replaces it; for residuals see
 `serp.model.learned.residual.choose`."""
@@ -134,47 +132,21 @@ def parameters_in_use(
 def adoption_of(
     fluent: str, residuals: Sequence[TrackRecord], outcomes: Sequence[TrackRecord]
 ) -> FluentAdoption:
-    """Return what predicts a function or predicate, given the track_records after each action."""
+    """Return what predicts a function or predicate, given the track records after each action."""
     residual, counted = (
-        tuple(dict.fromkeys(j.schema for j in kind if j.used)) for kind in (residuals, outcomes)
+        tuple(dict.fromkeys(record.schema for record in kind if record.used))
+        for kind in (residuals, outcomes)
     )
-    reasons = [
-        text
-        for what, score, kind in (
-            ("residual", "mean absolute error", residuals),
-            ("counted outcomes", "Brier score", outcomes),
-        )
-        if (text := _reason(what, score, kind))
-    ]
-    steps = max((sum(j.steps for j in kind) for kind in (residuals, outcomes)), default=0)
-    why = "; ".join(reasons) or "no step has been compared"
+    records = [r for r in (*residuals, *outcomes) if r.steps and not r.hindrance]
+    records = [record for record in records if record.used] or records
+    steps = sum(record.steps for record in records)
+    written = sum(record.steps * record.written for record in records)
+    learned = sum(record.steps * record.learned for record in records)
+    if not records:
+        hindrances = dict.fromkeys(r.hindrance for r in (*residuals, *outcomes) if r.hindrance)
+        why = "; ".join(hindrances) or "no step has been compared"
+    elif written == 0.0:
+        why = f"the file was right in {plural(steps, 'step')}"
+    else:
+        why = f"error {percent(learned / written)} of that of the file in {plural(steps, 'step')}"
     return FluentAdoption(fluent, residual, counted, steps, why)
-
-
-def _reason(what: str, score: str, track_records: Sequence[TrackRecord]) -> str:
-    """Return why one kind of learned part is in use or is not; empty if there is none.
-
-    `score` is what its errors are.
-    """
-    hindrances = dict.fromkeys(j.hindrance for j in track_records if j.hindrance)
-    judged = [j for j in track_records if j.steps and not j.hindrance]
-    if not judged:
-        return f"{what}: {'; '.join(hindrances)}" if hindrances else ""
-    used = [j for j in judged if j.used]
-    steps = sum(j.steps for j in used or judged)
-    written, learned = (
-        sum(j.steps * getattr(j, column) for j in used or judged)
-        for column in ("written", "learned")
-    )
-    seen = plural(steps, "step")
-    if written == 0.0:
-        return f"the file was right in {seen}"
-    if steps < FEW and not used:
-        return f"{what} not in use: it has seen only {seen}"
-    compared = f"{score} {percent(learned / written)} of that of the file, in {seen}"
-    if used:
-        after = dict.fromkeys(j.schema for j in used)
-        everywhere = len(used) == len(judged)
-        where = "" if everywhere else f" after {listed(after)}"
-        return f"{what} in use{where}: {compared}"
-    return f"{what} not in use: {compared}; it replaces the file below {percent(BETTER)}"

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,56 +21,48 @@ from serp.model.learned.regression_data import (
     LiftedFluent,
     LiftedModel,
     LiftedScope,
-    RegressionData,
 )
 from serp.model.learned.robust_regression import CERTAIN, independent, regress
 from serp.model.transition_model import Vector
 from serp.pddl.syntax import Change, ChangeFunction, Kind
-
-_MAX_FACTORS = 12  # number of fluents whose products are candidates
 
 MIN_ROWS = 12
 """Fewest transitions in which an estimated effect applies."""
 
 
 def candidate_effects(
-    lifted: LiftedModel,
-    data: RegressionData,
-    after: Vector,
-    rows: Rows,
-    symbol: str,
-    dt: float,
-    known: Sequence[AddedEffect],
+    lifted: LiftedModel, states: Vector, after: Vector, rows: Rows, symbol: str, dt: float
 ) -> tuple[list[AddedEffect], Vector]:
-    """Return candidates that are not `known`, with the changes by coefficient 1: `[n, M]`.
+    """Return candidates with the changes by coefficient 1: `[n, M]`.
 
-    `rows` are the residuals of the function `symbol`; `after` `[N, F]` are the states after the
-    actions' effects, which processes read.
+    Candidates are constants, fluents, and products of two of the 12 fluents that correlate most
+    with the residuals. `rows` are the residuals of the function `symbol`; `after` `[N, F]` are the
+    states after the actions' effects, which processes read.
     """
     schemas = sorted({lifted.ground.actions[a].schema for a in np.unique(rows.groups).tolist()})
     effects: list[AddedEffect] = []
     columns: list[Vector] = []
 
     def offer(
-        scope: LiftedScope, target: LiftedFluent, states: Vector, keys: NDArray[np.int64]
+        scope: LiftedScope, target: LiftedFluent, before: Vector, keys: NDArray[np.int64]
     ) -> None:
         unit = dt if scope.schema == WORLD else 1.0
         linear: list[tuple[float, LiftedFluent]] = []
         singles: dict[LiftedFluent, Vector] = {}
-        # With a single schema, a constant belongs to the action.
-        constant = [] if len(schemas) == 1 and scope.schema == WORLD else [()]
-        for factors in (*constant, *((f,) for f in scope.fluents if lifted.numeric(f))):
-            values = lifted.products(scope, factors, states, keys)
-            if factors:
-                spread = float(np.std(values[values != 0.0])) if values.any() else 0.0
-                if spread <= 1e-9 * float(np.abs(values).max(initial=0.0)):
-                    continue
+        if len(schemas) > 1 or scope.schema != WORLD:
+            # With a single schema, a constant belongs to the action.
+            effects.append(AddedEffect(scope.schema, target, ()))
+            columns.append(unit * lifted.products(scope, (), before, keys))
+        for factor in filter(lifted.numeric, scope.fluents):
+            values = lifted.products(scope, (factor,), before, keys)
+            spread = float(np.std(values[values != 0.0])) if values.any() else 0.0
+            if spread > 1e-9 * float(np.abs(values).max(initial=0.0)):
                 size = float(np.linalg.norm(values)) or 1.0
-                linear.append((-abs(float(values @ rows.residuals)) / size, factors[0]))
-                singles[factors[0]] = values
-            effects.append(AddedEffect(scope.schema, target, factors))
-            columns.append(unit * values)
-        strongest = sorted(factor for _, factor in sorted(linear)[:_MAX_FACTORS])
+                linear.append((-abs(float(values @ rows.residuals)) / size, factor))
+                singles[factor] = values
+                effects.append(AddedEffect(scope.schema, target, (factor,)))
+                columns.append(unit * values)
+        strongest = sorted(factor for _, factor in sorted(linear)[:12])
         for pair in itertools.combinations_with_replacement(strongest, 2):
             effects.append(AddedEffect(scope.schema, target, pair))
             columns.append(unit * singles[pair[0]] * singles[pair[1]])
@@ -86,11 +77,8 @@ def candidate_effects(
                 fluent = np.array([changed.get(a, -1) for a in rows.groups.tolist()])
                 keys = np.where(fluent == rows.fluents, rows.groups, -1)
                 if (keys >= 0).sum() >= MIN_ROWS:
-                    offer(scope, target, data.states[rows.rows], keys)
-    fresh = [k for k, effect in enumerate(effects) if effect not in known]
-    if not fresh:
-        return [], np.empty((len(rows.rows), 0))
-    return [effects[k] for k in fresh], np.stack([columns[k] for k in fresh], axis=1)
+                    offer(scope, target, states[rows.rows], keys)
+    return effects, np.stack(columns, axis=1) if columns else np.empty((len(rows.rows), 0))
 
 
 def may_change(lifted: LiftedModel, scope: LiftedScope, target: LiftedFluent) -> bool:
@@ -120,51 +108,26 @@ def may_change(lifted: LiftedModel, scope: LiftedScope, target: LiftedFluent) ->
     )
 
 
-_MAX_EFFECTS = 12  # most added effects of one function
-_MAX_CHOICES = 30  # most choices that are examined in one round, the best first
-_COLLINEAR = 1e-6
-"""Fraction of a column's squares not explained by other columns; below it they are collinear."""
-_WORLD_FACTOR = 1.05
-_FACTORS = (1.1, 1.0, 0.8)
-"""Preference for the world and for fewer factors among choices that explain about the same."""
-_PERFECT = 1e-6  # fraction of the squared error that is ignored
-_HELD_OUT = 0.1
-"""Least fraction of its gain that an effect has in transitions that it was not fitted to."""
-
-
-class Improvement(NamedTuple):
-    """Fractions that an effect must exceed to be added.
-
-    Of the mean squared change of the fluent, and of the squared error that is left, both where the
-    effect applies.
-    """
-
-    change: float
-    error: float
-
-
 LASTING = 1e-5
 """Fraction of the squared change for an effect under every action, such as gravity: it adds up over
 many steps, while the changes by actions cancel."""
-_OWN = 1e-3  # the same for an effect of one action schema, or with two factors
-_SIMPLE, _INVOLVED = 0.1, 0.25
-"""Fractions of the squared error for a simple effect and for any other."""
+_COLLINEAR = 1e-6
+"""Fraction of a column's squares not explained by other columns; below it they are collinear."""
 
 
-def improvement_of(effect: AddedEffect) -> Improvement:
-    """Return the thresholds for an effect.
+def improvement_of(effect: AddedEffect) -> tuple[float, float]:
+    """Return the least fractions of squared change and squared error that an effect explains.
 
-    They are lower for effects of the world, and for simple ones: a constant, or proportional to a
-    fluent.
+    Both where the effect applies. They are lower for effects of the world, and for simple ones: a
+    constant, or proportional to a fluent.
     """
     lasting = effect.schema == WORLD and len(effect.factors) < 2
-    simple = lasting or not effect.factors
-    return Improvement(LASTING if lasting else _OWN, _SIMPLE if simple else _INVOLVED)
+    return LASTING if lasting else 1e-3, 0.1 if lasting or not effect.factors else 0.25
 
 
 def search(
     lifted: LiftedModel,
-    data: RegressionData,
+    states: Vector,
     after: Vector,
     rows: Rows,
     symbol: str,
@@ -178,9 +141,11 @@ def search(
     """
     if len(rows.rows) < MIN_ROWS:
         return []
-    candidates, columns = candidate_effects(lifted, data, after, rows, symbol, dt, known)
-    if not candidates:
+    candidates, columns = candidate_effects(lifted, states, after, rows, symbol, dt)
+    fresh = [k for k, effect in enumerate(candidates) if effect not in known]
+    if not fresh:
         return []
+    candidates, columns = [candidates[k] for k in fresh], columns[:, fresh]
     base = rows.columns[:, independent(rows.columns, np.ones(rows.columns.shape[1]))]
     fit = regress(
         base,
@@ -192,10 +157,9 @@ def search(
         unit=rows.unit,
         reject=False,
     )
-    change = (data.next_states - data.states)[rows.rows, rows.fluents]
-    selection = _ForwardSelection(candidates, columns, rows, change, base, fit.weights, known)
+    selection = _ForwardSelection(candidates, columns, rows, base, fit.weights, known)
     chosen: list[AddedEffect] = []
-    while len(chosen) + len(known) < _MAX_EFFECTS and (best := selection.next()):
+    while len(chosen) + len(known) < 12 and (best := selection.next()):
         chosen += [candidates[k] for k in best]
     # An effect of the world is dropped where every schema has an exception to it.
     schemas = {effect.schema for effect in candidates if effect.schema != WORLD}
@@ -221,7 +185,6 @@ class _ForwardSelection:
         candidates: Sequence[AddedEffect],
         columns: Vector,
         rows: Rows,
-        change: Vector,
         base: Vector,
         weights: Vector,
         known: Sequence[AddedEffect],
@@ -232,7 +195,7 @@ class _ForwardSelection:
         self._left = columns * root[:, None]
         self._full = (self._left**2).sum(0)
         self._error = rows.residuals * root
-        self._change = change * root
+        self._change = rows.change * root
         self._blocks = rows.blocks
         self._even = rows.blocks // 2 % 2 == 0
         self._choices: list[tuple[int, ...]] = [(k,) for k in range(len(candidates))]
@@ -266,9 +229,9 @@ class _ForwardSelection:
         scores = []
         for choice in self._choices:
             together = gain[choice[0]] if len(choice) == 1 else self._together(choice)
-            rest = max(1.0 - float(together) / total, _PERFECT)
+            rest = max(1.0 - float(together) / total, 1e-6)
             scores.append(-np.log(rest) * self._preference(choice) / len(choice))
-        for c in np.argsort(-np.array(scores), kind="stable")[:_MAX_CHOICES].tolist():
+        for c in np.argsort(-np.array(scores), kind="stable")[:30].tolist():
             paying = self._paying(self._choices[c])
             if paying:
                 for k in paying:
@@ -297,8 +260,9 @@ class _ForwardSelection:
         return float(with_error @ inverse @ with_error)
 
     def _preference(self, choice: tuple[int, ...]) -> float:
+        """Prefer the world and fewer factors among choices that explain about the same."""
         effect = self._candidates[choice[0]]
-        return _FACTORS[len(effect.factors)] * (_WORLD_FACTOR if effect.schema == WORLD else 1.0)
+        return (1.1, 1.0, 0.8)[len(effect.factors)] * (1.05 if effect.schema == WORLD else 1.0)
 
     def _project(self, column: Vector) -> None:
         norm = float(np.linalg.norm(column))
@@ -316,10 +280,10 @@ class _ForwardSelection:
         if int(rows.sum()) < MIN_ROWS or size <= _COLLINEAR * float(self._full[k]):
             return False
         coefficient = float(error @ column) / size
-        gain, least = coefficient**2 * size, improvement_of(self._candidates[k])
-        if gain == 0.0 or gain < least.change * float((self._change[rows] ** 2).sum()):
-            return False
-        if gain < least.error * float((error[rows] ** 2).sum()):
+        gain = coefficient**2 * size
+        of_change, of_error = improvement_of(self._candidates[k])
+        least_of_change = of_change * float((self._change[rows] ** 2).sum())
+        if gain == 0.0 or gain < max(least_of_change, of_error * float((error[rows] ** 2).sum())):
             return False
         scores = column * (error - coefficient * column)
         _, which = np.unique(self._blocks, return_inverse=True)
@@ -328,7 +292,7 @@ class _ForwardSelection:
         if abs(coefficient) < CERTAIN * (float(np.sqrt(sums)) / size):
             return False
         halves = self._even, ~self._even
-        return min(_held_out(column, error, half) for half in halves) > _HELD_OUT * gain
+        return min(_held_out(column, error, half) for half in halves) > 0.1 * gain
 
 
 def _held_out(column: Vector, error: Vector, fitted: NDArray[np.bool_]) -> float:

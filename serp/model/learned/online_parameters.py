@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.compilation import cached_njit
 from serp.model.learned.parameter_fit import (
     ParameterEstimator,
     estimate_parameters,
@@ -18,44 +17,20 @@ from serp.model.learned.regression_data import predictions, usable_rows
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 
-_EARLY = 3.0
-"""The n-th sample initially has the weight 3 / (2 + n), so that early samples soon lose weight."""
-
-
-@cached_njit(nogil=True)
-def rate_of(samples, memory):  # type: ignore[no-untyped-def]
-    """Return the weight of the next sample; `memory` is that of the past in the long run."""
-    return max(1.0 - memory, _EARLY / (_EARLY + samples))
-
-
-Actions = NDArray[np.int64]
-
-_FIRST, _NEWEST = 32, 4_000
-"""Env steps before the first estimate, which is repeated whenever their number has doubled; and the
-most transitions, the newest, of an estimate."""
-_FITTED: Final = 0.7
-"""Fraction of these, the oldest, that a first estimate is fitted to; the others validate it."""
-_BETTER: Final = 0.9
-"""An estimate replaces a written value where its squared error is smaller by this factor, and an
-earlier estimate where it is smaller."""
-_PREDICTED, _CERTAIN = 0.5, 0.02
-"""An estimate may have any value if it leaves less than this fraction of the squared change, or of
-the squared error of the parameters in use; otherwise it is bounded, see `_LEAST`."""
 _LEAST: Final = 0.25
 """Least fraction of a written value that a bounded estimate keeps. The mean of a rare effect is
 small and never observed itself; a plan with the mean would ignore the effect."""
-_SMALL_CHANGE: Final = 0.01
-"""Relative change of a parameter that is ignored, as is one within its standard error: a change
-resets everything that was learned beside the parameters."""
-_USUAL, _OUTLIER = 0.98, 25.0
-"""A step is left out if its least squared error is this many times this quantile of all."""
 
 
 class ParameterEstimation:
     """Decides which parameters to use.
 
     Parameters that change the fluents of one function are adopted together, and only if estimates
-    from earlier transitions predict later ones better than the parameters in use.
+    from the first 70 % of the newest 4,000 transitions predict the others better than the
+    parameters in use: by 10 % where these are as written.
+
+    An estimate may have any value if it leaves less than half of the squared change, or 2 % of the
+    squared error of the parameters in use; otherwise it is bounded, see `_LEAST`.
     """
 
     def __init__(self, written: TransitionModel) -> None:
@@ -69,13 +44,14 @@ class ParameterEstimation:
     @staticmethod
     def due(seen: int) -> bool:
         """Return whether an estimate is due after `seen` env steps: at 32, 64, 128 and so on."""
-        return seen >= _FIRST and seen & (seen - 1) == 0
+        return seen >= 32 and seen & (seen - 1) == 0
 
     def reconsider(self, experience: TransitionMemory, theta: Vector) -> Vector:
         """Return the parameters to use from now on, instead of `theta` `[P]`."""
-        states, next_states = experience.states[-_NEWEST:], experience.next_states[-_NEWEST:]
-        actions = experience.actions[-_NEWEST:]
-        first = int(_FITTED * len(actions))
+        newest = slice(-4_000, None)
+        states, next_states = experience.states[newest], experience.next_states[newest]
+        actions = experience.actions[newest]
+        first = int(0.7 * len(actions))
         model = self._written.replace(theta=theta)
         (earlier, _), (latest, errors) = (
             estimate_parameters(self._estimator, model, states[:n], actions[:n], next_states[:n])
@@ -93,13 +69,14 @@ class ParameterEstimation:
             if not known:
                 continue
             in_use = now[columns].sum()
-            enough = max(_PREDICTED * change[columns].sum(), _CERTAIN * in_use)
+            enough = max(0.5 * change[columns].sum(), 0.02 * in_use)
             believed = free[columns].sum() < enough
             error = (free if believed else bounded)[columns].sum()
             estimated = (theta[owned] != self._written.theta[owned]).any()
-            if error < (1.0 if estimated else _BETTER) * in_use:
+            if error < (1.0 if estimated else 0.9) * in_use:
                 news = (latest if believed else self._bounded(latest))[known]
-                least = np.maximum(errors[known], _SMALL_CHANGE * np.abs(theta[known]))
+                # A change resets everything that was learned beside the parameters.
+                least = np.maximum(errors[known], 0.01 * np.abs(theta[known]))
                 if (np.abs(news - theta[known]) > least).any():
                     adopted[known] = news
         return adopted
@@ -115,7 +92,11 @@ class ParameterEstimation:
         return np.where(written == 0.0, theta, bounded)
 
     def _errors(
-        self, candidates: Sequence[Vector], states: Vector, actions: Actions, next_states: Vector
+        self,
+        candidates: Sequence[Vector],
+        states: Vector,
+        actions: NDArray[np.int64],
+        next_states: Vector,
     ) -> Vector:
         """Return sums of squared errors of C candidates and of "nothing changes", `[C + 1, F]`.
 
@@ -133,7 +114,7 @@ class ParameterEstimation:
         # Steps that all candidates predict badly do not distinguish them.
         best = np.where(np.isfinite(squared), squared, 0.0).min(axis=0)
         if len(best):
-            squared[:, best > _OUTLIER * np.quantile(best, _USUAL, axis=0)] = 0.0
+            squared[:, best > 25.0 * np.quantile(best, 0.98, axis=0)] = 0.0
         known = np.isfinite(squared)
         errors = np.where(known, squared, np.inf)
         errors[:, ~known[0]] = 0.0

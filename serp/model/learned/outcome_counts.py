@@ -1,9 +1,9 @@
 """Counts of the outcomes of an action, for predicates and whole numbers.
 
 An outcome is what the file predicts for the action or for another action with the same arguments,
-or a change of the state, see `prediction_kernels`. Outcomes are counted by action schema
+or a change of the state. Outcomes are counted by action schema
 over all states and in contexts: states with the same predicates, with the same whole numbers, and
-with both, see `table_kernels`.
+with both; see `serp.model.learned.outcome_table`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from serp.model.learned import parameter_buffer as b
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
 from serp.model.learned.adoption import BETTER, TrackRecord
 from serp.model.learned.file_step import ObservedStep, observed_step, settle
-from serp.model.learned.online_parameters import rate_of
 from serp.model.learned.outcome_table import (
     CHANGE,
     ENDS,
@@ -36,7 +35,7 @@ from serp.model.learned.outcome_table import (
     room_for,
 )
 from serp.model.learned.regression_data import predicted_steps
-from serp.model.learned.residual_features import FeatureGroup, Key
+from serp.model.learned.residual_features import FeatureGroup, Key, rate_of
 from serp.model.native import advanced, pointer_to
 from serp.model.transition_model import TransitionModel, Vector
 
@@ -259,10 +258,6 @@ _MEMORY: Final = 0.995  # weight of the past in the scores, per step
 _MIN_SAMPLES: Final = 5
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
 is smaller than `BETTER` times the file's."""
-_MAX_STRAY, _STRAY_FROM = 0.2, 50
-"""Fraction of outcomes that are not distinguished at which counting ends, and the samples needed to
-determine it."""
-
 Place = tuple[Vector, int, float]
 """Buffer of the model, position of the group among those of the action, and control period."""
 
@@ -383,7 +378,7 @@ class OutcomeCounts:
             self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self.samples - 1
         if not self._count(place, step):
             self._strays += 1
-            if self.samples >= _STRAY_FROM and self._strays > _MAX_STRAY * self.samples:
+            if self.samples >= 50 and self._strays > 0.2 * self.samples:
                 # Without the numbers, the predicates may have few outcomes.
                 self._given_up = not len(numbers)
                 self._begin(self._predicates)
@@ -535,10 +530,6 @@ Transitions = tuple[Vector, NDArray[np.int64], Vector, Mask]
 """States `[N, F]`, ground actions `[N]`, next states `[N, F]`, whether that ended the episode."""
 
 
-_RARE: Final = 0.02  # less frequent outcomes are not asked for ends
-_ENOUGH: Final = 30  # steps of an action
-
-
 class CountedGroup(NamedTuple):
     """The counts of all groups of one key, with the ground action of the first of these groups.
 
@@ -556,11 +547,11 @@ class CountedGroup(NamedTuple):
         return [action, *(int(self.others[action, k]) if k >= 0 else -1 for k in schemas[1:])]
 
     def usual_effects(self, action: int) -> set[int]:
-        """Return the ground actions whose effects are frequent outcomes of an action."""
+        """Return the ground actions whose effects are at least 2 % of the outcomes of an action."""
         if self.counts.table is None:
             return {action}
         shares = self.counts.outcomes()[0]
-        frequent = zip(self.effects(action), shares >= _RARE, strict=True)
+        frequent = zip(self.effects(action), shares >= 0.02, strict=True)
         return {action, *(other for other, usual in frequent if usual and other >= 0)}
 
 
@@ -611,7 +602,7 @@ def _away_from_ends(
 ) -> Mask:
     """Return the steps `[N]` from whose states no usual outcome ends the episode.
 
-    All steps of an action schema that has too few of them are returned.
+    All steps of an action schema that has fewer than 30 of them are returned.
     """
     ends = np.zeros(len(actions), dtype=np.bool_)
     for action in np.unique(actions).tolist():
@@ -621,7 +612,7 @@ def _away_from_ends(
             ends[rows] |= said[:, -1] == 1.0
     for schema in dict.fromkeys(action.schema for action in model.actions):
         own = np.array([action.schema == schema for action in model.actions])[actions]
-        if (own & ~ends).sum() < _ENOUGH:
+        if (own & ~ends).sum() < 30:
             ends[own] = False
     return ~ends
 

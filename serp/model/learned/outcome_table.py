@@ -296,8 +296,6 @@ def add_share(table, row, kind, share):
         table[totals] *= 0.5
 
 
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
 RARE = 1e-3
 """Less likely outcomes are left out of predictions."""
 CHANGE = -1.0

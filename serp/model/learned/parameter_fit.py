@@ -116,20 +116,16 @@ def effect_columns(
 
 def _into_assignment(action: g.GroundSchema, target: int, value: g.Value) -> g.GroundSchema | None:
     """Return the action with a value added to its assignment; None where it has none."""
-    effects = list(action.effects)
-    for k, effect in enumerate(effects):
+    for k, effect in enumerate(action.effects):
         if (
             isinstance(effect, g.SetNumber)
             and effect.target == target
             and effect.change is Change.ASSIGN
         ):
-            effects[k] = dataclasses.replace(effect, value=g.Operation("+", effect.value, value))
-            return dataclasses.replace(action, effects=tuple(effects))
+            added = dataclasses.replace(effect, value=g.Operation("+", effect.value, value))
+            effects = (*action.effects[:k], added, *action.effects[k + 1 :])
+            return dataclasses.replace(action, effects=effects)
     return None
-
-
-_ROLES = ("effect", "rate")
-"""Roles of the parameters; static values of a problem are left out: conditions may read them."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +147,8 @@ class ParameterDependency:
 def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, ...]:
     """Return the dependencies on parameters of effects and rates, in the order of θ.
 
-    Parameters of rewards, flags, conditions and events have none: the expert sets them.
+    Parameters of rewards, flags, conditions and events have none: the expert sets them. Static
+    values of a problem have none: conditions may read them.
     """
     fluents: dict[int, set[int]] = {}
     actions: dict[int, set[int]] = {}
@@ -176,7 +173,7 @@ def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, 
             None if schema.kind is Kind.PROCESS else frozenset(actions[index]),
         )
         for index, (schema, target) in sorted(first.items(), key=lambda item: item[0])
-        if index not in barred and ground.parameters[index].role in _ROLES
+        if index not in barred and ground.parameters[index].role in ("effect", "rate")
     )
 
 
@@ -192,15 +189,8 @@ def _parameters(value: g.Value) -> Iterator[int]:
             yield from _parameters(operand)
 
 
-_MAX_ITERATIONS = 4  # most Gauss-Newton iterations
-_LINEAR = 1e-6  # deviation from linearity, in ranges of the fluent, at which the iterations end
-_LINEAR_QUANTILE = 0.9
-"""Quantile of the rows at which it is measured; a row that crosses a threshold may jump."""
 _DIFFERENCE = 2.0**-10  # step of the finite differences, relative to the parameter
 _PRIOR_WIDTH = 10.0  # standard deviation of the prior, relative to the written value
-_MAX_WHOLE_VALUES = 64  # most distinct values of a function that counts as one of whole numbers
-_WHOLE_TOLERANCE, _WHOLE_SHARE = 1e-6, 0.9
-"""Such a function is deterministic if this fraction of rows is explained this exactly."""
 
 
 @dataclass(frozen=True)
@@ -213,6 +203,7 @@ class Rows:
         groups: `[n]` the executed action.
         blocks: `[n]` block of neighbouring transitions, see `RegressionData`.
         residuals: `[n]` observed − predicted.
+        change: `[n]` observed change.
         columns: `[n, K]` derivatives of the prediction by the parameters that change the symbol.
         owned: The K parameters, positions in θ.
         unit: Observed range of the symbol's fluents.
@@ -223,6 +214,7 @@ class Rows:
     groups: NDArray[np.int64]
     blocks: NDArray[np.int64]
     residuals: Vector
+    change: Vector
     columns: Vector
     owned: tuple[int, ...]
     unit: float
@@ -269,7 +261,7 @@ class ParameterEstimator:
     def estimate(
         self, data: RegressionData, theta: Vector, kept: NDArray[np.bool_] | None = None
     ) -> ParameterFit:
-        """Fit all parameters at once.
+        """Fit all parameters at once, by at most four Gauss-Newton iterations.
 
         Args:
             data: The transitions.
@@ -284,9 +276,8 @@ class ParameterEstimator:
             # By the written values, so that an estimate does not select the rows of the next one.
             kept = self.flow.undisturbed(data, self.written)
         whole = whole_symbols(self._columns, data)
-        left: dict[str, Rows] = {}
         predicted = self.flow.predict(data.states, data.actions, theta)
-        for _ in range(_MAX_ITERATIONS):
+        for _ in range(4):
             before = theta.copy()
             slopes = self._slopes(data, theta, predicted)
             expected: dict[str, Vector] = {}
@@ -306,7 +297,7 @@ class ParameterEstimator:
                     blocks=rows.blocks,
                     unit=rows.unit,
                 )
-                if symbol in whole and not _follows_a_rule(fit, columns, rows.unit):
+                if symbol in whole and not _is_deterministic(fit, columns, rows.unit):
                     continue
                 theta[owned] = fit.coefficients
                 errors[owned] = fit.errors
@@ -314,8 +305,7 @@ class ParameterEstimator:
                 expected[symbol] = rows.residuals - columns @ (theta - before)[owned]
             predicted = self.flow.predict(data.states, data.actions, theta)
             left = self._rows(data, predicted, kept, slopes)
-            gaps = [_gap(left[symbol], residuals) for symbol, residuals in expected.items()]
-            if max(gaps, default=0.0) <= _LINEAR:
+            if all(_is_linear(left[symbol], residuals) for symbol, residuals in expected.items()):
                 break
         return ParameterFit(theta, errors, counts, left)
 
@@ -338,6 +328,7 @@ class ParameterEstimator:
                 groups=data.actions[row],
                 blocks=data.blocks[row],
                 residuals=data.next_states[row, column] - predicted[row, column],
+                change=data.next_states[row, column] - data.states[row, column],
                 columns=np.stack([slopes[k][row, column] for k in owned], axis=1)
                 if owned
                 else np.empty((len(row), 0)),
@@ -428,21 +419,20 @@ def function_columns(ground: g.GroundModel) -> dict[str, list[int]]:
     return columns
 
 
-def _gap(rows: Rows, expected: Vector) -> float:
-    """Return how far residuals are from those of a linear model, in ranges of the fluent."""
+def _is_linear(rows: Rows, expected: Vector) -> bool:
+    """Return whether most residuals are those of a linear model; a row at a threshold may jump."""
     if len(rows.residuals) != len(expected):
-        return np.inf  # a row no longer has a prediction
-    if not len(expected):
-        return 0.0
-    return float(np.quantile(np.abs(rows.residuals - expected), _LINEAR_QUANTILE)) / rows.unit
+        return False  # a row no longer has a prediction
+    gaps = np.abs(rows.residuals - expected)
+    return not len(gaps) or float(np.quantile(gaps, 0.9)) <= 1e-6 * rows.unit
 
 
 def whole_symbols(functions: Mapping[str, list[int]], data: RegressionData) -> set[str]:
-    """Return the functions, by their columns, whose observed values are a few whole numbers."""
+    """Return the functions, by their columns, with 2 to 64 values, all of them whole numbers."""
     found = set()
     for symbol, fluents in functions.items():
         values = np.unique((data.states[:, fluents], data.next_states[:, fluents]))
-        if 1 < len(values) <= _MAX_WHOLE_VALUES and (values == np.round(values)).all():
+        if 1 < len(values) <= 64 and (values == np.round(values)).all():
             found.add(symbol)
     return found
 
@@ -460,10 +450,8 @@ def _widths(rows: Rows, written: Vector, theta: Vector) -> Vector:
     return widths
 
 
-def _follows_a_rule(fit: Regression, columns: Vector, unit: float) -> bool:
-    """Return whether the fit explains the changes of a whole number exactly in most rows."""
+def _is_deterministic(fit: Regression, columns: Vector, unit: float) -> bool:
+    """Return whether the fit explains the changes of a whole number exactly in 90 % of its rows."""
     touched = (columns != 0.0).any(1)
-    if not touched.any():
-        return False
-    exact = np.abs(fit.residuals[touched]) < _WHOLE_TOLERANCE * unit
-    return bool(exact.mean() >= _WHOLE_SHARE)
+    exact = np.abs(fit.residuals[touched]) < 1e-6 * unit
+    return bool(touched.any()) and bool(exact.mean() >= 0.9)

@@ -12,7 +12,7 @@ import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,6 @@ from serp.model import ground as g
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change, Kind
-
-_MAX_FLUENTS = 60  # most lifted fluents of one scope; the search for effects is quadratic in them
 
 WORLD = ""
 """In place of an action schema's name: an effect under every action, as of a process."""
@@ -56,11 +54,7 @@ class LiftedScope:
 
 
 class LiftedModel:
-    """Maps between the fluents of a ground model and the lifted fluents of its domain file.
-
-    Args:
-        ground: A model with at least one action.
-    """
+    """Maps between the fluents of a ground model and the lifted fluents of its domain file."""
 
     def __init__(self, ground: g.GroundModel) -> None:
         self.ground = ground
@@ -92,24 +86,23 @@ class LiftedModel:
         values = np.zeros(len(states))
         for key in np.unique(keys):
             binding = scope.bindings.get(int(key))
-            if binding is None:
-                continue
-            rows = keys == key
-            columns = [self.column(f, binding) for f in factors]
-            values[rows] = states[rows][:, columns].prod(1)
+            if binding is not None:
+                rows = keys == key
+                columns = [self.column(factor, binding) for factor in factors]
+                values[rows] = states[rows][:, columns].prod(1)
         return values
 
     def _schema(self, name: str) -> LiftedScope:
         """Return the scope of an action schema."""
-        variables = next(
-            s.parameters for s in self.syntax.schemas if s.kind is Kind.ACTION and s.name == name
-        )
+        schemas = self.syntax.schemas
+        schema = next(s for s in schemas if s.kind is Kind.ACTION and s.name == name)
+        variables = [v.name for v in schema.parameters]
         bindings = {
-            position: dict(zip((v.name for v in variables), action.arguments, strict=True))
+            position: dict(zip(variables, action.arguments, strict=True))
             for position, action in enumerate(self.ground.actions)
             if action.schema == name
         }
-        fluents = self._fluents([v.name for v in variables], list(bindings.values()))
+        fluents = self._fluents(variables, bindings)
         return LiftedScope(name, bindings, fluents, tuple(f for f in fluents if self.numeric(f)))
 
     def _world(self, symbol: str) -> LiftedScope:
@@ -120,36 +113,33 @@ class LiftedModel:
             for f in self.ground.fluents
             if f.symbol == symbol
         }
-        fluents = self._fluents(variables, list(bindings.values()))
+        fluents = self._fluents(variables, bindings)
         return LiftedScope(WORLD, bindings, fluents, (LiftedFluent(symbol, tuple(variables)),))
 
     def _fluents(
-        self, variables: Sequence[str], bindings: Sequence[Mapping[str, str]]
+        self, variables: Sequence[str], bindings: Mapping[int, Mapping[str, str]]
     ) -> tuple[LiftedFluent, ...]:
-        """Return the fluents that exist under every binding, those with the fewest terms first."""
-        found: list[LiftedFluent] = []
+        """Return the fluents that exist under every binding, those with the fewest terms first.
+
+        At most 60, because the search for effects is quadratic in them.
+        """
         arity = {f.symbol: len(f.arguments) for f in self.ground.fluents}
-        for symbol, number in sorted(arity.items(), key=lambda item: item[1]):
-            for terms in itertools.product((*variables, *self.syntax.constants), repeat=number):
-                if len(found) >= _MAX_FLUENTS:
-                    return tuple(found)
-                if all((symbol, *(b.get(t, t) for t in terms)) in self._index for b in bindings):
-                    found.append(LiftedFluent(symbol, terms))
-        return tuple(found)
+        lifted = (
+            LiftedFluent(symbol, terms)
+            for symbol, number in sorted(arity.items(), key=lambda item: item[1])
+            for terms in itertools.product((*variables, *self.syntax.constants), repeat=number)
+            if all(
+                (symbol, *(binding.get(t, t) for t in terms)) in self._index
+                for binding in bindings.values()
+            )
+        )
+        return tuple(itertools.islice(lifted, 60))
 
 
 _BLOCK = 20  # number of consecutive transitions whose errors are assumed to be correlated
 
-_TAIL, _FAR = 0.005, 5.0
-"""A value is a fault if it is this many ranges from the median; the range is that between the two
-tails."""
-_MIN_ROWS = 12
-"""Fewest entries left per action and fluent; with fewer, those that events change are kept."""
-_AT_ASSIGNED = 1e-9
-"""Distance in ranges of a fluent at which it equals the value that an event assigns."""
 
-
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class RegressionData:
     """N transitions with which a model can be compared.
 
@@ -166,8 +156,6 @@ class RegressionData:
     positions: NDArray[np.intp]
     left_out: Mapping[str, int]
 
-    _BY_ROW: ClassVar = ("states", "actions", "next_states", "blocks", "positions")
-
     @property
     def skipped(self) -> int:
         """Number of transitions left out."""
@@ -183,9 +171,8 @@ class RegressionData:
         number = int(self.blocks[-1]) + 1
         chosen = np.unique(np.linspace(0, number - 1, max(1, most // _BLOCK)).astype(np.int64))
         rows = np.isin(self.blocks, chosen)
-        return dataclasses.replace(
-            self, **{name: getattr(self, name)[rows] for name in self._BY_ROW}
-        )
+        names = "states", "actions", "next_states", "blocks", "positions"
+        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 def regression_data(
@@ -227,12 +214,15 @@ def usable_rows(
 
 
 def _plausible(values: Vector) -> NDArray[np.bool_]:
-    """Return which rows hold no faulty value, `[n]`: one would determine its fluent's range."""
+    """Return which rows hold no faulty value, `[n]`: one would determine its fluent's range.
+
+    A fault is five ranges from the median; the range is that of 99 % of the values.
+    """
     if not len(values):
         return np.ones(0, dtype=np.bool_)
-    low, middle, high = np.quantile(values, (_TAIL, 0.5, 1.0 - _TAIL), axis=0)
+    low, middle, high = np.quantile(values, (0.005, 0.5, 0.995), axis=0)
     span = np.where(high > low, high - low, np.inf)
-    plausible: NDArray[np.bool_] = np.all(np.abs(values - middle) <= _FAR * span, axis=1)
+    plausible: NDArray[np.bool_] = np.all(np.abs(values - middle) <= 5.0 * span, axis=1)
     return plausible
 
 
@@ -261,8 +251,8 @@ class Flow:
         """Return which entries of the next states no event has changed, `[N, F]`.
 
         Excluded are entries that the model's events change in its prediction, and those observed at
-        a value that an event assigns. If too few remain for an action, the model is wrong, and only
-        the latter are excluded.
+        a value that an event assigns. If fewer than 12 remain for an action, the model is wrong,
+        and only the latter are excluded.
         """
         free = np.ones(data.states.shape, dtype=np.bool_)
         events = self._whole.ground.events
@@ -277,13 +267,13 @@ class Flow:
             ):
                 column, value = effect.target, theta[effect.value.parameter]
                 gap = np.abs(data.next_states[:, column] - value)
-                free[:, column] &= gap > _AT_ASSIGNED * data.scale[column]
+                free[:, column] &= gap > 1e-9 * data.scale[column]
         before = self.predict(data.states, data.actions, theta)
         after = predictions(self._whole.replace(theta=theta), data.states, data.actions)
         kept: NDArray[np.bool_] = free & (before == after)
         for action in np.unique(data.actions):
             rows = data.actions == action
-            scarce = rows[:, None] & (kept[rows].sum(0) < _MIN_ROWS)
+            scarce = rows[:, None] & (kept[rows].sum(0) < 12)
             kept[scarce] = free[scarce]
         return kept
 

@@ -18,14 +18,16 @@ from serp._util.compilation import cached_njit
 from serp._util.saved_state import MOST, Saved, nested, part_of
 from serp.model.learned import residual_features as r
 from serp.model.learned.adoption import BETTER, TrackRecord
-from serp.model.learned.online_parameters import rate_of
 from serp.model.learned.residual_features import (
+    FEW,
+    SETTLED,
     FeatureGroup,
     RegressionParameters,
     dot_chunk,
     features_of,
     linear_of,
     predicted,
+    rate_of,
 )
 from serp.model.learned.residual_fit import FIRST, REMEMBERED, FittedWeights, Mask, outliers
 from serp.model.learned.residual_prediction import columns_in_use, leverage
@@ -36,8 +38,6 @@ from serp.model.transition_model import Vector
 
 HUGE = 1e60
 """Numbers of at least this size are not used; sums of their squares would overflow."""
-FEW, SETTLED = 5, 30
-"""Samples before which nothing counts as an outlier, and before which nothing is a surprise."""
 
 _MEMORY = 0.999  # weight of the past in the losses, per step
 _ROBUST = 5.0
@@ -46,7 +46,6 @@ Little & Taylor, Journal of the American Statistical Association 84, 1989)."""
 _NOTICED, _RECENT, _LASTING = 0.1, 0.85, 0.7
 """A surprise is such an error of more than this fraction of the change. The world
 may have changed if this fraction of recent steps are surprises."""
-_FINE = 1e-2  # the least that features have to explain, as a fraction of the change
 
 
 @cached_njit(nogil=True)
@@ -152,8 +151,8 @@ def account(sample, row, head, published, sizes, statistics):
 def choose(statistics, features, kinds, enabled):
     """Choose the predictor of each target; return whether any is a residual.
 
-    Of the file and the residuals, the simplest one that no other beats clearly. One that is in use
-    is kept until it is beaten at all.
+    Of the file and the residuals, the simplest one that no other beats clearly: by 5 %, and
+    features by a hundredth of the change too. One that is in use is kept until it is beaten at all.
 
     `statistics` are those of `account`; `features`: whether there are random features; `enabled`
     `[T]`: whether a residual may predict the target; `kinds` `[T]` receives the choice.
@@ -166,7 +165,7 @@ def choose(statistics, features, kinds, enabled):
             now, least = int(kinds[t]), loss[r.FILE, t]
             for kind in range(1, 4 if features else 2):
                 factor = 1.0 if kind == now else BETTER
-                fine = 0.0 if best == r.FILE else _FINE * spread[t]
+                fine = 0.0 if best == r.FILE else 0.01 * spread[t]
                 if loss[kind, t] < factor * least - fine:
                     best, least = kind, loss[kind, t]
         kinds[t] = best
@@ -177,9 +176,6 @@ def choose(statistics, features, kinds, enabled):
 _LONG: Final = 24
 """A change is lasting if it goes on in the next episode, or for so many steps: not an impact, nor
 what a robot meets at the end of an episode only."""
-_RECONSIDERED: Final = (32, 64, 128, 256, 512)  # samples after a change: was there one?
-_UNEXPLAINED: Final = 1e-2
-"""Random features may be used if the linear model leaves this fraction of the change."""
 
 
 class ResidualRegression:
@@ -289,7 +285,7 @@ class ResidualRegression:
         self._alarms = self._alarms + 1 if changed else 0
         if changed and (self._of_episode < REMEMBERED or self._alarms > _LONG):
             self._forget()
-        elif fit.start and recent in _RECONSIDERED:
+        elif fit.start and recent in (32, 64, 128, 256, 512):
             self._reconsider()
         if fit.update(valid):
             self._solve()
@@ -330,7 +326,8 @@ class ResidualRegression:
         self._solve()
 
     def _solve(self) -> None:
-        left = self._loss[r.LINEAR] > _UNEXPLAINED * self._spread + 1e-18
+        # Random features are of use where the linear model leaves a hundredth of the change.
+        left = self._loss[r.LINEAR] > 0.01 * self._spread + 1e-18
         if self._fit.solve(bool(left.any())):
             self._loss[r.LINEAR + 1 :] = self._loss[r.LINEAR]
 

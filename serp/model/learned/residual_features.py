@@ -15,6 +15,8 @@ from serp.model.ground import Fluent, GroundModel, GroundSchema
 from serp.model.native import advanced, pointer_to
 from serp.model.transition_model import Vector
 
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
 Key = tuple[str, ...]
 
 MAX_BITS = 6
@@ -271,11 +273,6 @@ def _shapes(group: FeatureGroup, heads: int) -> dict[int, tuple[int, ...]]:
     }
 
 
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
-_CHUNK = SMOOTH
-
-
 @cached_njit(nogil=True, forceinline=True)
 def row_of(buffer, part, head, inputs, state):
     """Return the row of a head in a state: that of its mode, or its own."""
@@ -309,13 +306,13 @@ def features_of(frequency, phase, u, depth, first, z):
 
     A fast approximation of the cosine, accurate to 0.001, in loops that become vector code.
     """
-    for k in range(_CHUNK):
+    for k in range(SMOOTH):
         z[k] = phase[first + k]
     for i in range(depth):
         x, at = u[i], i * FEATURES + first
-        for k in range(_CHUNK):
+        for k in range(SMOOTH):
             z[k] += frequency[at + k] * x
-    for k in range(_CHUNK):
+    for k in range(SMOOTH):
         turns = z[k] * 0.15915494309189535 + 0.25
         turns -= np.floor(turns + 0.5)
         y = 8.0 * turns - 16.0 * turns * abs(turns)
@@ -325,9 +322,9 @@ def features_of(frequency, phase, u, depth, first, z):
 @cached_njit(nogil=True, forceinline=True)
 def dot_chunk(weights, z, scratch):
     """Return the product of two chunks, summed pairwise: in vector code, the same bits always."""
-    for k in range(_CHUNK):
+    for k in range(SMOOTH):
         scratch[k] = weights[k] * z[k]
-    width = _CHUNK
+    width = SMOOTH
     while width > 1:
         width //= 2
         for k in range(width):
@@ -344,8 +341,17 @@ def linear_of(weights, u, depth):
     return total
 
 
-_FEW, _SETTLED = 5, 30
-"""Samples before which no input counts as an outlier, and before which only extreme ones do."""
+@cached_njit(nogil=True)
+def rate_of(samples, memory):
+    """Return the weight of the next sample; `memory` is that of the past in the long run.
+
+    The n-th sample initially has the weight 3 / (2 + n), so that early samples soon lose weight.
+    """
+    return max(1.0 - memory, 3.0 / (3.0 + samples))
+
+
+FEW, SETTLED = 5, 30
+"""Samples before which nothing counts as an outlier, and before which only extreme inputs do."""
 _FAR, _EXTREME = 8.0, 100.0
 """An input is an outlier so many half ranges from the middle of its range."""
 _PATIENCE: Final = 3
@@ -375,9 +381,9 @@ class Ranges:
         After several outliers in a row they are accepted.
         """
         far = False
-        if seen >= _FEW:
+        if seen >= FEW:
             centre, half = self.centre_and_half()
-            limit = _FAR if seen >= _SETTLED else _EXTREME
+            limit = _FAR if seen >= SETTLED else _EXTREME
             far = bool((np.abs(x - centre) > limit * half).any())
         self.outliers = self.outliers + 1 if far else 0
         if 0 < self.outliers <= _PATIENCE:
@@ -396,9 +402,6 @@ class Ranges:
         """Return whether a range is much wider than the one that inputs are normalised by."""
         ends = np.maximum(self.high - centre, centre - self.low) * shrink
         return not shrink.all() or bool((ends > RANGE).any())
-
-
-# mypy: disable-error-code="no-untyped-def, untyped-decorator"
 
 
 @cached_njit(nogil=True)

@@ -21,8 +21,6 @@ from serp.model.learned import residual_features as r
 from serp.model.learned.residual_features import Ranges, RegressionParameters, design_matrix
 from serp.model.transition_model import Vector
 
-_HALVED: Final = 8192.0  # samples at which those added before lose half of their weight
-
 
 class NormalEquations:
     """Sums of the rows of a design matrix of D columns, for T targets.
@@ -57,7 +55,7 @@ class NormalEquations:
             self.gram[block] += some.T @ some
             self.moment[:, owned] += some.T @ targets[usable][:, owned]
         self.total += len(design)
-        if self.total > _HALVED:
+        if self.total > 8192.0:  # older samples lose half of their weight
             self.total *= 0.5
             self.gram *= 0.5
             self.moment *= 0.5
@@ -143,10 +141,8 @@ class KeptSamples:
 
 
 FIRST: Final = 10
-_MIN_NUMBERS: Final = 6  # fewest numbers among which outliers can be identified
+"""Samples of a head after which outliers among them are dropped."""
 _SPARED: Final = 2  # most outliers; one wrong reading affects two steps
-_EXTREME: Final = 30.0
-"""An outlier is this many times as far from the median as the farthest other number."""
 
 
 def outliers(
@@ -166,7 +162,7 @@ def outliers(
     used = valid & ~dropped[:, None]
     for t, place in enumerate(places):
         rows = np.flatnonzero(used[:, t])
-        if len(rows) >= _MIN_NUMBERS:
+        if len(rows) >= 6:
             off = y[rows, t]
             median, spread = _median_and_spread(off)
             used[rows[_outliers(off, median, max(spread, spreads[place]))], t] = False
@@ -182,11 +178,12 @@ def _median_and_spread(values: Vector) -> tuple[float, float]:
 def _outliers(values: Vector, median: float, spread: float) -> Mask:
     """Return which of successive numbers are outliers; never the last, where a change may begin.
 
-    Numbers that never changed have a spread of 1.
+    Outliers are 30 times as far from the median as the farthest other number. Numbers that never
+    changed have a spread of 1.
     """
     if spread <= 1e-9 * max(1.0, abs(median)):
         spread = 1.0
-    found: Mask = np.abs(values - median) > _EXTREME * spread
+    found: Mask = np.abs(values - median) > 30.0 * spread
     last = len(values)
     while last and found[last - 1]:
         last -= 1

@@ -82,11 +82,6 @@ def leverage_at(buffer, part, row, head, most, u, depth, z):
     )  # fmt: skip
 
 
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
-_CHUNK = r.SMOOTH
-
-
 @cached_njit(nogil=True, forceinline=True)
 def add_residual(buffer, action, state, out):
     """Add the residual to `out`, the fluents after effects and processes.
@@ -97,7 +92,7 @@ def add_residual(buffer, action, state, out):
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
     u = stack_room(STACK)
-    z, scratch = advanced(u, r.MAX_INPUTS), advanced(u, r.MAX_INPUTS + _CHUNK)
+    z, scratch = advanced(u, r.MAX_INPUTS), advanced(u, r.MAX_INPUTS + r.SMOOTH)
     for _ in range(int(buffer[table])):
         part = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_REGRESSION])
         if part != 0:
@@ -127,11 +122,11 @@ def add_residual(buffer, action, state, out):
                     out[int(buffer[targets + t])] += linear_of(advanced(buffer, weights), u, depth)
             chunks = 0
             if most > r.LINEAR:
-                chunks = 1 if most == r.CURVED else r.FEATURES // _CHUNK
+                chunks = 1 if most == r.CURVED else r.FEATURES // r.SMOOTH
             frequency = advanced(buffer, int(buffer[part + r.R_FREQUENCY]))
             phase = advanced(buffer, int(buffer[part + r.R_PHASE]))
             for chunk in range(chunks):
-                first = chunk * _CHUNK
+                first = chunk * r.SMOOTH
                 features_of(frequency, phase, u, depth, first, z)
                 for t in range(count):
                     kind = int(buffer[kinds + t])
@@ -142,16 +137,12 @@ def add_residual(buffer, action, state, out):
         group += b.GROUP
 
 
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
-_PREDICTED = 0.5
-"""What the file predicts is known everywhere: typical errors of no more than this part of the
-change."""
-
-
 @cached_njit(nogil=True)
 def uncertainty_of(buffer, action, state):
-    """Return the largest leverage of what the file does not predict; all are pointers."""
+    """Return the largest leverage of what the file does not predict; all are pointers.
+
+    The file predicts what has typical errors of at most half of the change.
+    """
     table = int(buffer[b.TABLE]) + 2 * action
     group, unknown = int(buffer[table + 1]), 0.0
     u = stack_room(STACK)
@@ -171,7 +162,7 @@ def uncertainty_of(buffer, action, state):
             for t in range(count):
                 most = max(most, buffer[kinds + t])
                 for each in range(rows):  # a row without samples says nothing of the file
-                    if buffer[typical + each * count + t] > _PREDICTED * buffer[change + t]:
+                    if buffer[typical + each * count + t] > 0.5 * buffer[change + t]:
                         written = False
             if not (written and most == r.FILE):
                 normalise(buffer, part, inputs, depth, state, u)

@@ -8,11 +8,11 @@ as those of a wrong model.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import qr
 
 from serp.model.transition_model import Vector
 
@@ -21,13 +21,8 @@ CERTAIN = 4.0
 must be rare."""
 _HUBER, _REJECTED = 2.0, 6.0
 """Robust scales beyond which a row is down-weighted, and beyond which it is rejected."""
-_TRIMMED = 0.02
-"""Fraction of the rows, those with the largest errors, that do not enter the robust scale."""
-_MIN_ROWS = 10  # fewest rows of a group in which outliers can be identified
-_MAX_ITERATIONS = 10
 _COLLINEAR = 1e-3
 """Fraction of a column not explained by other columns; below it they are collinear."""
-_ROUNDING = 1e-10  # size of rounding errors in ranges of the target
 
 
 @dataclass(frozen=True)
@@ -70,69 +65,56 @@ def regress(
     number = len(columns)
     weights = np.ones(number)
     coefficients = centre.copy()
-    least = _ROUNDING * unit
-    scale = least
+    rounding = 1e-10 * unit
+    scale = max(float(np.sqrt(np.mean(target**2))) if number else 0.0, rounding)
     members = [np.flatnonzero(groups == group) for group in np.unique(groups)]
-    for turn in range(_MAX_ITERATIONS):
+    for turn in range(10):
         before = coefficients
         residuals = target - columns @ coefficients
         if turn:
-            limits = robust_scales(residuals, members, least)
-            weights = np.minimum(1.0, _HUBER * limits / np.maximum(np.abs(residuals), least))
+            limits = _robust_scales(residuals, members, rounding)
+            weights = np.minimum(1.0, _HUBER * limits / np.maximum(np.abs(residuals), rounding))
             if reject and turn > 2:
                 weights[np.abs(residuals) > _REJECTED * limits] = 0.0
             total = max(float(weights.sum()), 1.0)
-            scale = max(float(np.sqrt((weights * residuals**2).sum() / total)), least)
-        else:
-            scale = max(float(np.sqrt(np.mean(target**2))) if number else least, least)
+            scale = max(float(np.sqrt((weights * residuals**2).sum() / total)), rounding)
         coefficients = _solve(columns, residuals, weights, coefficients, centre, width, scale)
         if turn > 3 and np.abs(coefficients - before).max(initial=0.0) <= 1e-9 * max(
             float(np.abs(coefficients).max(initial=0.0)), 1e-300
         ):
             break
     residuals = target - columns @ coefficients
-    errors = _errors(columns, residuals, weights, width, scale, blocks)
+    errors = _standard_errors(columns, residuals, weights, width, scale, blocks)
     return Regression(coefficients, errors, residuals, weights)
 
 
 def independent(columns: Vector, width: Vector) -> list[int]:
-    """Return a maximal set of linearly independent columns, chosen by size.
+    """Return a maximal set of linearly independent columns `[n, K]`, chosen by size.
 
     Of two parameters that are multiplied with each other, for example, only one can be estimated.
     """
-    left = columns * width
-    norms = np.linalg.norm(left, axis=0)
-    chosen: list[int] = []
-    alive = norms > 0.0
-    for _ in range(columns.shape[1]):
-        sizes = np.where(alive, np.linalg.norm(left, axis=0), 0.0)
-        best = int(np.argmax(sizes)) if len(sizes) else -1
-        if best < 0 or sizes[best] <= _COLLINEAR * max(float(norms[best]), 1e-300):
-            break
-        chosen.append(best)
-        alive[best] = False
-        direction = left[:, best] / sizes[best]
-        left = left - np.outer(direction, direction @ left)
-        alive &= np.linalg.norm(left, axis=0) > _COLLINEAR * norms
-    return sorted(chosen)
+    if not columns.size:
+        return []
+    scaled = columns * width
+    triangle, order = qr(scaled, mode="r", pivoting=True)
+    sizes, norms = np.abs(np.diag(triangle)), np.linalg.norm(scaled, axis=0)[order]
+    return sorted(order[: len(sizes)][sizes > _COLLINEAR * norms[: len(sizes)]].tolist())
 
 
-def robust_scales(residuals: Vector, members: Sequence[NDArray[np.int64]], least: float) -> Vector:
+def _robust_scales(residuals: Vector, members: list[NDArray[np.int64]], least: float) -> Vector:
     """Return a robust scale `[n]` of the errors of each row's group; `members` are their rows.
 
     The larger of the scaled median and of the root mean square of all but the largest 2 %: a rare
-    effect is not an outlier.
+    effect is not an outlier. Groups of fewer than 10 rows have no outliers.
     """
-    scales = np.empty(len(residuals))
+    scales = np.full(len(residuals), np.inf)
     for rows in members:
         sizes = np.sort(np.abs(residuals[rows]))
-        if len(sizes) < _MIN_ROWS:
-            scales[rows] = np.inf
-            continue
-        kept = sizes[: int(np.ceil(len(sizes) * (1.0 - _TRIMMED)))]
-        half = len(sizes) // 2
-        middle = 1.4826 * float((sizes[half] + sizes[-1 - half]) / 2)  # the median, quickly
-        scales[rows] = max(middle, float(np.sqrt(np.mean(kept**2))), least)
+        if len(sizes) >= 10:
+            kept = sizes[: int(np.ceil(len(sizes) * 0.98))]
+            half = len(sizes) // 2
+            median = float((sizes[half] + sizes[-1 - half]) / 2)
+            scales[rows] = max(1.4826 * median, float(np.sqrt(np.mean(kept**2))), least)
     return scales
 
 
@@ -158,7 +140,7 @@ def _solve(
     return before + step * width
 
 
-def _errors(
+def _standard_errors(
     columns: Vector,
     residuals: Vector,
     weights: Vector,

@@ -16,7 +16,7 @@ GOES_ON, CUT_OFF, OVER = 0, 1, 2
 
 _CAPACITY: Final = 20_000
 _MAX_NUMBERS: Final = 8_000_000
-"""Most transitions that are kept, and most numbers in their states and next states: 64 MB."""
+"""Most transitions, and most numbers in their states and next states: 64 MB."""
 
 
 class TransitionMemory:
@@ -26,7 +26,7 @@ class TransitionMemory:
     first one of the next.
 
     Args:
-        capacity: Transitions kept, ≥ 1.
+        capacity: Most transitions, ≥ 1.
         fluents: Width of a state, F.
         actions: Number of ground actions, A.
 
@@ -36,12 +36,15 @@ class TransitionMemory:
 
     def __init__(self, capacity: int, fluents: int, actions: int) -> None:
         self.seen = 0
-        self._actions_known = actions
+        self._known_actions = actions
         self._capacity = capacity
-        self._ring: tuple[NDArray[Any], ...] = (
-            np.empty((capacity, fluents)), np.empty(capacity, np.int64),
-            np.empty((capacity, fluents)), np.zeros(capacity, np.int8), np.zeros(capacity),
-        )  # fmt: skip
+        self._ring: dict[str, NDArray[Any]] = {
+            "states": np.empty((capacity, fluents)),
+            "actions": np.empty(capacity, np.int64),
+            "next_states": np.empty((capacity, fluents)),
+            "endings": np.zeros(capacity, np.int8),
+            "rewards": np.zeros(capacity),
+        }
 
     @classmethod
     def of(cls, model: TransitionModel) -> TransitionMemory:
@@ -62,16 +65,14 @@ class TransitionMemory:
             ending: How the step ended: `GOES_ON`, `CUT_OFF` or `OVER`.
             reward: Reward of the step.
         """
-        head = self.seen % self._capacity
         row = state, action, next_state, ending, reward
-        for part, value in zip(self._ring, row, strict=True):
-            part[head] = value
+        for part, value in zip(self._ring.values(), row, strict=True):
+            part[self.seen % self._capacity] = value
         self.seen += 1
 
     def cut_off(self) -> None:
         """Note that the newest transition was the last one of its episode."""
-        endings = self._ring[3]
-        newest = (self.seen - 1) % self._capacity
+        endings, newest = self._ring["endings"], (self.seen - 1) % self._capacity
         endings[newest] = max(endings[newest], CUT_OFF)
 
     def __len__(self) -> int:
@@ -80,45 +81,43 @@ class TransitionMemory:
     @property
     def states(self) -> Vector:
         """`[N, F]` before the actions, the oldest first."""
-        return self._in_order(0)
+        return self._in_order("states")
 
     @property
     def actions(self) -> NDArray[np.int64]:
         """`[N]` positions of the ground actions, −1 where the model knows none."""
-        return self._in_order(1)
+        return self._in_order("actions")
 
     @property
     def next_states(self) -> Vector:
         """`[N, F]` observed after the actions."""
-        return self._in_order(2)
+        return self._in_order("next_states")
 
     @property
     def ended(self) -> NDArray[np.bool_]:
         """`[N]`, whether the episode ended with the step."""
-        ended: NDArray[np.bool_] = self._in_order(3) != GOES_ON
+        ended: NDArray[np.bool_] = self._in_order("endings") != GOES_ON
         return ended
 
     @property
     def over(self) -> NDArray[np.bool_]:
         """`[N]`, whether the environment ended the task with the step."""
-        over: NDArray[np.bool_] = self._in_order(3) == OVER
+        over: NDArray[np.bool_] = self._in_order("endings") == OVER
         return over
 
     @property
     def rewards(self) -> Vector:
         """`[N]` rewards of the steps."""
-        return self._in_order(4)
+        return self._in_order("rewards")
 
-    def _in_order(self, part: int) -> NDArray[Any]:
+    def _in_order(self, name: str) -> NDArray[Any]:
         """Return a copy of the rows in use, the oldest first."""
-        ring, count = self._ring[part], len(self)
-        head = self.seen % self._capacity if count == self._capacity else 0
-        ordered: NDArray[Any] = np.concatenate((ring[head:count], ring[:head]))
-        return ordered
+        count = len(self)
+        return np.roll(self._ring[name][:count], -self.seen if count == self._capacity else 0, 0)
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays (only filled rows) and JSON values that restore it exactly."""
-        arrays = {name: self._in_order(part) for part, name in enumerate(self._NAMES)}
+        arrays = {name: self._in_order(name) for name in self._ring}
         return arrays, {"capacity": self._capacity, "seen": self.seen}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -128,15 +127,12 @@ class TransitionMemory:
         seen = saved.whole("seen")
         count = min(seen, capacity)
         # Observed states and rewards may contain any bits.
-        bounds = {"actions": (-1, self._actions_known - 1), "endings": (GOES_ON, OVER)}
-        parts = [
-            saved.array(name, ring.dtype, (count, *ring.shape[1:]), *bounds.get(name, (None,)))
-            for name, ring in zip(self._NAMES, self._ring, strict=True)
-        ]
-        # The oldest row lies where the next one will be written.
-        rows = (np.arange(count) + (seen if count == capacity else 0)) % capacity
-        for ring, part in zip(self._ring, parts, strict=True):
-            ring[rows] = part
+        bounds = {"actions": (-1, self._known_actions - 1), "endings": (GOES_ON, OVER)}
+        parts = {}
+        for name, ring in self._ring.items():
+            shape = count, *ring.shape[1:]
+            parts[name] = saved.array(name, ring.dtype, shape, *bounds.get(name, (None,)))
+        for name, part in parts.items():
+            # The oldest row lies where the next one will be written.
+            self._ring[name][:count] = np.roll(part, seen if count == capacity else 0, 0)
         self.seen = seen
-
-    _NAMES: Final = ("states", "actions", "next_states", "endings", "rewards")

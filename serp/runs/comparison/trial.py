@@ -285,6 +285,7 @@ class Arena:
                 self._task.restore_environment(statistics, statistics_only=True)
                 seed = evaluation_seed(self._seed, episode)
                 rollout = Rollout(self._task, perceive, seed=seed, limit=limit, judge=self._judge)
+                self._agent.arbiter.begin_episode()
                 *_, last = rollout.steps(decide)
                 rows.append(_row(last, episode, policy, env_steps))
         return rows

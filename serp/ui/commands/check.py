@@ -14,9 +14,9 @@ import click
 from serp._util.text import plural
 from serp.errors import SerpError, TaskError
 from serp.ui.asked import asked_domain, asked_own_task
-from serp.ui.main import DONE, MISTAKE, say
 from serp.ui.options import max_ground_schemas_option, own_task_name, own_task_option
 from serp.ui.output import examples, learned_from, open_console
+from serp.ui.root import DONE, MISTAKE, say
 
 if TYPE_CHECKING:
     from serp.authoring.lint.domain_pairs import DomainFiles
@@ -296,8 +296,7 @@ def _print(checks: Iterator[_CheckedDomain]) -> int:
     if len(results) > 1:
         warnings = sum(f.severity == "warning" for check in results for f in check.findings)
         console.print(
-            f"\n{plural(len(results), 'domain')}: {len(results) - wrong} right, {wrong} wrong, "
-            f"{plural(warnings, 'warning')}"
+            f"\n{plural(len(results), 'domain')}: {wrong} wrong, {plural(warnings, 'warning')}"
         )
     return MISTAKE if wrong else DONE
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp.ui.asked import asked_task
-from serp.ui.main import say, stopped_by
 from serp.ui.options import (
     max_ground_schemas_option,
     own_task_name,
@@ -19,6 +18,7 @@ from serp.ui.options import (
     parse_settings,
 )
 from serp.ui.output import examples, open_console, print_result, print_table
+from serp.ui.root import say, stopped_by
 
 if TYPE_CHECKING:
     from serp.runs.comparison.compare import Comparison

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from serp._util.text import percent, plural, readable
-from serp.ui.main import say
 from serp.ui.options import OutputFile, own_task_option
 from serp.ui.output import examples, open_console, print_json, print_table
+from serp.ui.root import say
 
 if TYPE_CHECKING:
     from rich.console import Console

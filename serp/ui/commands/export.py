@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from serp.ui.asked import open_run
-from serp.ui.main import say
 from serp.ui.options import own_task_option
 from serp.ui.output import examples
+from serp.ui.root import say
 
 
 @click.command(

@@ -8,8 +8,8 @@ import click
 
 from serp._util.text import plural
 from serp.errors import SerpError
-from serp.ui.main import DONE, MISTAKE, say
 from serp.ui.output import examples
+from serp.ui.root import DONE, MISTAKE, say
 
 
 @click.command(

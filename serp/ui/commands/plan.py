@@ -10,9 +10,9 @@ import click
 
 from serp.errors import SettingsError
 from serp.ui.asked import MakePlanner, asked_domain, asked_own_task, asked_state
-from serp.ui.main import say
 from serp.ui.options import OutputFile, max_ground_schemas_option, own_task_option, settings_option
 from serp.ui.output import examples, learned_from, open_console, print_json
+from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.model.domain import Domain
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
 
 
-_USED = ("name", "depth", "discount", "repeat", "max_nodes", "accepted_risk")
+_USED = ("name", "depth", "discount", "max_nodes", "accepted_risk")
 """The settings of one decision."""
 _SECONDS = 10.0
 """Time that a plan may take."""
@@ -160,10 +160,9 @@ def _planning(
 ) -> MakePlanner:
     """Return a function that makes the planner of a domain, as task, settings and options say."""
     from serp.settings import resolve
-    from serp.tasks.file_world import STEP_BY_STEP
     from serp.ui.planner import ChosenPlanner, chosen_planner
 
-    resolved = resolve("default", STEP_BY_STEP if task is None else task.settings, settings)
+    resolved = resolve("default", None if task is None else task.settings, settings)
     for section, values in settings.items():
         for name in values:
             if section != "planner" or name not in _USED:

@@ -228,8 +228,8 @@ def _by_lines(player: Player) -> None:
 def _by_keys(player: Player) -> None:
     """Read keys from the terminal, return repeats the last one; a mistake does not end the game."""
     from serp.errors import SerpError
-    from serp.ui.main import say
     from serp.ui.player import typed_keys
+    from serp.ui.root import say
 
     click.secho("? plan  p planner  u undo  r restart  s state  : a line  h help  q quit", dim=True)
     last, keys = "", typed_keys()

@@ -12,9 +12,9 @@ import click
 
 from serp._util.text import plural
 from serp.errors import SerpError
-from serp.ui.main import say
 from serp.ui.options import OutputFile, own_task_option
 from serp.ui.output import examples, open_console
+from serp.ui.root import say
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from serp.ui.asked import asked_own_task
-from serp.ui.main import say
 from serp.ui.options import own_task_name, own_task_option
 from serp.ui.output import examples, print_result
+from serp.ui.root import say
 
 
 @click.command(

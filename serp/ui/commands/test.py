@@ -12,9 +12,9 @@ import click
 from serp._util.text import plural
 from serp.errors import SerpError, with_notes
 from serp.ui.asked import asked_domain, asked_own_task, open_run
-from serp.ui.main import DONE, MISTAKE, say
 from serp.ui.options import own_task_option, settings_option
 from serp.ui.output import examples, open_console, print_json
+from serp.ui.root import DONE, MISTAKE, say
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -163,7 +163,6 @@ def _opened(
     from serp.authoring.scenarios.files import ScenarioFile, read_beside, scenarios_beside
     from serp.pddl.source import Source
     from serp.settings import resolve
-    from serp.tasks.file_world import STEP_BY_STEP
     from serp.tasks.registry import find_domain_file
 
     own = asked_own_task()
@@ -175,7 +174,7 @@ def _opened(
         source = read_beside(domain) if file is None else Source.read(file)
     if run is not None:
         return ScenarioFile(source, trained(open_run(run).agent, domain))
-    used = resolve(preset, STEP_BY_STEP if task is None else task.settings, settings)
+    used = resolve(preset, None if task is None else task.settings, settings)
     period = dt or (task.dt if task else 1.0)
     return ScenarioFile.open(source, domain, used, period, task)
 

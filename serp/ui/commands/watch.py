@@ -11,9 +11,9 @@ import click
 from serp._util.text import plural, readable
 from serp.runs import Policy
 from serp.ui.asked import open_run
-from serp.ui.main import say
 from serp.ui.options import OutputFile, policy_of_run
 from serp.ui.output import examples, open_console
+from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.agent.step_record import StepRecord

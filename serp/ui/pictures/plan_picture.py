@@ -251,7 +251,7 @@ class _Drawing:
             if plan.forecast.applicable[k]
         }
         settings = planner.settings
-        self.layout = lay_out(plan.graph, settings.discount**settings.repeat, labels, rows)
+        self.layout = lay_out(plan.graph, settings.discount, labels, rows)
         branches = self.layout.branches
         self._columns = [_MARGIN]
         for layer in range(1 + max((branch.layer for branch in branches), default=-1)):

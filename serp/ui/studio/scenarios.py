@@ -9,7 +9,6 @@ from serp.authoring.scenarios.files import ScenarioFile, add_situation, recorded
 from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.settings import resolve
-from serp.tasks.file_world import STEP_BY_STEP
 from serp.tasks.task import Task
 from serp.ui.studio.view import ShownState, Surroundings, Version
 
@@ -42,5 +41,5 @@ class EditedScenarios:
         task = self.task
         observed = task is not None and not task.closed
         domain = Domain.parse(*self.version.sources(), observed=observed)
-        settings = resolve("default", STEP_BY_STEP if task is None else task.settings)
+        settings = resolve("default", None if task is None else task.settings)
         return ScenarioFile.open(self.source, domain, settings, self.surroundings.dt, task)

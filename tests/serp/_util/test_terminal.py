@@ -18,8 +18,8 @@ from serp._util.terminal import bar, open_console, visible
 from serp.runs.comparison.workers import Display
 from serp.runs.progress import Progress
 from serp.runs.trainer import Budget
-from serp.ui.main import say, serp
 from serp.ui.output import print_table
+from serp.ui.root import say, serp
 from tests.serp.runs.test_progress import Terminal
 
 HOSTILE = "a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"

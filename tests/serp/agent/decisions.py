@@ -160,7 +160,6 @@ def arbiter_of(actions: ActionMap, random: Random, strategy: str = "mixture") ->
         ),
         planner=PlannerSettings(
             depth=random.randint(1, 3),
-            repeat=random.choice((1, 1, 2)),
             accepted_risk=random.choice((0.0, 0.02, 0.3)),
         ),
         guide=GuideSettings(strategy=strategy),

@@ -19,7 +19,7 @@ from serp.pddl.reader import Word
 from serp.pddl.scope import is_name
 from serp.pddl.source import Source
 from serp.tasks.registry import custom_task
-from serp.ui.main import serp
+from serp.ui.root import serp
 from serp_envs.macro_actions import MacroActions, option
 
 OWN = '''

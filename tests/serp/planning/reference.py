@@ -18,24 +18,16 @@ State = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Arc:
-    """An action followed for `repeat` control periods, or until it cannot go on."""
+    """A control period of an action; `rank` and `danger` leave accepted risks out."""
 
     action: int
     state: State
     reward: float
-    weight: float
     unsafe: bool
     ended: bool
-    steps: int
-    """Control periods before the first with a risk that is not accepted, or all of them."""
     rank: int
-    """Of the first period: 0, 1 with a risk that is not accepted, 2 flagged by the file."""
     danger: float
-    """Probability of damage in any of them, accepted risks left out."""
-    risky: bool
-    """Whether any that the file does not flag has a risk that is not accepted."""
     risk: float
-    """The same, of all, to a multiple of 2⁻²⁴ after each period."""
 
 
 @dataclass(frozen=True)
@@ -75,43 +67,16 @@ class Reference:
 
     def arc(self, state: State, action: int) -> Arc | None:
         """Follow one action; None where it is not applicable."""
-        reward, weight, ended = 0.0, 1.0, False
-        dangers: list[float] = []
-        unsafe: list[bool] = []
-        risk = 0.0
-        for period in range(self.settings.repeat):
-            out, flags = self.model.transition(list(state), action)
-            if not flags & APPLICABLE:
-                if period == 0:
-                    return None
-                break
-            # The first reward is taken as it is: 0.0 + -0.0 would lose its sign.
-            reward = out[-1] if period == 0 else reward + weight * out[-1]
-            weight *= self.settings.discount
-            unsafe.append(bool(flags & UNSAFE))
-            own = 1.0 if flags & UNSAFE else (flags >> 8) / 2**24
-            dangers.append(own if own > self.settings.accepted_risk else 0.0)
-            either = 1.0 - (1.0 - risk) * (1.0 - own)
-            risk = own if period == 0 else int(either * 2**24 + 0.5) / 2**24
-            state, ended = tuple(out[:-1]), bool(flags & TERMINAL)
-            if ended:
-                break
-        danger = dangers[0]
-        for own in dangers[1:]:
-            danger += (1.0 - danger) * own
+        out, flags = self.model.transition(list(state), action)
+        if not flags & APPLICABLE:
+            return None
+        unsafe = bool(flags & UNSAFE)
+        risk = 1.0 if unsafe else (flags >> 8) / 2**24
+        danger = risk if risk > self.settings.accepted_risk else 0.0
         return Arc(
-            action=action,
-            state=state,
-            reward=reward,
-            weight=weight,
-            unsafe=any(unsafe),
-            ended=ended,
-            steps=next((k for k, own in enumerate(dangers) if own), len(dangers)),
-            rank=2 if unsafe[0] else int(dangers[0] > 0),
-            danger=danger,
-            risky=any(own and not flagged for own, flagged in zip(dangers, unsafe, strict=True)),
-            risk=1.0 if any(unsafe) else risk,
-        )
+            action, tuple(out[:-1]), out[-1], unsafe, bool(flags & TERMINAL),
+            2 if unsafe else int(danger > 0), danger, risk,
+        )  # fmt: skip
 
     def arcs(self, state: State) -> list[Arc]:
         """Every action that is applicable, in the order of the file."""
@@ -139,8 +104,17 @@ class Reference:
     def along(self, arc: Arc, layers: int) -> Path:
         """The best path that begins with an arc and goes on for some layers."""
         if arc.ended:
-            return put_before(arc, END)
-        return put_before(arc, self.best(arc.state, layers) if layers else self.beyond(arc.state))
+            return self.put_before(arc, END)
+        return self.put_before(
+            arc, self.best(arc.state, layers) if layers else self.beyond(arc.state)
+        )
+
+    def put_before(self, arc: Arc, rest: Path) -> Path:
+        """The path that begins with an arc."""
+        steps = 0 if arc.danger else SAFE if rest.steps == SAFE else rest.steps + 1
+        danger = arc.danger + (1.0 - arc.danger) * rest.danger
+        value = arc.reward + self.settings.discount * rest.value
+        return Path(steps, value, (arc, *rest.arcs), danger)
 
     def beyond(self, state: State) -> Path:
         """What is expected where nobody looks."""
@@ -183,7 +157,7 @@ class Reference:
             yield UNKNOWN if layers and self.unpredictable(state) else END
         for arc in arcs:
             for rest in [END] if arc.ended else self.paths(arc.state, layers - 1):
-                yield put_before(arc, rest)
+                yield self.put_before(arc, rest)
 
     def graph(self, root: State, layers: int) -> nx.MultiDiGraph:
         """The planning graph with merged states, edge by edge through networkx's own methods."""
@@ -218,7 +192,7 @@ class Reference:
                         reward=arc.reward,
                         unsafe=arc.unsafe,
                         risk=arc.risk,
-                        risky=arc.risky,
+                        risky=arc.rank == 1,
                         chosen=False,
                     )
             frontier = [node for (_, ended), node in known.items() if not ended]
@@ -228,13 +202,6 @@ class Reference:
             graph.edges[node, target, arc.action]["chosen"] = True
             node = target
         return graph
-
-
-def put_before(arc: Arc, rest: Path) -> Path:
-    """The path that begins with an arc."""
-    steps = arc.steps if arc.danger else SAFE if rest.steps == SAFE else rest.steps + arc.steps
-    danger = arc.danger + (1.0 - arc.danger) * rest.danger
-    return Path(steps, arc.reward + arc.weight * rest.value, (arc, *rest.arcs), danger)
 
 
 def as_state(state: Vector) -> State:

@@ -15,7 +15,7 @@ from serp.planning.closed_graph import ClosedGraph
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
-from serp.planning.preference import hazard, marked, rank_of
+from serp.planning.preference import marked, rank_of, step_risk
 from serp.settings import PlannerSettings
 from tests.serp.planning import worlds
 
@@ -83,7 +83,7 @@ def best_values(model: TransitionModel, states: list[State]) -> tuple[Vector, Ve
             if not flags & APPLICABLE:
                 undefined |= bool(flags & UNDEFINED)
                 continue
-            danger = hazard(flags, accepted)
+            danger = step_risk(flags, accepted)
             target = -1 if flags & TERMINAL else where[tuple(out[:-1])]
             found.append((rank_of(marked(flags, danger)), danger, out[-1], target))
         least = min((rank for rank, *_ in found), default=0)

@@ -37,7 +37,7 @@ def test_a_prize_that_was_never_seen_is_found_whatever_acting_costs(
     adaptation = ModelAdaptation(
         load(text), AdaptationSettings(mode="residual"), np.random.SeedSequence(0)
     )
-    planner = far_sight(adaptation.model, PlannerSettings(repeat=2))
+    planner = far_sight(adaptation.model, PlannerSettings())
     assert isinstance(planner, FarSightPlanner)
     planner.visited = adaptation.experience
     state, random = np.zeros(2), np.random.default_rng(0)

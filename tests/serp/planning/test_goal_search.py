@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,9 +19,12 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning import goal_search
 from serp.planning.array_graph import inert_fluents
 from serp.planning.edges import Bound
+from serp.planning.far_sight import FarSightPlanner
 from serp.planning.goal_search import GoalSearch
 from serp.planning.relaxation import RelaxedCosts, relaxed, relaxed_cost
 from serp.settings import PlannerSettings
+from tests.benchmarks.study_new_worlds import FILES as FILES_HERE
+from tests.benchmarks.study_new_worlds import NewWorld, problem
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
 from tests.generated.classical import gripper
 
@@ -235,3 +239,45 @@ def test_states_that_differ_in_what_was_spent_are_one(monkeypatch: pytest.Monkey
     for metric in ("(:metric minimize (* (spent) (x)))", "(:metric maximize (/ 1 (spent)))"):
         model = boat(random.choice((4.0, 8.0)), metric)
         assert len(inert_fluents(model.ground)) == 0
+
+
+@functools.cache
+def push_world() -> NewWorld:
+    """A room with two boxes, which lie elsewhere in every episode."""
+    domain = (FILES_HERE / "push.pddl").read_text(encoding="utf-8")
+    return NewWorld(load_texts(Texts(domain, problem("push"))))
+
+
+def test_every_episode_of_a_puzzle_that_is_new_each_time_reaches_its_goal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("serp.planning.far_sight._SMALL_GRAPH", 500)
+    world = push_world()
+    planner = far_sight(world.model, SETTINGS)
+    assert isinstance(planner, FarSightPlanner)
+    for episode in range(8):
+        state, _ = world.reset(seed=episode)
+        planner.begin_episode()
+        for _ in range(60):
+            state = world.model.step(state, planner.forecast(state).choice).state
+            if world.model.at_goal(state):
+                break
+        assert world.model.at_goal(state), episode
+
+
+def test_a_search_that_fails_is_repeated_rarely_and_in_the_next_episode(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("serp.planning.far_sight._SMALL_GRAPH", 50)
+    monkeypatch.setattr("serp.planning.far_sight.MAX_EDGES", 60)
+    world = push_world()
+    planner = far_sight(world.model, SETTINGS)
+    assert isinstance(planner, FarSightPlanner)
+    grow, searches = planner.graph.grow, list[int]()
+    monkeypatch.setattr(planner.graph, "grow", lambda *of: (searches.append(now), grow(*of)))
+    state, _ = world.reset(seed=0)
+    for now in range(100):
+        if now == 50:
+            planner.begin_episode()
+        planner.forecast(state)
+    assert sorted(set(searches)) == [0, 15, 50, 65]

@@ -31,7 +31,6 @@ MODELS = (*map(world, range(WORLDS)), *map(risky_world, range(WORLDS)))
 SETTINGS = st.builds(
     PlannerSettings,
     depth=st.integers(1, 4),
-    repeat=st.integers(1, 3),
     discount=st.sampled_from((1.0, 0.99, 0.9, 0.5)),
     max_nodes=st.sampled_from((1, 2, 3, 5, 8, 20, 60, 10_000)),
     accepted_risk=st.sampled_from((0.0, 0.02, 0.3)),
@@ -43,7 +42,6 @@ def plan(model: TransitionModel, settings: PlannerSettings, state: Vector) -> Pl
         model,
         depth=settings.depth,
         discount=settings.discount,
-        repeat=settings.repeat,
         max_nodes=settings.max_nodes,
         accepted_risk=settings.accepted_risk,
     )
@@ -167,17 +165,6 @@ def test_a_state_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
         Lookahead(model).forecast(np.zeros(shape))
 
 
-def test_states_of_another_dtype_or_layout_are_read_right() -> None:
-    model = world(5)
-    state = states_of(model, Random(3), 1)[0]
-    lookahead = Lookahead(model)
-    spread = np.repeat(state, 2)[::2]
-    assert not spread.flags.c_contiguous
-    small = state.astype(np.float32)  # halves are exact in float32
-    for other in (spread, small):
-        assert bits(lookahead.forecast(other)) == bits(lookahead.forecast(state))
-
-
 def test_memory_is_bounded_whatever_the_depth() -> None:
     """Five actions, depth 60: the whole tree has more nodes than there are atoms in the field."""
     model = load(
@@ -213,7 +200,7 @@ def test_forecasts_that_threads_compute_are_those_of_one(
     states, leaves = states_of(model, Random(number), 20), leaves_of(model, number)
     alone, together = Lookahead(model), Lookahead(model)
     alone.leaves = together.leaves = leaves
-    with together.foreseeing(states):
+    with together.prefetch(states):
         for state in states:
             found = together.forecast(state)
             assert found is together.forecast(state)

@@ -123,7 +123,7 @@ def test_a_graph_with_a_part_missing_or_cut_off_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("saved", 10**9), ("limit", 0), ("bins", 0.5), ("bins", -1.0), ("explores", 3), ("price", -1)],
+    [("saved", 10**9), ("wait", -1), ("bins", 0.5), ("bins", -1.0), ("explores", 3), ("price", -1)],
 )
 def test_a_forged_account_is_refused(name: str, value: Any) -> None:
     arrays, meta = planner_at(5.0).state_dict()

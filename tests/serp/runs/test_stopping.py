@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from serp.runs.train import SIGNALS, StoppedAtOnce, Stopping, stop_between_episodes
-from serp.ui.main import stopped_by
+from serp.ui.root import stopped_by
 
 
 @pytest.fixture(autouse=True)

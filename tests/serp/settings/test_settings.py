@@ -126,12 +126,12 @@ def test_any_settings_are_read_back_equal(preset: str, changes: dict[str, dict[s
 
 
 def test_changes_go_over_the_task_and_the_task_over_the_preset() -> None:
-    task = {"*": {"planner": {"depth": 7, "repeat": 2}}, "paper": {"planner": {"depth": 8}}}
-    paper = resolve("paper", task, {"planner": {"repeat": 3}})
-    assert (paper.planner.depth, paper.planner.repeat) == (8, 3)
+    task = {"*": {"planner": {"depth": 7, "max_nodes": 2}}, "paper": {"planner": {"depth": 8}}}
+    paper = resolve("paper", task, {"planner": {"max_nodes": 3}})
+    assert (paper.planner.depth, paper.planner.max_nodes) == (8, 3)
     assert paper.planner.discount == PRESETS["paper"]["planner"]["discount"]
     default = resolve("default", task)
-    assert (default.planner.depth, default.planner.repeat) == (7, 2)
+    assert (default.planner.depth, default.planner.max_nodes) == (7, 2)
 
 
 def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:

@@ -36,7 +36,7 @@ def cartpole(name: str = "cartpole") -> Domain:
 @functools.cache
 def planner(text: str) -> Lookahead:
     """The planner of a cart-pole file."""
-    settings = PlannerSettings(depth=5, repeat=2, discount=0.99)
+    settings = PlannerSettings(depth=5, discount=0.99)
     return Lookahead(from_text(text).model.replace(dt=DT), settings)
 
 

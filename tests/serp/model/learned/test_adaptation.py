@@ -191,16 +191,6 @@ def test_a_model_too_large_to_compile_is_used_as_written_and_that_is_said(
     observe(of, steps_of(of, 100, 0))
 
 
-def test_a_domain_without_fluents_has_nothing_to_correct() -> None:
-    of, again = (adaptation("(define (domain nothing) (:action wait))", "full") for _ in range(2))
-    for _ in range(40):
-        of.visit(0)
-        of.observe(np.zeros(0), 0, np.zeros(0), False)
-    assert of.visits.tolist() == [40]
-    again.load_state_dict(*of.state_dict())
-    assert bits(again.state_dict()) == bits(of.state_dict())
-
-
 # In a training ---------------------------------------------------------------------------------
 
 

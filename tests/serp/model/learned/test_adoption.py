@@ -30,7 +30,7 @@ def test_each_fluent_says_whether_it_is_adapted_and_why() -> None:
     position, speed = adoption.fluents
     assert (position.fluent, speed.fluent) == ("p", "v")
     assert not position.adapted and "the file was right in 200 steps" in position.why
-    assert set(speed.residual) == {"push", "rest"} and "in use" in speed.why
+    assert set(speed.residual) == {"push", "rest"} and "% of that of the file" in speed.why
     assert adoption.in_use
     assert str(adoption) == "adapted: residual for `v`; as written: `p`"
     said = json.dumps(adoption.as_dict(), allow_nan=False)
@@ -56,13 +56,10 @@ def test_what_cannot_be_foreseen_is_not_in_use_and_says_how_large_its_error_is()
         change = np.array([0.1 * state[1], rng.normal()])
         of.observe(state, 0, state + change, GOES_ON)
     speed = of.adoption.fluents[1]
-    assert not speed.adapted and speed.why.startswith("residual not in use: mean absolute error ")
-    assert speed.why.endswith(
-        " % of that of the file, in 150 steps; it replaces the file below 95 %"
-    )
+    assert not speed.adapted and speed.why.endswith(" of that of the file in 150 steps")
 
 
-def test_counted_outcomes_and_their_score_are_named() -> None:
+def test_counted_outcomes_are_named() -> None:
     of = adaptation(GRID)
     names = [fluent.name for fluent in of.model.fluents]
     rng, right = np.random.default_rng(0), 0
@@ -72,10 +69,7 @@ def test_counted_outcomes_and_their_score_are_named() -> None:
         after = expected if rng.random() < 0.5 else state
         of.observe(state, right, after, GOES_ON)
         state = np.clip(after, -3, 3)
-    counted = [fluent for fluent in of.adoption.fluents if fluent.outcomes]
-    assert counted and all(
-        "counted outcomes in use: Brier score " in fluent.why for fluent in counted
-    )
+    assert any(fluent.outcomes for fluent in of.adoption.fluents)
 
 
 def test_a_model_that_does_not_adapt_says_so() -> None:

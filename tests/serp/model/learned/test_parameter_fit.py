@@ -164,22 +164,6 @@ def test_numbers_that_jump_by_chance_are_no_rates() -> None:
     assert estimate[push] == pytest.approx(2.0)
 
 
-def test_a_number_inside_of_a_function_is_estimated() -> None:
-    text = """(define (domain rover)
-      (:requirements :numeric-fluents :math-functions)
-      (:functions (x) (heading))
-      (:action drive :parameters () :precondition (and) :effect (and
-        (increase (x) (* 0.8 (cos (+ (heading) {offset}))))))
-      (:action turn :parameters () :precondition (and) :effect (and
-        (increase (heading) (min (sqrt (abs (- (x) {edge}))) 1.5)))))"""
-    rng = np.random.default_rng(0)
-    model = from_text(text.format(offset=0.25, edge=0.125)).model
-    seen = imagined(model, rng.uniform(-2.0, 2.0, size=(400, 2)), rng)
-    wrong = from_text(text.format(offset=0.15, edge=0.1)).model
-    estimate, _ = estimated(wrong, seen.states, seen.actions, seen.next_states)
-    assert estimate == pytest.approx(model.theta, abs=1e-3)
-
-
 WALL = """(define (domain wall)
   (:requirements :numeric-fluents)
   (:functions (gap))

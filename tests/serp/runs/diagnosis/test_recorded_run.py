@@ -14,7 +14,7 @@ from serp.runs.run import load_run
 from tests.serp.runs.runs import without_pictures
 
 QUICK = {
-    "planner": {"depth": 1, "repeat": 1},
+    "planner": {"depth": 1},
     "learner": {"members": 1},
     "training": {"checkpoint_seconds": 0},
 }

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from serp.authoring.lint.portability import outside_portable_subset
-from serp.authoring.lint.unified_planning import refused_by_unified_planning
 from serp.model.learned.regression_data import predictions
 from serp.runs.diagnosis.findings import EffectTerm, MissingEffect, ParameterFinding
 from serp.runs.diagnosis.repair import Repaired, repair
@@ -36,7 +35,6 @@ def test_a_real_run_repairs_its_file(name: str) -> None:
     assert repaired.changes
     new = written(domain, repaired)
     assert not outside_portable_subset(new.source)
-    assert refused_by_unified_planning(new.source, None) is None
     assert logic(new) == logic(domain)
     assert kept(domain.source.text, repaired.text)
     predicted = predictions(new.model.replace(dt=DT), experience.states, experience.actions)

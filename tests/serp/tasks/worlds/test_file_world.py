@@ -14,7 +14,6 @@ import serp
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.pddl.source import Source
-from serp.settings import resolve
 from serp.tasks.file_world import FileWorld
 from serp.tasks.task import WorldOptions
 from tests.serp.runs.runs import train, without_pictures
@@ -118,7 +117,6 @@ def test_a_task_is_made_of_a_file_in_one_line(tmp_path: Path) -> None:
     task = serp.file_task(tmp_path / "ferry.pddl", failure=0.5, max_steps=3)
     with pickle.loads(pickle.dumps(task)).bind() as bound:
         assert bound.rewarded_by == "environment"
-        assert resolve("default", task.settings).planner.repeat == 1  # each step is decided
         observation, _ = bound.reset(seed=1)
         assert (bound.ground(observation) == bound.model.initial_state).all()
         # No step makes it wet. In any other environment it might be observed.

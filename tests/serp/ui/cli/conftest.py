@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from serp.ui.main import serp
+from serp.ui.root import serp
 from tests.serp.runs.runs import without_pictures
 
 Run = Callable[..., Result]
@@ -20,7 +20,6 @@ QUICK = [
         "arbiter.rho=1",
         "guide.strategy=mixture",
         "planner.depth=1",
-        "planner.repeat=1",
         "learner.members=1",
         "training.checkpoint_seconds=0",
     )

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from serp.runs.comparison import workers
 from serp.runs.comparison.algorithms import OWN
-from serp.ui.main import serp
+from serp.ui.root import serp
 from tests.serp.ui.cli.conftest import Run
 
 SETTINGS = [

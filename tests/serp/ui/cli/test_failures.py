@@ -10,7 +10,7 @@ import click
 import pytest
 
 from serp.errors import RunError
-from serp.ui.main import exit_with
+from serp.ui.root import exit_with
 
 
 def raising(error: BaseException) -> Callable[[], Any]:

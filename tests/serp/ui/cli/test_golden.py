@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from serp.ui.main import serp
+from serp.ui.root import serp
 from tests.serp.ui.cli.conftest import QUICK
 
 GOLDEN = Path(__file__).parents[1] / "golden"

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from serp.ui.main import serp
+from serp.ui.root import serp
 from tests.serp.ui.cli.conftest import QUICK, Run
 
 ESCAPES = re.compile(r"\x1b\[[0-9;]*m")

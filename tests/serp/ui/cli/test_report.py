@@ -22,9 +22,9 @@ from serp.runs.recording_format import Layout, blocks_in, decode, encode
 from serp.runs.rollout import training_seed
 from serp.runs.run import load_run
 from serp.runs.tables import read_metrics
-from serp.ui.main import serp
 from serp.ui.report.recorded_steps import chosen_steps, recorded_episodes
 from serp.ui.report.scene import drawn_scenes
+from serp.ui.root import serp
 from serp.ui.studio.session import open_session
 from tests.serp.ui.cli.conftest import QUICK, Run, train
 from tests.serp.ui.studio.browser import CHROMIUM, chromium

@@ -16,8 +16,8 @@ import pytest
 from click.testing import CliRunner
 
 import serp
-from serp.ui.main import COMMANDS
-from serp.ui.main import serp as group
+from serp.ui.root import COMMANDS
+from serp.ui.root import serp as group
 from tests.serp.ui.cli.conftest import Run
 
 HEAVY = {"gymnasium", "matplotlib", "networkx", "numba", "numpy", "rich", "torch"}
@@ -46,7 +46,7 @@ def test_examples_of_the_help_are_valid_command_lines(name: str, run: Run) -> No
 
 def test_the_package_runs_and_help_imports_nothing_heavy(tmp_path: Path) -> None:
     script = (
-        "import json, sys; from serp.ui.main import COMMANDS, serp\n"
+        "import json, sys; from serp.ui.root import COMMANDS, serp\n"
         "for name in COMMANDS: serp([name, '--help'], standalone_mode=False)\n"
         "print(); print(json.dumps(list(sys.modules)))"
     )

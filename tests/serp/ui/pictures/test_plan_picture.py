@@ -89,7 +89,7 @@ CLIFF = """
 def layout_of(plan: Plan, planner: MonitorReplanner, rows: int = MAX_ROWS) -> PlanLayout:
     """The layout, after a check of what holds of every layout."""
     labels = {k: action.name for k, action in enumerate(planner.model.actions)}
-    layout = lay_out(plan.graph, planner.settings.discount**planner.settings.repeat, labels, rows)
+    layout = lay_out(plan.graph, planner.settings.discount, labels, rows)
     branches = layout.branches
     # Every edge at most once, behind an edge that reaches its source, or out of the root.
     edges = Counter((b.source, b.target, b.action) for b in branches)

@@ -134,14 +134,6 @@ def test_a_world_that_changes_is_followed() -> None:
     assert not flags & 2
 
 
-def test_counting_waits_until_it_is_better_than_the_file() -> None:
-    adaptation = adaptation_of(from_text(GRID).model)
-    for k in range(40):
-        change = [0.0, 1.0, 0.0] if k == 20 else [0.0, 0.0, 1.0]
-        adaptation.observe(np.zeros(3), 0, np.array(change), False)
-    assert not shared(adaptation), "one slip in forty is no reason to give up what is right"
-
-
 LAKE = """
 (define (domain lake)
   (:requirements :conditional-effects :numeric-fluents)
@@ -268,43 +260,6 @@ def test_the_order_of_ambiguous_observations_does_not_matter() -> None:
         adaptation.observe(inside, DOWN, moved(inside, DOWN), GOES_ON)
     found = chances(adaptation, np.array([0.0, 1.0, 2.0]), DOWN)
     assert found == pytest.approx({(0.0, 1.0, 1.0): 2 / 3, (0.0, 2.0, 2.0): 1 / 3}, abs=0.05)
-
-
-BALLS = """
-(define (domain balls)
-  (:requirements :strips :typing :numeric-fluents)
-  (:types ball)
-  (:constants a b - ball)
-  (:predicates (lit ?b - ball))
-  (:functions (x ?b - ball) (v ?b - ball))
-  (:action wait :parameters () :precondition (and) :effect (and)))
-"""
-
-
-@pytest.mark.parametrize("resting", ["a", "b", "none"])
-def test_an_object_that_rests_is_no_hindrance_to_others_of_its_type(resting: str) -> None:
-    """Balls roll by a tenth of their speed, and their lamps go on and off; one may stand still."""
-    model = from_text(BALLS).model
-    column = {fluent.name: fluent.index for fluent in model.fluents}
-    adaptation = adaptation_of(model)
-    random = np.random.default_rng(4)
-    for _ in range(300):
-        state = np.zeros(len(column))
-        for ball in "ab":
-            state[column[f"lit {ball}"]] = float(random.integers(2))
-            if ball != resting:
-                state[column[f"x {ball}"]], state[column[f"v {ball}"]] = random.normal(size=2)
-        after = state.copy()
-        for ball in "ab":
-            after[column[f"x {ball}"]] += 0.1 * state[column[f"v {ball}"]]
-            after[column[f"lit {ball}"]] = 1.0 - state[column[f"lit {ball}"]]
-        adaptation.observe(state, 0, after, False)
-    state = np.zeros(len(column))
-    state[[column["v a"], column["v b"]]] = 1.0
-    predicted, _ = adaptation.model.transition(state.tolist(), 0)
-    for ball in "ab":
-        assert predicted[column[f"x {ball}"]] == pytest.approx(0.1, abs=0.02)
-        assert predicted[column[f"lit {ball}"]] == 1.0
 
 
 def test_the_table_is_laid_out_anew_from_what_was_counted() -> None:

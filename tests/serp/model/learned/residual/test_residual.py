@@ -129,40 +129,6 @@ def test_what_is_learned_of_one_object_is_known_of_all_of_its_type() -> None:
         assert (error(of, state, action, world(state, action)) < 0.01).all()
 
 
-def test_what_the_world_does_by_itself_is_known_for_an_action_hardly_tried() -> None:
-    def world(state: Vector, action: int) -> Vector:
-        p, v = state
-        return np.array([p + 0.1 * v, v + (0.3 if action == PUSH else 0.0) - 0.4 * p])
-
-    of = adaptation(PLANE)
-    rng = np.random.default_rng(0)
-    teach(of, world, rng, 100, actions=(PUSH,))
-    teach(of, world, rng, 3, actions=(REST,))
-    # Three samples alone do not tell three weights of a state they have not been near.
-    assert typical(of, world)[1] < 0.02
-
-
-def test_inputs_that_do_not_change_do_no_harm() -> None:
-    of = adaptation(PLANE.replace("(v))", "(v) (hour) (mass))", 1))
-    names = [fluent.name for fluent in of.model.fluents]
-    columns = [names.index(name) for name in ("p", "v", "hour", "mass")]
-
-    def draw(rng: np.random.Generator) -> Vector:
-        state = np.empty(4)
-        state[columns] = *rng.normal(size=2), 1e5, 0.5
-        return state
-
-    def world(state: Vector, action: int) -> Vector:
-        after = state.copy()
-        after[columns[:2]] = linear_world(state[columns[:2]], action)
-        return after
-
-    teach(of, world, np.random.default_rng(0), 300, draw=draw)
-    assert (typical(of, world, draw) < 1e-3).all()
-    # And where they do change nothing is made of it.
-    assert (typical(of, world, lambda rng: draw(rng) + np.eye(4)[columns[2]]) < 1e-2).all()
-
-
 @pytest.mark.parametrize("world", [linear_world, pendulum])
 @pytest.mark.parametrize("offset", [5e6, -1.7e9])
 def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: float) -> None:
@@ -237,19 +203,6 @@ def test_a_file_that_is_right_stays_in_charge(noise: float) -> None:
         assert typical(of, as_written).max() <= 0.3 * noise
         if noise < 1e-6:
             assert adapts_nothing(of)
-
-
-def test_a_number_is_corrected_beside_another_that_cannot_be_predicted() -> None:
-    of, rng = adaptation(PLANE), np.random.default_rng(1)
-
-    def half_known(state: Vector, action: int) -> Vector:
-        return np.array([linear_world(state, action)[0], state[1] + rng.normal()])
-
-    teach(of, half_known, rng, 600)
-    assert typical(of, linear_world)[0] < 1e-3
-    for action in (PUSH, REST):
-        state = any_state(of.model, rng)
-        assert of.model.step(state, action).state[1] == state[1]  # as written
 
 
 @given(seed=st.integers(0, 2**32), outliers=st.booleans())
