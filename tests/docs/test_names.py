@@ -93,7 +93,6 @@ LISTS: dict[str, Callable[[], set[str]]] = {
 }
 NOT_IN_EVERY_RUN = {
     "problem.pddl",
-    "episodes.csv",
     "evaluations/",
     "report.html",
     "tensorboard/",

@@ -1,4 +1,4 @@
-"""Engines of other libraries; tests/benchmarks/study_engines.py kills workers of real clusters."""
+"""The engine of Ray."""
 
 from __future__ import annotations
 
@@ -7,26 +7,11 @@ import pickle
 import socket
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from serp.errors import MissingExtra, RunError
-from serp_adapters.engines import dask, ray
-
-
-def test_dask_runs_a_function_in_every_thread_of_a_cluster() -> None:
-    distributed = pytest.importorskip("distributed")
-    given: Any = {"processes": False, "n_workers": 1, "threads_per_worker": 3}
-    with (
-        distributed.LocalCluster(dashboard_address=None, **given) as cluster,
-        dask.engine(cluster.scheduler_address, None) as pool,
-    ):
-        assert pool.slots == 3
-        futures = [pool.executor.submit(divmod, number, 2) for number in (7, 7)]
-        assert [future.result(timeout=30) for future in futures] == [(3, 1)] * 2
-        with pytest.raises(ZeroDivisionError):
-            pool.executor.submit(divmod, 7, 0).result(timeout=30)
+from serp_adapters.engines import ray
 
 
 def test_a_worker_of_ray_searches_the_folder_of_the_driver_last(
@@ -48,16 +33,12 @@ def test_a_worker_of_ray_searches_the_folder_of_the_driver_last(
 
 def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """When the engine is looked up, before anything is written."""
-    for library, engine in (("ray", ray), ("distributed", dask)):
-        with monkeypatch.context() as patch, pytest.raises(MissingExtra, match="the engine"):
-            patch.setitem(sys.modules, library, None)
-            importlib.reload(engine)
+    with monkeypatch.context() as patch, pytest.raises(MissingExtra, match="the engine"):
+        patch.setitem(sys.modules, "ray", None)
+        importlib.reload(ray)
 
 
 def test_a_cluster_that_is_not_there_is_an_error() -> None:
-    pytest.importorskip("distributed")
-    with pytest.raises(RunError, match="engine dask: there is no cluster nowhere: "):
-        dask.engine("nowhere", None).__enter__()
     pytest.importorskip("ray")  # which would try again for minutes
     with socket.create_server(("127.0.0.1", 0)) as server:
         free = server.getsockname()[1]

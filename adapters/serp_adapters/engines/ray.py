@@ -1,4 +1,4 @@
-"""The engine `ray`: trials as tasks of a Ray cluster."""
+"""The engine `ray`: trials as tasks of a Ray cluster, whose machines share the folder of --out."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ import pickle
 import socket
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, Final
 from urllib.parse import urlsplit
 
 from serp.errors import MissingExtra, RunError
-from serp.runs.comparison.workers import Pool
 
 if find_spec("ray") is None:
     raise MissingExtra("the engine `ray`", "ray")
@@ -22,12 +21,10 @@ _HERE: Final = "local"
 """Ray's address of a new cluster on this machine."""
 _PATIENCE: Final = 10.0
 """Seconds within which the head of a cluster has to take a connection."""
-_RETRIES: Final = "RAY_gcs_server_port_wait_time_s"
-"""Ray's number of attempts to reach a head, each of 40 s; by default 20."""
 
 
 @contextmanager
-def engine(address: str | None, most: int | None) -> Iterator[Pool]:
+def engine(address: str | None, most: int | None) -> Iterator[tuple[Executor, int]]:
     """Run trials on a Ray cluster, one on each of its CPUs.
 
     Without an address it is the cluster that this process is connected to, else that of
@@ -35,6 +32,8 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
     usage and starts no dashboard.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    # Ray's attempts to reach a head, each of 40 s: a wrong address fails soon.
+    os.environ.setdefault("RAY_gcs_server_port_wait_time_s", "1")
     import ray
 
     own = not ray.is_initialized()
@@ -43,41 +42,20 @@ def engine(address: str | None, most: int | None) -> Iterator[Pool]:
         there = address or os.environ.get("RAY_ADDRESS") or _HERE
         here = {"num_cpus": most, "include_dashboard": False} if there == _HERE else {}
         try:
-            with nullcontext() if here else _one_attempt(there):
-                ray.init(address=there, **quiet, **here)
+            place = urlsplit(there if "://" in there else f"//{there}")
+            if place.hostname is not None and place.port is not None:  # else Ray finds it out late
+                socket.create_connection((place.hostname, place.port), _PATIENCE).close()
+            ray.init(address=there, **quiet, **here)
         except (OSError, RuntimeError, ValueError) as error:
             raise RunError(f"engine ray: there is no cluster {there}: {error}") from error
     try:
         cpus = int(ray.cluster_resources().get("CPU", 1))
         if cpus == 0:
             raise RunError("engine ray: the cluster has no CPU yet; start its workers first")
-        yield Pool(_RayExecutor(ray), most or cpus)
+        yield _RayExecutor(ray), most or cpus
     finally:
         if own:
             ray.shutdown()
-
-
-@contextmanager
-def _one_attempt(address: str) -> Iterator[None]:
-    """Let a wrong address fail soon: Ray tries for a quarter of an hour.
-
-    What does not listen is found out at once; what listens and is no head of a cluster, such as
-    its dashboard, by a single attempt.
-
-    Raises:
-        OSError: Nothing listens at `host:port` or `ray://host:port`.
-        ValueError: The port is no number.
-    """
-    place = urlsplit(address if "://" in address else f"//{address}")
-    if place.hostname is not None and place.port is not None:
-        socket.create_connection((place.hostname, place.port), _PATIENCE).close()
-    before = os.environ.get(_RETRIES)
-    os.environ[_RETRIES] = before or "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[_RETRIES]
 
 
 class _RayExecutor(Executor):

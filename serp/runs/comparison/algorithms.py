@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import EntryPoint
@@ -12,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.plugins import find, first_line, loading, offered
-from serp.agent.registry import find_strategy, strategy_names
 from serp.errors import SettingsError
 from serp.settings import Changes, Settings, resolve
-from serp.tasks.task import Source, Task
+from serp.tasks.task import Task
 
 GROUP: Final = "serp.algorithms"
 """Entry-point group of external algorithms: functions of type `MakeExternalAlgorithm`."""
@@ -40,9 +40,6 @@ class ExternalAlgorithm(Protocol):
 MakeExternalAlgorithm = Callable[[gym.Env[Any, Any], str, int], ExternalAlgorithm]
 """(environment with flat observations and discrete actions, name of the task, seed) → algorithm."""
 
-Kind = Literal["guided", "baseline", "planner", "external"]
-
-SERP: Final = "serp"
 PLANNER: Final = "mrp"
 """The algorithm that is only the planner."""
 DQN: Final = "dqn"
@@ -65,7 +62,7 @@ class Algorithm:
 
     name: str
     description: str
-    kind: Kind
+    kind: Literal["guided", "baseline", "planner", "external"]
     preset: str = "default"
     changes: Changes = field(default_factory=dict)
     make_external: MakeExternalAlgorithm | None = None
@@ -74,11 +71,11 @@ class Algorithm:
         """Return the algorithm with some settings changed, under a new name."""
         if self.kind == "external":
             raise SettingsError(f"`{self.name}` has no settings that serp could change")
-        return replace(self, name=name, changes=merged(self.changes, changes))
+        return replace(self, name=name, changes=_merged(self.changes, changes))
 
     def settings(self, task: Task, changes: Changes) -> Settings:
         """Return its settings on a task; its own changes override those of the user."""
-        settings = resolve(self.preset, task.settings, merged(changes, self.changes))
+        settings = resolve(self.preset, task.settings, _merged(changes, self.changes))
         if settings.training.num_envs > 1:
             raise SettingsError(
                 f"training.num_envs is {settings.training.num_envs}, but a comparison steps one "
@@ -92,47 +89,43 @@ class Algorithm:
         return self.kind in ("guided", "planner")
 
 
-_NO_GUIDE: Final[Changes] = {
+_BASELINE: Final[Changes] = {
     "guide": {"strategy": "mixture"},  # whose planner does not influence the learner
+    "adaptation": {"mode": "off"},  # a baseline uses no model
 }
-_BASELINE: Final[Changes] = {**_NO_GUIDE, "adaptation": {"mode": "off"}}
-"""A baseline uses no model, so none adapts."""
-
-_OWN: Final = (
-    Algorithm("serp", "preset default", "guided"),
-    Algorithm(
-        "serp-paper", "preset paper: Algorithm 1 and section 4 to the letter", "guided", "paper"
-    ),
-    Algorithm(
-        "mrp",
-        "the planner alone (monitor-replanning)",
-        "planner",
-        changes={
-            "arbiter": {
-                "rho": 0.0,
-                "rho_increment": 0.0,
+OWN: Final[Mapping[str, Algorithm]] = {
+    algorithm.name: algorithm
+    for algorithm in (
+        Algorithm("serp", "preset default", "guided"),
+        Algorithm(
+            "serp-paper", "preset paper: Algorithm 1 and section 4 to the letter", "guided", "paper"
+        ),
+        Algorithm(
+            PLANNER,
+            "the planner alone (monitor-replanning)",
+            "planner",
+            changes={
+                "arbiter": {"rho": 0.0, "rho_increment": 0.0},
+                "learner": {"updates_per_step": 0.0, "members": 1},
+                "training": {"random_steps": 0},
+                "guide": {"strategy": "mixture"},
             },
-            "learner": {"updates_per_step": 0.0, "members": 1},
-            "training": {"random_steps": 0},
-            **_NO_GUIDE,
-        },
-    ),
-    Algorithm(
-        "dqn",
-        "the learner of preset default alone, more exploration: no planner, no veto",
-        "baseline",
-        changes={**_BASELINE, "learner": {"epsilon_start": 1.0}},
-    ),
-    Algorithm(
-        "dqn-paper",
-        "the learner of preset paper alone: no planner, no veto",
-        "baseline",
-        "paper",
-        changes=_BASELINE,
-    ),
-)
-
-OWN: Final[Mapping[str, Algorithm]] = {algorithm.name: algorithm for algorithm in _OWN}
+        ),
+        Algorithm(
+            DQN,
+            "the learner of preset default alone, more exploration: no planner, no veto",
+            "baseline",
+            changes={**_BASELINE, "learner": {"epsilon_start": 1.0}},
+        ),
+        Algorithm(
+            "dqn-paper",
+            "the learner of preset paper alone: no planner, no veto",
+            "baseline",
+            "paper",
+            changes=_BASELINE,
+        ),
+    )
+}
 """The algorithms of this library, by name."""
 
 
@@ -142,64 +135,52 @@ def algorithm_entries() -> dict[str, EntryPoint]:
 
 
 def find_algorithm(name: str) -> Algorithm:
-    """Return the algorithm of a name."""
-    if name in OWN:
-        return OWN[name]
-    entry = find(algorithm_entries(), name, "algorithm", SettingsError, known=OWN)
-    with loading(entry, "algorithm", SettingsError):
-        make = entry.load()
-    return Algorithm(name, first_line(make) or name, "external", make_external=make)
+    """Return the algorithm of a name; `serp:learner.members=1` is `serp` with a setting changed.
+
+    Several changes are separated by semicolons.
+
+    Raises:
+        SettingsError: There is no such algorithm, or a change has another form.
+    """
+    base, colon, text = name.partition(":")
+    if base in OWN:
+        algorithm = OWN[base]
+    else:
+        entry = find(algorithm_entries(), base, "algorithm", SettingsError, known=OWN)
+        with loading(entry, "algorithm", SettingsError):
+            make = entry.load()
+        algorithm = Algorithm(base, first_line(make) or base, "external", make_external=make)
+    return algorithm.changed(name, _assigned(name, text)) if colon else algorithm
 
 
-def merged(first: Changes, second: Changes) -> Changes:
+def _assigned(name: str, text: str) -> Changes:
+    changes: dict[str, dict[str, Any]] = {}
+    for assignment in text.split(";"):
+        target, equals, value = assignment.partition("=")
+        section, dot, setting = (part.strip() for part in target.partition("."))
+        if not (equals and dot and section and setting):
+            raise SettingsError(
+                f"`{name}`: expected section.name=value after the colon, such as "
+                "serp:learner.members=1"
+            )
+        changes.setdefault(section, {})[setting] = setting_value(value)
+    return changes
+
+
+def setting_value(text: str) -> Any:
+    """Return the value of a setting that a text gives: JSON where it is, `inf`, `none`, or text."""
+    text = text.strip()
+    words = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
+    try:
+        value = words[text] if text in words else json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _merged(first: Changes, second: Changes) -> Changes:
     """Return both; where they differ, the second applies."""
     return {
         section: {**first.get(section, {}), **second.get(section, {})}
         for section in {**first, **second}
     }
-
-
-REWARDS: Final[Mapping[Source, str]] = {
-    "domain": "rewards of the domain file",
-    "environment": "reward of the environment",
-    "sum": "reward of the environment plus those of the domain file",
-}
-_NOT_OF_TRAINING: Final = (
-    "env_steps",
-    "units",
-    "checkpoint_seconds",
-    "tensorboard",
-)
-"""Settings that a comparison does not read."""
-
-
-def characteristics_of(algorithm: Algorithm, settings: Settings, source: Source) -> dict[str, str]:
-    """Return the characteristics of one of serp's algorithms: name → text."""
-    learns, plans = algorithm.kind != "planner", algorithm.kind != "baseline"
-    acting = {"planner": "planner", "baseline": "learner"}
-    return {
-        "learner": f"DQN, preset {algorithm.preset}" if learns else "none",
-        "learned from": REWARDS[source] if learns else "none",
-        "planner": settings.planner.name if plans else "none",
-        "who acts": acting.get(algorithm.kind, settings.guide.strategy),
-        "vetoes": "by the domain file" if plans else "none",
-    }
-
-
-def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[str, Any]] | None:
-    """Return section → setting → JSON value of what an algorithm reads; None if it is external."""
-    if algorithm.kind == "external":
-        return None
-    said = settings.as_dict()
-    for name in _NOT_OF_TRAINING:
-        del said["training"][name]
-    if algorithm.kind == "baseline":
-        return {name: said[name] for name in ("learner", "training")}
-    if algorithm.kind == "planner":
-        return {name: said[name] for name in ("planner", "adaptation")}
-    own = find_strategy(settings.guide.strategy).reads
-    for strategy in map(find_strategy, strategy_names()):
-        for setting in set(strategy.reads).difference(own):
-            section, _, name = setting.partition(".")
-            said[section].pop(name, None)
-    return said

@@ -1,137 +1,394 @@
-"""`compare`: plans the trials, runs the missing ones, and writes the report."""
+"""`compare`: plans the trials, runs the missing ones, and writes the report.
+
+comparison/plan.json             everything that was requested so far
+comparison/domains/VARIANT.pddl  copies of the domain files at the beginning
+comparison/trials/NAME/          the trials, each a run folder
+comparison/report.md, …          the report, see `serp.runs.comparison.report`
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import glob
+import json
+import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
-import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    PositiveInt,
+    ValidationError,
+    field_validator,
+)
 
+from serp._util.files import cannot_write, make_inside, read_regular, write_durably
+from serp._util.text import did_you_mean
 from serp.agent.agent import Agent
-from serp.agent.arbiter import Arbiter
-from serp.errors import Interrupted, Notice, RunError, needs_extra
-from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.lookahead import Lookahead
-from serp.runs.comparison.folder import merge_into, writing
-from serp.runs.comparison.measures import Results
-from serp.runs.comparison.plan import Record, Trial, read_plan, write_plan
-from serp.runs.comparison.request import (
-    ComparisonRequest,
-    PreparedComparison,
-    metadata_of,
-    prepare,
-    requested_task,
+from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError, needs_extra
+from serp.model.domain import Domain, load_domain
+from serp.runs.comparison.algorithms import DQN, PLANNER, find_algorithm
+from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
+from serp.runs.comparison.statistics import Results
+from serp.runs.comparison.trial import (
+    ExternalEnv,
+    Job,
+    Record,
+    Trial,
+    TrialProtocol,
+    file_name,
+    make_external,
+    read_trial,
 )
-from serp.runs.comparison.tables import overview
-from serp.runs.comparison.trial import make_contestant
-from serp.runs.comparison.trial_files import is_complete, read_trial, write_trial
-from serp.runs.comparison.workers import (
-    ONE_AFTER_ANOTHER,
-    Display,
-    Ended,
-    at_once,
-    open_pool,
-    run_here,
-    run_in_executor,
-    runs_here,
-)
-from serp.runs.folder import default_path
-from serp.runs.train import Stopping, stop_between_episodes
-from serp.settings import Settings, resolve
-from serp.tasks.task import BoundTask, Task, reward_source
+from serp.runs.folder import CONFIG, LOCK, RunLock, default_path
+from serp.runs.train import stop_between_episodes
+from serp.settings import Changes, resolve
+from serp.tasks.registry import find_task, load_task, task_entries
+from serp.tasks.task import BoundTask, Task
 
-_STEPS: Final = 500
-_SEED: Final = 0
+_PLAN: Final = "plan.json"
+_PROTOCOL: Final = tuple(TrialProtocol.model_fields)
 
 
-def judges_alike(prepared: PreparedComparison, bound: BoundTask) -> list[str]:
-    """Return a warning for each domain file that judges random steps differently from the base.
+class ComparisonRequest(TrialsRequest):
+    """The options of `serp.compare`, which describes them; None stands for the default."""
 
-    If rewards of the domain file are learned from, learners with it are trained on another reward.
+    algorithms: tuple[str, ...] = ()
+    env_steps: PositiveInt | None = None
+    model_variants: tuple[str, ...] = ()
+    threshold: FiniteFloat | None = None
+    evaluate_every: PositiveInt | None = None
+    evaluation_episodes: PositiveInt | None = None
+    final_episodes: PositiveInt | None = None
+
+    @classmethod
+    def section(cls) -> str:
+        """Return the first part of the names in messages."""
+        return "compare"
+
+    @field_validator("algorithms", "model_variants", mode="before")
+    @classmethod
+    def _names(cls, value: Any) -> Any:
+        if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
+            raise ValueError("must be a list of names, such as ['serp', 'dqn']")
+        return tuple(dict.fromkeys(map(str, value)))
+
+
+class ComparisonPlan(BaseModel):
+    """The content of `plan.json`: everything that was requested of a comparison so far.
+
+    Attributes:
+        algorithms: Their names; the others are compared with the first.
+        variants: Names of the domain files. The first is the base: algorithms that use no model run
+            only on it.
+        settings: Changes to the settings of all algorithms, JSON values.
+        threshold: Return from which a policy counts as good; None for none.
+        max_ground_schemas: Limit on the size of the grounded domains.
     """
-    base, *others = prepared.plan.variants
-    if not others:
-        return []
-    settings = resolve("default", bound.task.settings, prepared.plan.changes)
-    with contextlib.ExitStack() as stack:
-        files = {name: stack.enter_context(prepared.tasks[name].bind()) for name in others}
+
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
+
+    format: Literal[3] = 3
+    task: str
+    algorithms: tuple[str, ...]
+    variants: tuple[str, ...] = Field(min_length=1)
+    seeds: tuple[int, ...]
+    protocol: TrialProtocol
+    settings: dict[str, dict[str, Any]]
+    threshold: float | None
+    max_ground_schemas: int
+
+    @property
+    def base(self) -> str:
+        """Name of the base variant."""
+        return self.variants[0]
+
+    def trials(self) -> list[Trial]:
+        """Return all trials, seed by seed."""
+        uses_model = {name: find_algorithm(name).uses_model for name in self.algorithms}
         return [
-            f"The domain file `{name}` {what} other steps than `{base}` does: results "
-            "on it cannot be compared."
-            for name, what in _different(bound, files, settings).items()
+            Trial(name, variant, seed)
+            for seed in self.seeds
+            for variant in self.variants
+            for name in self.algorithms
+            if uses_model[name] or variant == self.base
         ]
 
 
-def made_alike(records: Iterable[Record]) -> list[str]:
+def _plain(changes: Changes) -> dict[str, dict[str, Any]]:
+    """Return settings as they are read back: JSON has no tuples."""
+    plain: dict[str, dict[str, Any]] = json.loads(json.dumps(changes))
+    return plain
+
+
+def read_plan(folder: Path) -> ComparisonPlan | None:
+    """Return the plan of a comparison; None if the folder holds none."""
+    file = folder / _PLAN
+    if not file.is_file():
+        return None
+    try:
+        return ComparisonPlan.model_validate_json(read_regular(file))
+    except ValidationError:
+        raise RunError(
+            f"{file} is damaged, or of another version of serp. Restore it from a copy, or compare "
+            "in another folder (--out)."
+        ) from None
+
+
+# The folder ------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def locked(folder: Path, mark: str) -> Iterator[None]:
+    """Create a folder, unless it has the file `mark` or is empty, and lock it.
+
+    Raises:
+        RunError: It cannot be created, holds other files, or another process writes it.
+    """
+    there = {file.name for file in folder.iterdir()} if folder.is_dir() else set()
+    if mark not in there and there - {LOCK}:
+        raise RunError(
+            f"{folder} holds {'a run' if CONFIG in there else 'other files'}, not what is to be "
+            "continued. Give a new or empty folder with --out. Nothing was changed."
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error, "Nothing was made.") from error
+    lock = RunLock(folder)
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _copies(folder: Path, variant: str) -> tuple[Path, Path]:
+    """Return the comparison's copies of a domain file and of its problem file."""
+    place = folder / "domains" / file_name(variant)
+    return place.with_name(f"{place.name}.pddl"), place.with_name(f"{place.name}-problem.pddl")
+
+
+def _texts(folder: Path, variant: str, domain: Domain) -> dict[Path, str]:
+    """Return the content of a comparison's copies of a domain.
+
+    Raises:
+        RunError: The copies that are there have another content.
+    """
+    copies = _copies(folder, variant)
+    texts = {copy: source.text for copy, source in zip(copies, domain.sources, strict=False)}
+    if copies[0].is_file():
+        for copy in copies:
+            if texts.get(copy) != (copy.read_text("utf-8") if copy.is_file() else None):
+                raise RunError(
+                    f"{copy} differs from the domain file `{variant}`, which was edited since this "
+                    "comparison began. Compare in another folder (--out)."
+                )
+    return texts
+
+
+def _with_domain(task: Task, file: Path, limit: int) -> Task:
+    """Return a task with another domain file, and the problem file beside it if there is one."""
+    domain = load_domain(file, observed=not task.closed, max_ground_schemas=limit)
+    return dataclasses.replace(task, domain=domain, problem=None)
+
+
+# The plan --------------------------------------------------------------------------------------
+
+
+def _requested_task(
+    task: Task | str | None, before: ComparisonPlan | None, folder: Path | None
+) -> Task:
+    if isinstance(task, Task):
+        return task
+    if isinstance(task, str):
+        return find_task(task, worlds=True)
+    if task is not None:
+        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
+    if folder is None:
+        raise RunError("say what to compare on: name a task")
+    if before is None:
+        raise RunError(f"say what to compare on: name a task; {folder} holds no comparison yet")
+    if before.task not in task_entries():
+        raise TaskError(
+            f"{folder} compares on task {before.task}, which is not installed: name it again, as a "
+            "serp.Task (--task), or by the domain file that is its world (--domain)"
+        )
+    # The copy, because the original file may have changed.
+    copy, _ = _copies(folder, before.base)
+    return _with_domain(load_task(before.task), copy, before.max_ground_schemas)
+
+
+def _planned(
+    folder: Path, before: ComparisonPlan | None, bound: BoundTask, request: ComparisonRequest
+) -> tuple[ComparisonPlan, dict[str, Task]]:
+    """Return the existing plan extended by a request, and the task with each domain file."""
+    own = Path(bound.domain.source.name)
+    if own.parent == folder / "domains":
+        own = Path(load_task(bound.name).load().source.name)
+    files = domain_files(request.model_variants, bound.name, own)
+    algorithms = request.algorithms
+    if files:  # what results on domain files are compared with
+        algorithms = _unique(algorithms or (before.algorithms if before else ("serp",)),
+                             (PLANNER, DQN))  # fmt: skip
+    asked = request.model_dump(include={*_PROTOCOL}, exclude_none=True)
+    if before is None:
+        specification = bound.env.spec
+        steps = request.env_steps or resolve("default", bound.task.settings).training.env_steps
+        asked = {"env_steps": steps, "evaluate_every": max(1, steps // 10), **asked}
+        # The task's own file has the task's name, unless it is one of its variants.
+        stem = own.stem if own.stem.startswith(f"{bound.name}-") else bound.name
+        before = ComparisonPlan(
+            task=bound.name,
+            algorithms=algorithms or ("serp", PLANNER, DQN),
+            variants=(stem,),
+            seeds=request.seeds or tuple(range(5)),
+            protocol=TrialProtocol(**asked),
+            settings=_plain(request.settings),
+            threshold=None if specification is None else specification.reward_threshold,
+            max_ground_schemas=bound.domain.max_ground_schemas,
+        )
+    else:
+        _refuse_contradictions(folder, before, bound, request, asked)
+    tasks = _tasks(folder, before, bound, files)
+    update: dict[str, Any] = {
+        "algorithms": _unique(before.algorithms, algorithms),
+        "variants": tuple(tasks),
+        "seeds": tuple(sorted({*before.seeds, *request.seeds})),
+        "max_ground_schemas": bound.domain.max_ground_schemas,
+    }
+    if request.threshold is not None:
+        update["threshold"] = request.threshold
+    return before.model_copy(update=update), tasks
+
+
+def _refuse_contradictions(
+    folder: Path,
+    before: ComparisonPlan,
+    bound: BoundTask,
+    request: ComparisonRequest,
+    asked: Mapping[str, int],
+) -> None:
+    """Raise a SerpError for a request that differs from the existing plan."""
+    if before.task != bound.name:
+        raise RunError(f"{folder} compares on task {before.task}, not on {bound.name}")
+    if request.settings and _plain(request.settings) != before.settings:
+        raise SettingsError(
+            "settings of a comparison cannot change once it has begun. Compare in another folder "
+            "(--out)."
+        )
+    for name, value in asked.items():
+        if (own := getattr(before.protocol, name)) != value:
+            raise SettingsError(
+                f"this comparison has {name} = {own}, not {value}: all of its trials have the same "
+                "protocol. Compare in another folder (--out)."
+            )
+
+
+def _tasks(
+    folder: Path, before: ComparisonPlan, bound: BoundTask, files: Sequence[Path]
+) -> dict[str, Task]:
+    """Return the loaded task with each domain file, the base first."""
+    base, *others = before.variants
+    places: dict[str, Path] = {name: _copies(folder, name)[0] for name in others}
+    tasks = {base: bound.task.loaded()}
+    for file in files:
+        if file.stem == base:
+            raise SettingsError(f"{file}: a model variant needs another name than `{base}`")
+        if file.stem not in others and places.setdefault(file.stem, file) != file:
+            raise SettingsError(
+                f"two model variants are called `{file.stem}`: {places[file.stem]} and {file}"
+            )
+        places[file.stem] = file
+    for name, file in places.items():
+        task = _with_domain(bound.task, file, bound.domain.max_ground_schemas)
+        with task.bind() as variant:  # checks that the file fits the task
+            tasks[name] = variant.task.loaded()
+    return tasks
+
+
+def domain_files(asked: Iterable[str], task: str, own: Path) -> list[Path]:
+    """Return the domain files that `model_variants` names, in order, each once."""
+    files: list[Path] = []
+    for name in asked:
+        with_suffix = name if name.endswith(".pddl") else f"{name}.pddl"
+        places = (Path(name), own.parent / with_suffix)
+        matches = [path for path in places if path.is_file()][:1]
+        if name == "all":
+            matches = sorted(own.parent.glob(f"{glob.escape(task)}-*.pddl"))
+        matches = [path for path in matches if not path.name.endswith("-problem.pddl")]
+        if not matches:
+            known = sorted(path.stem for path in own.parent.glob("*.pddl") if path != own)
+            raise TaskError(f"there is no domain file {name}; {did_you_mean(name, known)}")
+        files += matches
+    return list(_unique(files))
+
+
+def _unique(*items: Iterable[Any]) -> tuple[Any, ...]:
+    return tuple(dict.fromkeys(item for several in items for item in several))
+
+
+def _jobs(folder: Path, plan: ComparisonPlan, tasks: Mapping[str, Task]) -> list[Job]:
+    """Return the jobs of all trials.
+
+    Raises:
+        RunError: A trial that was begun was made from other settings or files.
+    """
+    algorithms = {name: find_algorithm(name) for name in plan.algorithms}
+    settings = {
+        (name, variant): algorithm.settings(task, plan.settings)
+        for name, algorithm in algorithms.items()
+        for variant, task in tasks.items()
+    }
+    place = folder.absolute() / "trials"
+    jobs = []
+    for trial in plan.trials():
+        name, variant, seed = trial
+        ending = "" if variant == plan.base else f"-{file_name(variant)}"
+        job = Job(trial, algorithms[name], tasks[variant], settings[name, variant],
+                  plan.protocol, place / f"{file_name(name)}-{seed}{ending}")  # fmt: skip
+        if job.begun:
+            job.refuse_changes()
+        jobs.append(job)
+    return jobs
+
+
+def _characteristics(jobs: Sequence[Job], bound: BoundTask) -> dict[str, dict[str, str]]:
+    """Return algorithm → name → text, for the table of what differs.
+
+    Each algorithm is made once, so that errors occur before any trial runs.
+    """
+    texts: dict[str, dict[str, str]] = {}
+    for job in jobs:
+        algorithm, seed = job.algorithm, job.trial.seed
+        if algorithm.name in texts:
+            continue
+        agent = Agent(bound, job.settings, seed)
+        texts[algorithm.name] = {"algorithm": algorithm.description}
+        if algorithm.make_external is not None:
+            env = ExternalEnv(bound, agent, seed)
+            external = make_external(algorithm, env, bound.name, seed)
+            texts[algorithm.name] |= external.characteristics
+    return texts
+
+
+def _notes(records: Iterable[Record]) -> list[str]:
     """Return a warning if trials were made with different versions of a package."""
-    found: dict[str, set[str]] = {}
+    versions: dict[str, set[str]] = {}
     for record in records:
-        for name, version in (record.metadata.get("versions") or {}).items():
-            found.setdefault(name, set()).add(version or "not installed")
-    differ = [
-        f"{name} ({', '.join(sorted(several))})"
-        for name, several in found.items()
-        if len(several) > 1
-    ]
-    if not differ:
-        return []
-    return [
+        for name, version in record.versions.items():
+            versions.setdefault(name, set()).add(version or "not installed")
+    differ = [f"{name} ({', '.join(sorted(v))})" for name, v in versions.items() if len(v) > 1]
+    return differ and [
         f"The trials were made with different versions of {', '.join(differ)}: equal seeds need "
         "not give equal numbers."
     ]
-
-
-def _different(
-    bound: BoundTask, files: Mapping[str, BoundTask], settings: Settings
-) -> dict[str, str]:
-    """Return the files that differ from that of `bound`, with a word for the difference."""
-    different: dict[str, str] = {}
-    by_file = reward_source(bound.rewarded_by, settings) != "environment"
-    random = np.random.default_rng(_SEED)
-    arbiter = Arbiter(Lookahead(bound.model, settings.planner), bound.actions)
-    everyone = {"": bound, **files}
-
-    def grounded(
-        raw: Any, info: Mapping[str, Any]
-    ) -> dict[str, Vector]:  # the order of fluents may differ
-        return {name: file.ground(raw, info, bound.env) for name, file in everyone.items()}
-
-    states = grounded(*bound.reset(seed=_SEED))
-    for step in range(_STEPS):
-        action = int(random.integers(bound.actions.size))
-        ground = int(arbiter.forecast(states[""]).ground[action])
-        named = bound.model.actions[ground].name if ground >= 0 else None
-        raw, _, terminated, truncated, info = bound.step(action)
-        before, states = states, grounded(raw, info)
-        expected = _judged(bound.model, before[""], named, states[""])
-        for name in files:
-            if expected is None:
-                break
-            found = _judged(files[name].model, before[name], named, states[name])
-            if by_file and (found is None or found[0] != expected[0]):
-                different.setdefault(name, "rewards")
-            elif found is None or found[1] != expected[1]:
-                different.setdefault(name, "flags unsafe")
-        if terminated or truncated:
-            states = grounded(*bound.reset(seed=_SEED + 1 + step))
-    return different
-
-
-def _judged(
-    model: TransitionModel, before: Vector, action: str | None, after: Vector
-) -> tuple[float, bool] | None:
-    """Return reward and unsafety of a step by a domain file; None if it lacks the action."""
-    try:
-        judged = model.judge(before, -1 if action is None else model.action_index(action), after)
-    except StateError:
-        return None
-    return judged.reward, judged.unsafe
 
 
 @dataclass(frozen=True)
@@ -148,6 +405,8 @@ class Comparison:
 
     def overview(self) -> tuple[list[str], list[list[str]]]:
         """Return the main results: the titles of the columns, and one row per algorithm."""
+        from serp.runs.comparison.report import overview
+
         return overview(self.results)
 
     @property
@@ -159,8 +418,9 @@ class Comparison:
 def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     """Compare algorithms on one task under one protocol.
 
-    Complete trials in `out` are kept: a call with more algorithms, seeds or domain files runs only
-    the missing trials, and continues an interrupted comparison.
+    Every trial is a run folder in `out`, which `serp why`, `serp report` and `serp evaluate` open.
+    Complete trials are kept: a call with more algorithms, seeds or domain files runs only the
+    missing trials, and interrupted ones go on from their last checkpoint.
 
     Args:
         task: The task, the name of an installed one, or a domain file; one that belongs to no
@@ -170,8 +430,8 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
             values.
 
             * `algorithms`: names, such as `serp`, `mrp`, `dqn` or `ppo`; the others are compared
-              with the first. `name:text` is an algorithm with other settings, see `changed`. By
-              default `serp`, `mrp` and `dqn`.
+              with the first. `serp:learner.members=1` is `serp` with a setting changed. By default
+              `serp`, `mrp` and `dqn`.
             * `seeds`: number of seeds, from 0 on, or a list of seeds; 5 by default.
             * `env_steps`: budget of each trial; by default `training.env_steps` of the task.
             * `model_variants`: further domain files for the task; every algorithm that uses a model
@@ -179,7 +439,6 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
               (`cartpole-reversed`), patterns of either, or `all`: every file there whose name
               begins with that of the task and a hyphen.
             * `settings`: section → setting → value; applies to all of serp's algorithms.
-            * `changed`: name such as `serp:learner.members=1` → changes for that algorithm only.
             * `threshold`: return from which a policy counts as good; by default the
               `reward_threshold` of the environment's Gymnasium specification, if it has one.
             * `evaluate_every`: env steps between evaluations of the learner; a tenth of the budget
@@ -187,123 +446,59 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
             * `evaluation_episodes`: episodes of each such evaluation; 10 by default.
             * `final_episodes`: episodes of each evaluation at the end; 50 by default.
             * `out`: folder of the comparison; by default `runs/compare-<domain>-<time>`.
-            * `engine`: what runs the trials: `local` (the default), `ray`, `dask`, or the name of
-              another entry point of the group `serp.engines`.
+            * `engine`: what runs the trials: `local` (the default), `ray`, or the name of another
+              entry point of the group `serp.engines`.
             * `address`: the cluster that the engine is to use; by default it starts workers here.
             * `jobs`: most trials at the same time; by default the number of cores.
-            * `merge`: folders of other comparisons whose trials are copied into `out` first.
             * `quiet`: show no progress.
 
     Raises:
         SerpError: Task, options, settings or folder are wrong, or a trial failed. Complete trials
             are kept, and the report covers them.
-        Interrupted: Ctrl-C, SIGTERM or SIGHUP; complete trials are kept.
+        Interrupted: Ctrl-C, SIGTERM or SIGHUP; the trials are kept.
     """
     with needs_extra("report", "the report of a comparison"):
         from serp.runs.comparison.report import write_report
     request = ComparisonRequest(**options)
-    if request.merge:
-        if request.out is None:
-            raise RunError("say which folder the others are merged into: out (--out)")
-        with writing(request.out):
-            merge_into(request.out, request.merge)
-    before = None if request.out is None else read_plan(request.out)
-    with requested_task(task, before, request.out).bind() as bound:
-        folder = request.out or default_path(f"compare-{bound.name}")
-        with writing(folder):
-            if read_plan(folder) != before:
-                raise RunError(
-                    f"another process has changed {folder} just now. Run the command again."
-                )
-            prepared = prepare(folder, before, bound, request)
-            missing = prepared.missing()
-            _try_algorithms(prepared, bound)
-            write_plan(folder, prepared.plan)
-            metadata = metadata_of(prepared, bound, judges_alike(prepared, bound))
-            with stop_between_episodes() as stopping:
-                failed = _run(prepared, missing, stopping, request)
-                trials = prepared.plan.trials
-                done = [trial for trial in trials if is_complete(folder, trial)]
-                records = [read_trial(folder, trial) for trial in done]
-                if mixed := made_alike(records):
-                    warnings.warn(mixed[0], Notice, stacklevel=2)
-                notes = [*metadata.notes, *mixed]
-                results = Results(records, dataclasses.replace(metadata, notes=notes))
-                write_report(folder, results)
-    if stopping.signal is not None and len(done) + len(failed) < len(trials):
+    out = None if request.out is None else Path(request.out)
+    before = None if out is None else read_plan(out)
+    with _requested_task(task, before, out).bind() as bound:
+        folder = out or default_path(f"compare-{bound.name}")
+        plan, tasks = _planned(folder, before, bound, request)
+        texts = [_texts(folder, name, task.load()) for name, task in tasks.items()]
+        jobs = _jobs(folder, plan, tasks)
+        characteristics = _characteristics(jobs, bound)
+    with locked(folder, _PLAN):
+        if read_plan(folder) != before:
+            raise RunError(f"another process has changed {folder} just now. Try again.")
+        make_inside(folder, "domains")
+        make_inside(folder, "trials")
+        for copy, text in (item for several in texts for item in several.items()):
+            write_durably(copy, text)
+        write_durably(folder / _PLAN, plan.model_dump_json(indent=1))
+        missing = [job for job in jobs if not job.complete]
+        failed: list[str] = []
+        with stop_between_episodes() as stopping, progress("comparing", request.quiet) as say:
+            for count, ended in enumerate(run_jobs(missing, request, stopping, say), 1):
+                how = f": failed. {ended.error}" if ended.error else ": stopped"
+                how = how if ended.error or ended.stopped else ""
+                say(f"[{count}/{len(missing)}] {ended.job.trial}{how}")
+                if ended.error:
+                    failed.append(f"{ended.job.trial}: {ended.error}")
+            results = Results((read_trial(job) for job in jobs if job.complete), plan)
+            notes = _notes(results.records)
+            for note in notes:
+                warnings.warn(note, Notice, stacklevel=2)
+            write_report(folder, results, jobs, characteristics, notes)
+    complete = len(results.records)
+    if stopping.signal is not None and complete + len(failed) < len(jobs):
         raise Interrupted(
-            f"stopped with {len(done)} of {len(trials)} trials complete in {folder}",
+            f"stopped with {complete} of {len(jobs)} trials complete in {folder}",
             stopping.signal,
         )
     if failed:
         raise RunError(
-            f"{len(failed)} of {len(trials)} trials failed; the first, {failed[0].trial}: "
-            f"{failed[0].error}\nThe others are kept in {folder}."
+            f"{len(failed)} of {len(jobs)} trials failed; the first, {failed[0]}\n"
+            f"The others are kept in {folder}."
         )
     return Comparison(folder, results)
-
-
-def _try_algorithms(prepared: PreparedComparison, bound: BoundTask) -> None:
-    """Make each algorithm once, so that errors occur before any trial runs."""
-    for name, algorithm in prepared.algorithms.items():
-        trial = next(trial for trial in prepared.plan.trials if trial.algorithm == name)
-        settings = prepared.settings(trial)
-        if algorithm.kind == "external":
-            make_contestant(algorithm, bound, settings, trial.seed)
-        else:
-            Agent(bound, settings, trial.seed)
-
-
-def _run(
-    prepared: PreparedComparison,
-    missing: Sequence[Trial],
-    stopping: Stopping,
-    request: ComparisonRequest,
-) -> list[Ended]:
-    """Run trials until a signal; return how the failed ones ended."""
-    failed: list[Ended] = []
-    if not missing:
-        return failed
-    jobs = [prepared.job(trial) for trial in missing]
-    engine = request.engine
-    most = at_once(engine, request.jobs, len(jobs))
-    env_steps = prepared.plan.protocol.env_steps
-    with Display(missing, env_steps, quiet=request.quiet) as display, ExitStack() as stack:
-        here = runs_here(engine, jobs, most)
-        if here and most != 1:
-            display.say(ONE_AFTER_ANOTHER)
-
-        def stopped() -> bool:
-            answer = stopping.answer(
-                "the trials that run", "they are run again when the comparison goes on"
-            )
-            if answer is not None:
-                display.say(answer)
-            return stopping.requested
-
-        def on_progress(trial: Trial, env_steps: int) -> None:
-            stopped()
-            display.notice(trial, env_steps)
-
-        if here:
-            ends = run_here(jobs, on_progress, stopped)
-        else:
-            pool = stack.enter_context(open_pool(engine, request.address, most))
-            ends = run_in_executor(jobs, pool, on_progress, stopped)
-        for ended in ends:
-            error = _keep(prepared, ended)
-            display.end(ended.trial, error)
-            if error is not None:
-                failed.append(ended._replace(error=error))
-    return failed
-
-
-def _keep(prepared: PreparedComparison, ended: Ended) -> str | None:
-    """Write a trial that was measured; return what went wrong, if anything did."""
-    if ended.measured is not None:
-        metadata = prepared.metadata(ended.trial)
-        try:
-            write_trial(prepared.folder, ended.trial, ended.measured, metadata)
-        except RunError as error:
-            return str(error)
-    return ended.error

@@ -1,36 +1,90 @@
-"""The report of a comparison: a self-contained page, its figures and all its numbers."""
+"""The report of a comparison: a self-contained page, its figures, and its numbers for programs."""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import math
+import shlex
+import sys
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
+import matplotlib.style
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markdown_it import MarkdownIt
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from serp._util.figures import PALETTE, render
-from serp._util.files import cannot_write, make_inside, write_durably
+from serp._util.figures import INK, LINE, PALETTE, STYLE, label_ends, render
+from serp._util.files import cannot_write, finite, json_text, make_inside, write_durably
 from serp._util.terminal import visible
-from serp._util.text import code, markdown_text
-from serp.runs.comparison import tables
-from serp.runs.comparison.charts import Picture, pictures
-from serp.runs.comparison.export import comparison_json, episodes_csv, evaluations_csv, measures_csv
-from serp.runs.comparison.measures import Results, subject, variant_rows
-from serp.runs.comparison.statistics import RESAMPLES
-from serp.runs.comparison.tables import NOTHING, number, seeds_text
+from serp._util.text import code, markdown_text, readable, table
+from serp.runs.comparison.algorithms import DQN, PLANNER
+from serp.runs.comparison.statistics import (
+    RESAMPLES,
+    Curves,
+    Estimate,
+    Results,
+    difference,
+    evaluation_curves,
+    training_curves,
+)
+from serp.runs.comparison.trial import Job
+from serp.runs.folder import machine, versions
 from serp.runs.summary import WINDOW
 
+NOTHING: Final = "–"
+_FIGURES: Final = "figures"
 
-def rendered(template: str, **values: Any) -> str:
-    """Return a template of `templates/` filled with values; those of `*.html.j2` are escaped."""
-    return _environment().get_template(template).render(values)
+Characteristics = Mapping[str, Mapping[str, str]]
+"""Algorithm → name → text."""
 
 
-@cache
-def _environment() -> Environment:
+def write_report(
+    folder: Path,
+    results: Results,
+    jobs: Sequence[Job],
+    characteristics: Characteristics,
+    notes: Sequence[str],
+) -> None:
+    """Write the report of a comparison, complete or not.
+
+    `report.md` and `report.html` (which embeds its figures), `figures/*.png` and `*.svg`,
+    `measures.csv`, `evaluations.csv`, `comparison.json`. Files of an earlier report are replaced.
+    """
+    drawn = pictures(results)
+    markdown = report_text(results, jobs, characteristics, notes, drawn)
+    try:
+        make_inside(folder, _FIGURES)
+    except OSError as error:
+        raise cannot_write(folder / _FIGURES, error, "No report was written.") from error
+    images = {
+        f"{_FIGURES}/{picture.name}.{kind}": render(picture.figure, kind)
+        for picture in drawn
+        for kind in ("svg", "png")
+    }
+    files: dict[str, bytes | str] = {
+        "report.md": markdown,
+        "report.html": html_page(markdown, f"Comparison: {results.plan.task}", images),
+        "measures.csv": measures_csv(results),
+        "evaluations.csv": evaluations_csv(results),
+        "comparison.json": comparison_json(results),
+        **images,
+    }
+    for name, content in files.items():
+        write_durably(folder / name, content)
+
+
+# Pages -----------------------------------------------------------------------------------------
+
+
+def _rendered(template: str, **values: Any) -> str:
     environment = Environment(
         loader=PackageLoader("serp.runs.comparison"),
         autoescape=select_autoescape(["html.j2"], default=False),
@@ -39,8 +93,38 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"plain": markdown_text, "code": code, "number": number}
-    return environment
+    environment.filters |= {"plain": markdown_text, "code": code, "number": readable}
+    return environment.get_template(template).render(values)
+
+
+def report_text(
+    results: Results,
+    jobs: Sequence[Job],
+    characteristics: Characteristics,
+    notes: Sequence[str],
+    drawn: Sequence[Picture],
+) -> str:
+    """Return the report as Markdown, which names its figures as `figures/<name>.svg`."""
+    return _rendered(
+        "report.md.j2",
+        results=results,
+        plan=results.plan,
+        protocol=results.plan.protocol,
+        pictures={picture.name: picture for picture in drawn},
+        notes=notes,
+        missing=[str(job.trial) for job in jobs if job.trial not in results.measured],
+        count=len(jobs),
+        machine=machine(),
+        versions=versions(),
+        command=shlex.join(map(str, sys.argv)),
+        window=WINDOW,
+        resamples=RESAMPLES,
+        settings=settings_table(results, jobs, characteristics),
+        overview=table(*_in_markdown(*overview(results))),
+        values=partial(values_table, results),
+        differences=differences_table(results),
+        variants=variants_table(results),
+    )
 
 
 def html_page(markdown: str, title: str, pictures: Mapping[str, bytes]) -> str:
@@ -56,58 +140,287 @@ def html_page(markdown: str, title: str, pictures: Mapping[str, bytes]) -> str:
     body = reader.renderer.render(tokens, reader.options, {})
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
-    return rendered("page.html.j2", title=visible(title), body=body, palette=PALETTE)
+    return _rendered("page.html.j2", title=visible(title), body=body, palette=PALETTE)
 
 
-_FIGURES: Final = "figures"
+# Tables ----------------------------------------------------------------------------------------
 
 
-def write_report(folder: Path, results: Results) -> None:
-    """Write the report of a comparison, finished or not.
+def estimate_text(found: Estimate) -> str:
+    """Return a value with its interval, if it has one, such as `482.1 [471, 495.2]`."""
+    if math.isnan(found.value):
+        return NOTHING
+    ends = "" if found.low is None else f" [{readable(found.low)}, {readable(found.high)}]"
+    return readable(found.value) + ends
 
-    `report.md` and `report.html` (which embeds its figures), `figures/*.png` and `*.svg`,
-    `measures.csv`, `episodes.csv`, `evaluations.csv`, `comparison.json`. Equal results give equal
-    files on equal machines. Files of an earlier report are replaced.
+
+def _cell(results: Results, algorithm: str, name: str, variant: str | None = None) -> str:
+    """Return a measure with its interval, and how often a threshold was never reached."""
+    text = estimate_text(results.estimate(algorithm, name, variant))
+    values = results.values(algorithm, name, variant)
+    never = int(np.isposinf(values).sum())
+    return f"{text}, never in {never} of {len(values)}" if never else text
+
+
+def overview(results: Results) -> tuple[list[str], list[list[str]]]:
+    """Return the main results: titles of columns, and a row an algorithm; plain text."""
+    names = ["training_area", "final_learner", "final_policy", "threshold_env_steps", "unsafe"]
+    if results.plan.threshold is None:
+        names.remove("threshold_env_steps")
+    titles = {measure.name: measure.title for measure in results.measures}
+    rows = [[a, *(_cell(results, a, name) for name in names)] for a in results.algorithms]
+    return ["algorithm", *(titles[name] for name in names)], rows
+
+
+def _in_markdown(
+    head: Sequence[str], rows: Iterable[Sequence[str]]
+) -> tuple[list[str], list[list[str]]]:
+    return [*map(markdown_text, head)], [[markdown_text(row[0]), *row[1:]] for row in rows]
+
+
+def values_table(results: Results, name: str) -> str:
+    """Return the measures of a table: a row an algorithm, interquartile means with intervals.
+
+    Measures that no algorithm has are left out; the text is empty if none is left.
     """
-    drawn = pictures(results)
-    markdown = report_text(results, drawn)
-    try:
-        make_inside(folder, _FIGURES)
-    except OSError as error:
-        raise cannot_write(folder / _FIGURES, error, "No report was written.") from error
-    images = {
-        f"{_FIGURES}/{picture.name}.{kind}": render(picture.figure, kind)
-        for picture in drawn
-        for kind in ("svg", "png")
-    }
-    files: dict[str, bytes | str] = {
-        "report.md": markdown,
-        "report.html": html_page(markdown, f"Comparison: {results.plan.task}", images),
-        "measures.csv": measures_csv(results),
-        "episodes.csv": episodes_csv(results.records),
-        "evaluations.csv": evaluations_csv(results.records),
-        "comparison.json": comparison_json(results),
-        **images,
-    }
-    for name, content in files.items():
-        write_durably(folder / name, content)
+    shown = [
+        measure for measure in results.measures
+        if measure.table == name
+        and any(len(results.known(algorithm, measure.name)) for algorithm in results.algorithms)
+    ]  # fmt: skip
+    rows = [[a, *(_cell(results, a, m.name) for m in shown)] for a in results.algorithms]
+    head = ["algorithm", *(measure.title for measure in shown)]
+    return table(*_in_markdown(head, rows)) if shown else ""
 
 
-def report_text(results: Results, drawn: Sequence[Picture]) -> str:
-    """Return the report as Markdown, which names its figures as `figures/<name>.svg`."""
-    return rendered(
-        "report.md.j2",
-        results=results,
-        metadata=results.metadata,
-        plan=results.plan,
-        protocol=results.plan.protocol,
-        pictures={picture.name: picture for picture in drawn},
-        missing=[*map(str, results.missing)],
-        seeds=seeds_text(results.plan.seeds),
-        nothing=NOTHING,
-        window=WINDOW,
-        resamples=RESAMPLES,
-        subject=subject(results),
-        variants=variant_rows(results),
-        tables=tables,
+def differences_table(results: Results) -> str:
+    """Return the differences of interquartile means of each algorithm to the first."""
+    compared = [measure for measure in results.measures if measure.compared]
+    first, *others = results.algorithms or ("",)
+    rows = [
+        [
+            f"{other} − {first}",
+            *(estimate_text(results.difference(other, first, m.name)) for m in compared),
+        ]
+        for other in others
+    ]
+    return table(*_in_markdown(["difference", *(m.title for m in compared)], rows))
+
+
+def settings_table(results: Results, jobs: Sequence[Job], characteristics: Characteristics) -> str:
+    """Return the characteristics, and the settings that are not the same for all algorithms."""
+    texts = {name: dict(characteristics[name]) for name in results.algorithms}
+    for job in jobs:
+        if job.trial.algorithm in texts and job.algorithm.make_external is None:
+            for section, values in job.settings.as_dict().items():
+                texts[job.trial.algorithm] |= {
+                    f"{section}.{name}": value if isinstance(value, str) else json.dumps(value)
+                    for name, value in values.items()
+                }
+    rows = []
+    for key in dict.fromkeys(key for text in texts.values() for key in text):
+        # External algorithms have no settings of ours, so these are compared among the others.
+        if "." not in key or len({text[key] for text in texts.values() if key in text}) > 1:
+            cells = (text.get(key, NOTHING) for text in texts.values())
+            rows.append([*map(markdown_text, (key, *cells))])
+    return table(["what", *map(markdown_text, texts)], rows, left=len(texts) + 1)
+
+
+def subject(results: Results) -> str:
+    """Return the algorithm whose results on domain files are shown: the first that uses one."""
+    names = [a for v in results.plan.variants[1:] for a in results.on(v) if a != PLANNER]
+    return names[0] if names else "serp"
+
+
+def variants_table(results: Results) -> str:
+    """Return a row a domain file: returns of planner and learners, and differences to others.
+
+    Empty if there is only one.
+    """
+    ours = subject(results)
+    variants = [v for v in results.plan.variants if results.of(ours, v)]
+    if len(variants) < 2:
+        return ""
+    names = ("training_area", "first_50", "final_learner")
+    rows = []
+    for variant in variants:
+        early = {
+            PLANNER: results.known(PLANNER, "first_50", variant),
+            DQN: results.known(DQN, "first_50"),  # without a domain file: it ran on the base alone
+        }
+        better = max(early, key=lambda name: early[name].mean() if len(early[name]) else -np.inf)
+        final = difference(
+            results.known(ours, "final_learner", variant), results.known(DQN, "final_learner")
+        )
+        gained = difference(results.known(ours, "first_50", variant), early[better])
+        rows.append([
+            variant,
+            _cell(results, PLANNER, "final_policy", variant),
+            *(_cell(results, ours, name, variant) for name in names),
+            estimate_text(final),
+            f"{estimate_text(gained)} ({better})",
+        ])  # fmt: skip
+    titles = {measure.name: measure.title for measure in results.measures}
+    head = ["domain file", "planner alone", *(titles[name] for name in names),
+            f"final: {ours} − {DQN}", f"first 50: {ours} − better"]  # fmt: skip
+    return table(*_in_markdown(head, rows))
+
+
+# Figures ---------------------------------------------------------------------------------------
+
+# Okabe and Ito's palette, told apart by colour-blind readers too, without its yellow, which does
+# not show on white. The numbers of colours and dashes share no divisor.
+_COLOURS: Final = ("vermilion", "blue", "green", "purple", "sky", "orange", "ink")
+_DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
+
+
+class Picture(NamedTuple):
+    """A figure of the report: the name of its files, what it shows, and how to read it."""
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+def _colour(place: int) -> str:
+    return PALETTE[_COLOURS[place % len(_COLOURS)]][0]
+
+
+def pictures(results: Results) -> list[Picture]:
+    """Draw every figure for which there are data, in the order of the report."""
+    protocol, read = results.plan.protocol, (
+        "Interquartile mean over the seeds, shaded: 95 % bootstrap interval; faint: each seed."
+    )  # fmt: skip
+    steps = f"over {protocol.env_steps:,} env steps"
+    training = {a: training_curves(results.of(a), protocol.env_steps) for a in results.algorithms}
+    learner = {a: evaluation_curves(results.of(a)) for a in results.algorithms}
+    with matplotlib.style.context(["default", STYLE]):
+        drawn = [
+            Picture("training", f"Training return {steps}",
+                    f"Mean of the running episode and the {WINDOW - 1} before it. {read}",
+                    _curves(results, training, f"training return (mean of {WINDOW} episodes)")),
+            Picture("learner", f"The learner alone {steps}",
+                    f"Mean return of {protocol.evaluation_episodes} episodes of the greedy learner "
+                    f"without planner and vetoes. {read} Grey: the planner alone.",
+                    _curves(results, learner, "return of the learner alone", planner=True)),
+        ]  # fmt: skip
+        drawn = [picture for picture in drawn if picture.figure.axes]
+        for picture in drawn:
+            picture.figure.axes[0].set_title(picture.title)
+            if results.caution is not None:
+                picture.figure.supxlabel(results.caution, fontsize=9.5, color=INK)
+    return drawn
+
+
+def _curves(
+    results: Results, curves: Mapping[str, Curves], label: str, *, planner: bool = False
+) -> Figure:
+    """Return a figure of a curve with its band for each algorithm; no axes if there is no curve."""
+    shown = {name: curve for name, curve in curves.items() if curve.y.size}
+    height = max(4.6, 0.22 * len(shown) + 1.5)
+    figure = Figure(figsize=(9.0, height), layout="constrained")
+    if not shown:
+        return figure
+    axes = figure.subplots()
+    ends = []
+    for place, (name, curve) in enumerate(shown.items()):
+        colour, (centre, low, high) = _colour(place), curve.band()
+        axes.plot(
+            curve.x, centre, color=colour, linestyle=_DASHES[place % len(_DASHES)], label=name,
+            linewidth=1.7 if place else 2.6, marker="o" if len(curve.x) == 1 else "none",
+            zorder=2 - place / 1_000,
+        )  # fmt: skip
+        axes.fill_between(
+            curve.x, low, high, color=colour, alpha=0.16, linewidth=0, zorder=1 - place / 1_000
+        )
+        axes.plot(
+            curve.x, curve.y.T, color=colour, linewidth=0.7, alpha=0.25, label="_seed", zorder=0.5
+        )
+        ends.append((name, float(centre[-1]), colour))
+    worth = results.known(PLANNER, "final_policy")
+    if planner and len(worth):
+        axes.axhline(worth.mean(), color=LINE, linestyle=(0, (1, 1.5)), linewidth=2.0)
+        ends.append(("planner alone", float(worth.mean()), LINE))
+    threshold = results.plan.threshold
+    bottom, top = axes.get_ylim()
+    if threshold is not None and bottom <= threshold <= top + 0.1 * (top - bottom):
+        axes.axhline(threshold, color=LINE, linewidth=1.2, zorder=1.5)
+        ends.append(("threshold", threshold, LINE))
+    axes.set(xlabel="env steps", ylabel=label)
+    axes.set_xlim(0, max(float(max(curve.x[-1] for curve in shown.values())), 2.0))
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    label_ends(axes, ends, height - 1.2)
+    return figure
+
+
+# Numbers for programs --------------------------------------------------------------------------
+
+
+def measures_csv(results: Results) -> str:
+    """Return a row per trial, a column per measure; empty if not measured, `inf` for never."""
+    names = [measure.name for measure in results.measures]
+    rows = (
+        [*trial, *(row.get(name, "") for name in names)] for trial, row in results.measured.items()
     )
+    return _csv(names, rows)
+
+
+def evaluations_csv(results: Results) -> str:
+    """Return the evaluation episodes of all trials."""
+    tables = {record.trial: record.evaluations for record in results.records}
+    names = list(next(iter(tables.values()), ()))
+    rows = ((trial, zip(*columns.values(), strict=True)) for trial, columns in tables.items())
+    return _csv(names, ((*trial, *row) for trial, several in rows for row in several))
+
+
+def _csv(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["algorithm", "variant", "seed", *names])
+    writer.writerows(["" if cell != cell else cell for cell in row] for row in rows)
+    return text.getvalue()
+
+
+def comparison_json(results: Results) -> str:
+    """Return request, statistics and differences as strict JSON; null: not measured, infinite."""
+    plan = results.plan
+    first, *others = results.algorithms or ("",)
+
+    def statistic(algorithm: str, name: str, variant: str) -> dict[str, Any]:
+        values = results.known(algorithm, name, variant)
+        return {
+            "seeds": len(values),
+            "mean": float(values.mean()) if len(values) else None,
+            "std": float(values.std(ddof=1)) if len(values) > 1 else None,
+            "median": float(np.median(values)) if len(values) else None,
+            "iqm": results.estimate(algorithm, name, variant)._asdict(),
+        }
+
+    content = {
+        **plan.model_dump(),
+        "machine": machine(),
+        "versions": dict(versions()),
+        "caution": results.caution,
+        "measures": {measure.name: measure._asdict() for measure in results.measures},
+        "statistics": {
+            variant: {
+                algorithm: {m.name: statistic(algorithm, m.name, variant) for m in results.measures}
+                for algorithm in results.on(variant)
+            }
+            for variant in plan.variants
+        },
+        "differences": [
+            {
+                "algorithm": other,
+                "less": first,
+                "measure": measure.name,
+                "iqm": results.difference(other, first, measure.name)._asdict(),
+            }
+            for other in others
+            for measure in results.measures
+            if measure.compared
+        ],
+    }
+    return json_text(finite(content))

@@ -1,38 +1,200 @@
-"""Statistics of a few seeds: interquartile means, bootstrap intervals, censored times.
+"""The measures of trials, and their statistics over a few seeds.
 
 Agarwal et al., *Deep Reinforcement Learning at the Edge of the Statistical Precipice* (NeurIPS
 2021, arXiv:2108.13264), recommend the interquartile mean (mean of the middle half) with percentile
-intervals from a bootstrap: it is robust against outliers, and more efficient than the
-median.
+intervals from a bootstrap: it is robust against outliers, and more efficient than the median.
 
-Values that are NaN were not measured and are left out. Results do not depend on the order of the
-seeds. The generator has a fixed seed, so that equal data give equal intervals. The intervals are
-those of `scipy.stats.bootstrap`, except that of a median of times (see `times`).
+The generator has a fixed seed, so that equal data give equal intervals.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import bootstrap, trim_mean
 
-from serp.runs.comparison.plan import Record
-from serp.runs.summary import moving_mean
+from serp.runs.comparison.trial import Record, Trial
+from serp.runs.summary import WINDOW, moving_mean
+
+if TYPE_CHECKING:
+    from serp.runs.comparison.compare import ComparisonPlan
 
 Array = NDArray[np.float64]
-Statistic = Callable[[Array], Array]
-"""Reduces the last axis of an array."""
 
-CONFIDENCE: Final = 0.95
 RESAMPLES: Final = 5_000
-CURVE_RESAMPLES: Final = 1_000
-_SEED: Final = 0
+ENOUGH: Final = 5
+"""Number of seeds below which intervals are rough; they tend to be too narrow."""
 _MOST_NUMBERS: Final = 10_000_000
 """Numbers that are resampled at once: many seeds would need more memory than there is."""
+GRID: Final = 200
+"""Largest number of points of a curve."""
+
+
+class Measure(NamedTuple):
+    """One measure.
+
+    Attributes:
+        name: Its column in `measures.csv`.
+        title: In tables, short.
+        meaning: Its definition, in a sentence or two.
+        better: Which way is better; None where neither is.
+        table: The table of the report that has it.
+        compared: Whether the report has the differences between algorithms.
+    """
+
+    name: str
+    title: str
+    meaning: str
+    better: Literal["higher", "lower"] | None
+    table: Literal["returns", "safety", "task"]
+    compared: bool = False
+
+
+# fmt: off
+MEASURES: Final = (
+    Measure("training_area", "area under the training curve",
+            "Time average, over the budget, of the return of the running training episode; the "
+            "last complete episode's return goes on to the end of the budget.",
+            "higher", "returns", True),
+    Measure("first_50", "first 50 episodes",
+            "Mean return of the first 50 training episodes (of all, where there are fewer).",
+            "higher", "returns", True),
+    Measure("last_20", "last 20 episodes",
+            "Mean return of the last 20 training episodes (of all, where there are fewer).",
+            "higher", "returns", True),
+    Measure("threshold_env_steps", "env steps to the threshold",
+            "Env steps until the mean return of 20 training episodes in a row first reaches the "
+            "threshold; where it never does, statistics count the whole budget. Fewer than 20 "
+            "training episodes are too few to tell.",
+            "lower", "returns", True),
+    Measure("learner_area", "area under the learner's curve",
+            "Time average, over the budget, of the mean returns of the learner alone (greedy, no "
+            "planner, no veto), linear between evaluations and constant before and after them.",
+            "higher", "returns", True),
+    Measure("final_learner", "final learner alone",
+            "Mean return of the learner alone (greedy, no planner, no veto) after training.",
+            "higher", "returns", True),
+    Measure("final_policy", "final policy",
+            "Mean return of the trained policy: the choice of the strategy within the vetoes; of "
+            "the planner, or of the learner, for an algorithm that has nothing else.",
+            "higher", "returns", True),
+    Measure("unsafe", "unsafe executed",
+            "Actions executed in training that the domain file flags unsafe.",
+            "lower", "safety", True),
+    Measure("avoidable_unsafe", "avoidable unsafe executed",
+            "Those of them that were executed while another action was not flagged.",
+            "lower", "safety"),
+    Measure("unsafe_observed", "came out unsafe",
+            "Steps of training that came out unsafe, by what was observed, foreseen or not.",
+            "lower", "safety"),
+    Measure("final_unsafe_observed", "came out unsafe, final policy",
+            "Steps that came out unsafe in an episode of the final policy.",
+            "lower", "safety"),
+    Measure("terminated", "terminated episodes",
+            "Training episodes that the environment ended (a fall, a goal; not a time limit).",
+            None, "safety"),
+    Measure("vetoes", "vetoes", "Proposals refused in training.", None, "safety"),
+    Measure("planner_share", "planner's share",
+            "Share of the env steps in which the planner's action was executed.", None, "safety"),
+    Measure("seconds_per_1000", "seconds per 1,000 env steps",
+            "Wall time of training without evaluations.", "lower", "safety"),
+)
+"""All measures that every trial has, in the order in which they are reported."""
+# fmt: on
+
+
+def _task_measure(name: str) -> Measure:
+    """Return the measure of an outcome, or of a counter of the environment."""
+    kind, _, what = name.partition(".")
+    if kind == "outcome":
+        meaning = f"Share of the final policy's episodes that ended with the outcome “{what}”."
+        return Measure(name, f"outcome {what}", meaning, None, "task")
+    meaning = f"The environment's “{what}” at the end of an episode of the final policy, mean."
+    return Measure(name, what, meaning, None, "task")
+
+
+# Measures of a trial ---------------------------------------------------------------------------
+
+
+def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str, float]:
+    """Return every measure of a trial.
+
+    Returns:
+        Every name of `MEASURES`, then `outcome.<name>` and `info.<name>`, if there are any. NaN
+        where nothing was measured or there are too few episodes, infinity for the time until a
+        threshold that was never reached.
+    """
+    episodes = record.episodes
+    returns, ends = episodes["return"], episodes["env_steps"].astype(np.float64)
+    steps = float(episodes["length"].sum())
+    final = _final(record, "policy") or _final(record, "learner")
+    values = {
+        "training_area": _training_area(ends, returns, env_steps),
+        "first_50": _mean(returns[:50]),
+        "last_20": _mean(returns[-WINDOW:]),
+        "threshold_env_steps": _until(ends, returns, threshold),
+        "learner_area": _learner_area(*evaluation_curve(record), env_steps),
+        "final_learner": _final(record, "learner").get("return", np.nan),
+        "final_policy": final.get("return", np.nan),
+        "unsafe": episodes["unsafe_executed"].sum(),
+        "avoidable_unsafe": episodes["avoidable_unsafe"].sum(),
+        "unsafe_observed": episodes["unsafe_observed"].sum(),
+        "final_unsafe_observed": final.get("unsafe_observed", np.nan),
+        "terminated": episodes["terminated"].sum(),
+        "vetoes": episodes["vetoes"].sum(),
+        "planner_share": episodes["planner_steps"].sum() / steps if steps else np.nan,
+        "seconds_per_1000": 1_000 * episodes["wall_time"][-1] / ends[-1] if steps else np.nan,
+        **{name: value for name, value in final.items() if "." in name},
+    }
+    return {name: float(value) for name, value in values.items()}
+
+
+def _training_area(ends: Array, returns: Array, env_steps: int) -> float:
+    if not len(returns):
+        return float("nan")
+    edges = np.concatenate([[0.0], ends])
+    edges[-1] = env_steps  # the return of the last episode goes on
+    return float(np.diff(edges) @ returns) / env_steps
+
+
+def _learner_area(at: Array, returns: Array, env_steps: int) -> float:
+    if not len(at):
+        return float("nan")
+    grid = np.unique([0.0, *at, float(env_steps)])
+    heights = np.interp(grid, at, returns)
+    return float(np.diff(grid) @ (heights[1:] + heights[:-1])) / 2 / env_steps
+
+
+def _until(ends: Array, returns: Array, threshold: float | None) -> float:
+    """Return when a whole window of episodes first reached the threshold."""
+    if threshold is None or len(returns) < WINDOW:
+        return float("nan")
+    good = np.flatnonzero(moving_mean(returns)[WINDOW - 1 :] >= threshold)
+    return float(ends[int(good[0]) + WINDOW - 1]) if len(good) else float("inf")
+
+
+def _final(record: Record, policy: str) -> dict[str, float]:
+    """Return column → mean over the episodes of a policy's last evaluation, and its outcomes."""
+    table = record.evaluations
+    rows = table["policy"] == policy
+    if not rows.any():
+        return {}
+    rows &= table["env_steps"] == table["env_steps"][rows].max()
+    means = {k: _mean(column[rows]) for k, column in table.items() if column.dtype.kind == "f"}
+    for name in sorted({*table["outcome"][rows].tolist()} - {""}):
+        means[f"outcome.{name}"] = _mean(table["outcome"][rows] == name)
+    return means
+
+
+def _mean(values: NDArray[Any]) -> float:
+    return float(values.mean()) if len(values) else float("nan")
+
+
+# Statistics ------------------------------------------------------------------------------------
 
 
 class Estimate(NamedTuple):
@@ -40,7 +202,7 @@ class Estimate(NamedTuple):
 
     Attributes:
         value: The statistic of the data; NaN where there are none.
-        low: Lower end; None where a sample has less than two values, or one of them is infinite.
+        low: Lower end; None where a sample has less than two values.
         high: Upper end; None likewise.
     """
 
@@ -49,159 +211,62 @@ class Estimate(NamedTuple):
     high: float | None
 
 
-class Times(NamedTuple):
-    """Times until something happened; in some trials it never did.
-
-    Attributes:
-        median: Of all trials, with infinity for never; NaN without trials.
-        low: Lower end of its 95 % interval; None for fewer than two trials.
-        high: Upper end, maybe infinity; None likewise.
-        never: Trials in which it never happened.
-        trials: How many there are, those with too few episodes to tell left out.
-    """
-
-    median: float
-    low: float | None
-    high: float | None
-    never: int
-    trials: int
-
-
-class CurveBand(NamedTuple):
-    """A curve with the edges of a band around it, all `[G]`; for one seed they are the curve."""
-
-    centre: Array
-    low: Array
-    high: Array
-
-
-def mean(values: Array) -> Array:
-    """Return the mean along the last axis; NaN if that is empty."""
-    return _reduced(np.mean, values)
-
-
 def interquartile_mean(values: Array) -> Array:
     """Return the mean of the middle half along the last axis; NaN if that is empty."""
-    return _reduced(partial(trim_mean, proportiontocut=0.25), values)
-
-
-def standard_deviation(values: Array) -> Array:
-    """Return the standard deviation (n - 1) along the last axis; 0 for one value, NaN for none."""
-    if values.shape[-1] == 1:
-        return np.zeros(values.shape[:-1])
-    return _reduced(partial(np.std, ddof=1), values)
-
-
-def median(values: Array) -> float:
-    """Return the median; NaN if there are no values."""
-    return float(np.median(values)) if len(values) else float("nan")
-
-
-def _reduced(statistic: Callable[..., Any], values: Array) -> Array:
     if not values.shape[-1]:
         return np.full(values.shape[:-1], np.nan)
-    with np.errstate(invalid="ignore"):  # infinities of both signs
-        return np.asarray(statistic(values, axis=-1), dtype=np.float64)
+    return np.asarray(trim_mean(values, 0.25, axis=-1), dtype=np.float64)
 
 
-def estimate(values: ArrayLike, statistic: Statistic = interquartile_mean) -> Estimate:
-    """Estimate a statistic with its bootstrap interval, widened to hold the estimate."""
-    return _interval([_sorted(values)], statistic)
+def estimate(values: ArrayLike) -> Estimate:
+    """Return the interquartile mean with its bootstrap interval, widened to hold the mean."""
+    return _interval([_known(values)], interquartile_mean)
 
 
-def difference(
-    first: ArrayLike, second: ArrayLike, statistic: Statistic = interquartile_mean
-) -> Estimate:
-    """Estimate by how much a statistic of `first` exceeds that of `second`.
+def difference(first: ArrayLike, second: ArrayLike) -> Estimate:
+    """Estimate by how much the interquartile mean of `first` exceeds that of `second`.
 
     Seeds of both are resampled independently, which is on the safe side where the same seeds of an
-    environment make both alike. One value on a side tells nothing of its spread, so that there is
-    no interval.
+    environment make both alike.
     """
     return _interval(
-        [_sorted(first), _sorted(second)], lambda one, other: statistic(one) - statistic(other)
+        [_known(first), _known(second)],
+        lambda one, other: interquartile_mean(one) - interquartile_mean(other),
     )
 
 
-def times(values: ArrayLike) -> Times:
-    """Return the median of times, infinity standing for never, with its interval.
-
-    The ends of the interval are medians of resampled trials: scipy's interpolate between two, which
-    has no meaning next to infinity.
-    """
-    found = _sorted(values)
-    never = int(np.isinf(found).sum())
-    middle = median(found)
-    if len(found) < 2:
-        return Times(middle, None, None, never, len(found))
-    rng = np.random.default_rng(_SEED)
-    medians = np.concatenate(
-        [
-            np.median(found[rng.integers(0, len(found), (rows, len(found)))], axis=-1)
-            for rows in _batches(RESAMPLES, len(found))
-        ]
-    )
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(medians, [tail, 1 - tail], method="inverted_cdf")
-    ends = min(float(low), middle), max(float(high), middle)
-    return Times(middle, *ends, never, len(found))
-
-
-def interquartile_band(curves: Array) -> CurveBand:
-    """Return the interquartile mean of curves `[seeds, G]` with its pointwise 95 % interval.
-
-    All points use the same resampled seeds.
-    """
-    across = np.ascontiguousarray(np.sort(curves, axis=0).T)
-    centre = interquartile_mean(across)
-    if len(curves) < 2:
-        return CurveBand(centre, centre, centre)
-    low, high = _bootstrap([across], interquartile_mean, CURVE_RESAMPLES)
-    return CurveBand(centre, np.minimum(low, centre), np.maximum(high, centre))
-
-
-def _sorted(values: ArrayLike) -> Array:
-    found = np.asarray(values, dtype=np.float64).ravel()
-    return np.sort(found[~np.isnan(found)])
+def _known(values: ArrayLike) -> Array:
+    """Return the values that are not NaN in an order that is always the same."""
+    array = np.asarray(values, dtype=np.float64).ravel()
+    return np.sort(array[~np.isnan(array)])
 
 
 def _interval(samples: Sequence[Array], statistic: Callable[..., Array]) -> Estimate:
-    with np.errstate(invalid="ignore"):  # infinity less infinity
-        value = float(statistic(*samples))
-    if any(len(sample) < 2 or not np.isfinite(sample).all() for sample in samples):
+    value = float(statistic(*samples))
+    if any(len(sample) < 2 for sample in samples):
         return Estimate(value, None, None)
-    low, high = _bootstrap(samples, statistic, RESAMPLES)
+    low, high = _bootstrap(samples, statistic)
     return Estimate(value, min(float(low), value), max(float(high), value))
 
 
-def _bootstrap(
-    samples: Sequence[Array], statistic: Callable[..., Array], resamples: int
-) -> tuple[Array, Array]:
+def _bootstrap(samples: Sequence[Array], statistic: Callable[..., Array]) -> tuple[Array, Array]:
     """Return the ends of the percentile interval; seeds are on the last axis."""
-    found = bootstrap(
+    size = sum(sample.size for sample in samples)
+    result = bootstrap(
         samples,
         lambda *parts, axis: statistic(*parts),
-        n_resamples=resamples,
-        batch=next(_batches(resamples, sum(sample.size for sample in samples))),
+        n_resamples=RESAMPLES,
+        batch=min(RESAMPLES, max(1, _MOST_NUMBERS // size)),
         vectorized=True,
         paired=False,
         axis=-1,
-        confidence_level=CONFIDENCE,
         method="percentile",
-        rng=np.random.default_rng(_SEED),
+        rng=np.random.default_rng(0),
     )
-    return found.confidence_interval.low, found.confidence_interval.high
+    return result.confidence_interval.low, result.confidence_interval.high
 
 
-def _batches(resamples: int, size: int) -> Iterator[int]:
-    """Yield how many resamples of so many numbers are drawn at once, until all are."""
-    most = max(1, _MOST_NUMBERS // size)
-    for begun in range(0, resamples, most):
-        yield min(most, resamples - begun)
-
-
-GRID: Final = 200
-"""Largest number of points of a curve."""
+# Curves ----------------------------------------------------------------------------------------
 
 
 class Curves(NamedTuple):
@@ -210,59 +275,123 @@ class Curves(NamedTuple):
     x: Array
     y: Array
 
+    def band(self) -> tuple[Array, Array, Array]:
+        """Return the interquartile mean and the ends of its pointwise 95 % interval, all `[G]`."""
+        across = np.ascontiguousarray(np.sort(self.y, axis=0).T)
+        centre = interquartile_mean(across)
+        if len(self.y) < 2:
+            return centre, centre, centre
+        low, high = _bootstrap([across], interquartile_mean)
+        return centre, np.minimum(low, centre), np.maximum(high, centre)
 
-class Checkpoints(NamedTuple):
-    """Evaluations of the learner during a training: rising env steps `[C]`, mean returns `[C]`."""
 
-    env_steps: Array
-    returns: Array
-
-
-def checkpoints(record: Record) -> Checkpoints:
-    """Return the mean returns of the learner's evaluations; empty where there are none."""
+def evaluation_curve(record: Record) -> tuple[Array, Array]:
+    """Return env steps and mean return of the evaluations of the learner; empty without any."""
     rows = record.evaluations["policy"] == "learner"
     steps, where = np.unique(record.evaluations["env_steps"][rows], return_inverse=True)
-    returns = record.evaluations["return"][rows].astype(np.float64)
-    sums = np.bincount(where, weights=returns, minlength=len(steps))
-    counts = np.bincount(where, minlength=len(steps))
-    return Checkpoints(steps.astype(np.float64), sums / counts)
+    returns = record.evaluations["return"][rows]
+    return steps, np.bincount(where, weights=returns) / np.bincount(where)
 
 
-def running_return(record: Record, at: Array) -> Array:
-    """Return the smoothed return of the episode that is running at given env steps.
+def training_curves(records: Iterable[Record], env_steps: int) -> Curves:
+    """Return training returns over env steps from 0 to the budget.
 
-    Smoothed is the mean over this episode and the 19 before it (over as many as there are).
-    Piecewise constant: episode i runs from the step after the end of episode i - 1 to its own
-    end. The last complete episode's return is used to the end, as nothing else is known.
-
-    Returns:
-        As many returns; NaN where no episode was completed.
+    The return of the running episode is the mean over it and the 19 before it; the last complete
+    episode's goes on to the end.
     """
-    returns = record.episodes["return"].astype(np.float64)
-    if not len(returns):
-        return np.full(len(at), np.nan)
-    running = np.searchsorted(record.episodes["env_steps"], at, side="left")
-    return moving_mean(returns)[np.minimum(running, len(returns) - 1)]
+    grid, rows = np.linspace(0, env_steps, GRID), []
+    for record in records:
+        returns, ends = record.episodes["return"], record.episodes["env_steps"]
+        if len(returns):
+            running = np.minimum(np.searchsorted(ends, grid), len(returns) - 1)
+            rows.append(moving_mean(returns)[running])
+    return Curves(grid, np.array(rows).reshape(len(rows), GRID))
 
 
-def training_curves(records: Sequence[Record], env_steps: int) -> Curves:
-    """Return training returns over env steps from 0 to the budget, smoothed over 20 episodes."""
-    grid = np.linspace(0, env_steps, GRID)
-    rows = [running_return(record, grid) for record in records]
-    return _stacked(grid, rows)
-
-
-def evaluation_curves(records: Sequence[Record]) -> Curves:
-    """Return mean returns of the learner alone at all checkpoints, interpolated linearly."""
-    found = [points for record in records if len((points := checkpoints(record)).env_steps)]
-    if not found:
-        return Curves(np.zeros(0), np.zeros((0, 0)))
-    grid = np.unique(np.concatenate([points.env_steps for points in found]))
+def evaluation_curves(records: Iterable[Record]) -> Curves:
+    """Return mean returns of the learner alone at all evaluations, interpolated linearly."""
+    curves = [curve for record in records if len((curve := evaluation_curve(record))[0])]
+    grid = np.unique([at for steps, _ in curves for at in steps])
     if len(grid) > GRID:
         grid = np.linspace(grid[0], grid[-1], GRID)
-    return _stacked(grid, [np.interp(grid, *points) for points in found])
+    rows = [np.interp(grid, *curve) for curve in curves]
+    return Curves(grid, np.array(rows).reshape(len(rows), len(grid)))
 
 
-def _stacked(grid: Array, rows: Sequence[NDArray[Any]]) -> Curves:
-    finite = [np.asarray(row, np.float64) for row in rows if np.isfinite(row).all()]
-    return Curves(grid, np.stack(finite) if finite else np.zeros((0, len(grid))))
+class Results:
+    """Complete trials and their measures. Methods that take a variant use the base by default.
+
+    Attributes:
+        plan: The plan of the comparison.
+        records: In the order of algorithms, variants (the base first) and seeds.
+        measured: Trial → name of a measure → value.
+        measures: All measures of this comparison: those that every trial has, then the task's own.
+    """
+
+    def __init__(self, records: Iterable[Record], plan: ComparisonPlan) -> None:
+        self.plan = plan
+        algorithms, variants = plan.algorithms, plan.variants
+        self.records = sorted(
+            records,
+            key=lambda r: (
+                algorithms.index(r.trial.algorithm), variants.index(r.trial.variant), r.trial.seed
+            ),
+        )  # fmt: skip
+        self.measured: dict[Trial, dict[str, float]] = {
+            record.trial: measure(record, plan.protocol.env_steps, plan.threshold)
+            for record in self.records
+        }
+        own = {name for values in self.measured.values() for name in values if "." in name}
+        self.measures = MEASURES + tuple(map(_task_measure, sorted(own)))
+
+    def of(self, algorithm: str, variant: str | None = None) -> list[Record]:
+        """Return the trials of an algorithm on a variant, by seed."""
+        key = (algorithm, variant or self.plan.base)
+        return [record for record in self.records if record.trial[:2] == key]
+
+    def on(self, variant: str) -> list[str]:
+        """Return the algorithms with a complete trial on a variant, in order."""
+        return list(dict.fromkeys(t.algorithm for t in self.measured if t.variant == variant))
+
+    @cached_property
+    def algorithms(self) -> list[str]:
+        """Algorithms with a complete trial on the base variant."""
+        return self.on(self.plan.base)
+
+    @property
+    def caution(self) -> str | None:
+        """A warning of too few seeds; None if there are enough. It is shown with intervals."""
+        fewest = min(
+            (len(self.of(name, v)) for v in self.plan.variants for name in self.on(v)),
+            default=ENOUGH,
+        )
+        if fewest >= ENOUGH:
+            return None
+        return f"Few seeds ({fewest}): intervals are rough. Take at least {ENOUGH}."
+
+    def values(self, algorithm: str, name: str, variant: str | None = None) -> Array:
+        """Return a measure of every trial of an algorithm on a variant, by seed.
+
+        An outcome that a trial never had counts 0; NaN is what was not measured.
+        """
+        absent = 0.0 if name.startswith("outcome.") else np.nan
+        trials = (record.trial for record in self.of(algorithm, variant))
+        return np.array([self.measured[trial].get(name, absent) for trial in trials], np.float64)
+
+    def known(self, algorithm: str, name: str, variant: str | None = None) -> Array:
+        """Return the values of a measure for intervals, without those that are unknown.
+
+        The time until a threshold that was never reached counts as the whole budget: a difference
+        in favour of an algorithm that reached it is at least that large.
+        """
+        values = self.values(algorithm, name, variant)
+        values = np.where(np.isposinf(values), float(self.plan.protocol.env_steps), values)
+        return values[~np.isnan(values)]
+
+    def estimate(self, algorithm: str, name: str, variant: str | None = None) -> Estimate:
+        """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
+        return estimate(self.known(algorithm, name, variant))
+
+    def difference(self, first: str, second: str, name: str) -> Estimate:
+        """Estimate by how much a measure of one algorithm exceeds another's on the base variant."""
+        return difference(self.known(first, name), self.known(second, name))

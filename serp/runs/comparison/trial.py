@@ -1,36 +1,45 @@
-"""One trial: train one algorithm with one seed on one domain file, and measure it."""
+"""One trial: a run of one algorithm with one seed on one domain file, evaluated at fixed points.
+
+The folder of a trial is a run folder. Beside the run it holds `evaluations.csv`, one row for each
+episode in which the learner or the trained policy was evaluated.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import platform
-import time
+import csv
+import datetime
+import hashlib
+import io
+import json
+import re
+import shutil
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from serp._util.compilation import working_time
+from serp._util.files import read_regular, write_durably
 from serp._util.numbers import real
 from serp._util.processes import one_thread
 from serp._util.terminal import visible
-from serp.agent.agent import Agent
-from serp.agent.decision import Actor, Decision, Reason
+from serp.agent.agent import Agent, account_of
+from serp.agent.decision import Decision
 from serp.agent.step_record import OnStep, StepRecord
-from serp.errors import Notice, RunError, SerpError, TaskError
+from serp.errors import Interrupted, Notice, RunError, SerpError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
-from serp.runs.comparison.algorithms import REWARDS, Algorithm, characteristics_of
-from serp.runs.comparison.plan import ComparisonProtocol, EpisodeRow, EvaluationRow
+from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import outcome_of
-from serp.runs.folder import versions
+from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
+from serp.runs.report import write_results
 from serp.runs.rollout import (
     SLOW_STEP_SECONDS,
     Decide,
@@ -39,93 +48,166 @@ from serp.runs.rollout import (
     evaluation_seed,
     training_seed,
 )
-from serp.runs.trainer import Trainer
+from serp.runs.run import begin_run
+from serp.runs.run_log import RunLog
+from serp.runs.tables import MetricsRow, metrics_row, read_metrics
+from serp.runs.train import compiled_trainer, restore, train
+from serp.runs.trainer import Budget, Callbacks
 from serp.settings import Settings
-from serp.tasks.action_map import ActionForecast
 from serp.tasks.environment import single
 from serp.tasks.task import BoundTask, Judge, Task
 
+Columns = dict[str, NDArray[Any]]
+"""Name of a column → its values, one entry per row."""
 
-class Log:
-    """Collects the rows of the episodes of one training.
+EVALUATIONS: Final = "evaluations.csv"
+_SEED: Final = 99
+"""Seed of the episodes of all evaluations, which are the same for all trials."""
+_LONGEST: Final = 100
 
-    Args:
-        counters: Names of the counters that are logged as `info.<name>`.
-        clock: Monotonic clock, seconds; by default without compilation.
 
-    Attributes:
-        counters: As given.
-        env_steps: Env steps so far.
-        rows: For each complete episode an `EpisodeRow` and the value of each counter.
-        pauses: Seconds that were not training.
+class Trial(NamedTuple):
+    """The key of a trial; the seed is that of everything random in its training."""
+
+    algorithm: str
+    variant: str
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.algorithm} on {self.variant}, seed {self.seed}"
+
+
+class TrialProtocol(BaseModel):
+    """Budget and evaluations, the same for all trials of a comparison; see `serp.compare`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    env_steps: PositiveInt
+    evaluate_every: PositiveInt
+    evaluation_episodes: PositiveInt = 10
+    final_episodes: PositiveInt = 50
+
+    def points(self, env_steps: int) -> set[int]:
+        """Return the numbers of env steps, up to this one, at which the learner is evaluated."""
+        last = min(env_steps, self.env_steps)
+        every = range(self.evaluate_every, last + 1, self.evaluate_every)
+        return {*every, *([last] if last == self.env_steps else ())}
+
+
+@dataclass(frozen=True)
+class Job:
+    """The specification of one trial: everything that its result depends on, and its folder.
+
+    It is sent to other machines, so its task has the domain itself, not the name of a file.
     """
 
-    def __init__(
-        self,
-        counters: Sequence[str],
-        clock: Callable[[], float] = working_time,
-    ) -> None:
-        self.counters = tuple(counters)
-        self._clock = clock
-        self._begin = clock()
-        self.pauses = 0.0
-        self.env_steps = 0
-        self.rows: list[tuple[EpisodeRow, tuple[float, ...]]] = []
+    trial: Trial
+    algorithm: Algorithm
+    task: Task
+    settings: Settings
+    protocol: TrialProtocol
+    folder: Path
 
     @property
-    def seconds(self) -> float:
-        """Seconds of training."""
-        return self._clock() - self._begin - self.pauses
+    def begun(self) -> bool:
+        """Whether the folder holds a run."""
+        return (self.folder / CONFIG).is_file()
 
-    @contextmanager
-    def paused(self) -> Any:
-        """Exclude the body from the time of training."""
-        begin = self._clock()
-        try:
-            yield
-        finally:
-            self.pauses += self._clock() - begin
+    @property
+    def complete(self) -> bool:
+        """Whether the trial is complete: trained to its budget and evaluated there."""
+        if not (self.folder / SUMMARY).is_file():
+            return False
+        return self.protocol.env_steps in read_evaluations(self.folder).get("env_steps", ())
 
-    def step(self, step: StepRecord) -> None:
-        """Log an env step."""
-        self.env_steps += 1
-        if step.last:
-            self._end_episode(step)
+    def refuse_changes(self) -> None:
+        """Check that the run in the folder was made from the same settings and domain file.
 
-    def _end_episode(self, last: StepRecord) -> None:
-        info, totals = last.info, last.episode
-        counts = totals.decisions.numbers()
-        row = EpisodeRow(
-            episode=len(self.rows) + 1,
-            env_steps=self.env_steps,
-            return_=totals.return_,
-            learner_return=totals.learner_return,
-            length=totals.length,
-            terminated=totals.terminated,
-            outcome=outcome_of(info),
-            unsafe=counts["unsafe_executed"],
-            avoidable_unsafe=totals.avoidable_unsafe,
-            unsafe_observed=totals.unsafe_observed,
-            vetoes=counts["vetoes"],
-            planner_steps=counts["planner_steps"],
-            seconds=self.seconds,
+        Raises:
+            RunError: It was not.
+        """
+        folder = RunFolder.open(self.folder)
+        domain = self.task.load()
+        copies = [file.read_text("utf-8") for file in folder.copies() if file is not None]
+        seed, settings = self.trial.seed, json.loads(json.dumps(self.settings.as_dict()))
+        parts = {
+            "settings": folder.config.get("settings") != settings,
+            "seed": folder.config.get("seed") != seed,
+            "domain file": copies != [source.text for source in domain.sources],
+        }
+        if other := [what for what, differs in parts.items() if differs]:
+            raise RunError(
+                f"{self.folder}: the trial of {self.trial} was made with another {other[0]} than "
+                "now. Compare in another folder (--out), or remove that trial."
+            )
+
+
+def file_name(name: str) -> str:
+    """Return a unique file name for a name, valid on every file system."""
+    plain = re.sub(r"[^A-Za-z0-9_.=-]", "_", name)
+    if plain == name and len(name) <= _LONGEST and not plain.startswith("."):
+        return plain
+    return f"{plain[:_LONGEST]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+
+
+def run_trial(job: Job, stopped: Callable[[], bool] = lambda: False) -> None:
+    """Train and evaluate into the job's folder, or go on with the run that is there.
+
+    Args:
+        job: The trial.
+        stopped: Whether to stop; asked after every episode.
+
+    Raises:
+        Interrupted: It was stopped; a trial of serp's algorithms can be continued.
+        SerpError: The training or an evaluation failed.
+    """
+    if job.begun:
+        job.refuse_changes()
+        (job.folder / SUMMARY).unlink(missing_ok=True)  # it says that the trial is complete
+    with one_thread(), job.task.bind() as bound, job.task.bind() as arena:
+        run = _train if job.algorithm.make_external is None else _train_external
+        run(job, bound, arena, stopped)
+
+
+def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], bool]) -> None:
+    """Train one of serp's algorithms."""
+    seed, settings, budget = job.trial.seed, job.settings, Budget(env_steps=job.protocol.env_steps)
+    baseline = job.algorithm.kind == "baseline"
+    with compiled_trainer(bound, settings, seed, baseline=baseline, quiet=True) as trainer:
+        agent = trainer.agent
+        evaluations = _Evaluations(
+            job, agent, bound, arena, lambda x: agent.learner.propose_greedily(x).action
         )
-        self.rows.append((row, tuple(_counted(info, name) for name in self.counters)))
 
+        def after_step(step: StepRecord) -> None:
+            if trainer.env_steps in evaluations.due:
+                with trainer.paused():
+                    evaluations.evaluate(trainer.env_steps)
 
-def _counted(info: dict[str, Any], name: str) -> float:
-    found = single(info.get(name, 0))
-    value = real(int(found) if isinstance(found, bool) else found)
-    if value is None:
-        raise TaskError(
-            f"the task counts `{name}`, but the environment's info has {info[name]!r} there; a "
-            "finite number is wanted"
-        )
-    return float(value)
+        def after_episode(row: MetricsRow) -> None:
+            if stopped():
+                raise Interrupted(f"stopped after {trainer.env_steps} env steps", 0)
+
+        if job.begun:
+            folder = RunFolder.open(job.folder, writing=True)
+        else:
+            folder = begin_run(
+                job.folder, bound, settings, preset=job.algorithm.preset, seed=seed, budget=budget,
+                begun=datetime.datetime.now(), baseline=baseline,
+            )  # fmt: skip
+        with folder:
+            restore(folder, trainer, budget)
+            if job.protocol.points(trainer.env_steps) & evaluations.due:
+                raise RunError(
+                    f"{job.folder} went on without the evaluations of this comparison, or one of "
+                    "them failed. Remove it to run the trial from the beginning."
+                )
+            callbacks = Callbacks({"on_step": after_step, "on_episode": after_episode})
+            train(folder, trainer, budget, callbacks, quiet=True)
 
 
 class ExternalEnv(TaskEnv):
-    """A task as a Gymnasium environment, with the protocol of serp's own learner.
+    """A task as a Gymnasium environment for a learner that trains itself.
 
     Episodes begin with the same seeds as in serp's training, whatever is given to `reset`. Nothing
     is refused; the agent forecasts steps to count unsafe ones.
@@ -158,331 +240,257 @@ class ExternalEnv(TaskEnv):
         return step.info
 
 
-class Contestant(Protocol):
-    """An algorithm with a task and a seed.
-
-    Attributes:
-        agent: Converts observations; its guarded arbiter has the vetoes.
-        characteristics: Name → text, for the report's table of differences.
-    """
-
-    agent: Agent
-    characteristics: Mapping[str, str]
-
-    def train(self, env_steps: int, on_step: OnStep) -> None:
-        """Train for at least this number of env steps, unless `on_step` raises."""
-
-    def greedy(self, state: Vector, x: Vector) -> int:
-        """Return the learner's greedy action, without planner and veto."""
-
-    def vetoed(self, state: Vector, x: Vector) -> Decision:
-        """Decide greedily within the vetoes."""
+class _Spent(BaseException):
+    """The budget is spent; no `Exception`, which an external algorithm might handle."""
 
 
-def make_contestant(
-    algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
-) -> Contestant:
-    """Return an algorithm, ready to be trained in a task's environment."""
-    if algorithm.make_external is not None:
-        return _External(algorithm, task, Agent(task, settings, seed), seed)
-    return _Own(algorithm, task, settings, seed)
+def make_external(
+    algorithm: Algorithm, env: ExternalEnv, task: str, seed: int
+) -> ExternalAlgorithm:
+    """Return an external algorithm, ready to be trained in an environment."""
+    assert algorithm.make_external is not None
+    with _blamed(algorithm.name):
+        return algorithm.make_external(env, task, seed)
 
 
-class _Own:
-    """A contestant that `Trainer` trains."""
-
-    def __init__(
-        self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
-    ) -> None:
-        self._trainer = Trainer(task, settings, seed, baseline=algorithm.kind == "baseline")
-        self.agent = self._trainer.agent
-        self._trainer.prepare()  # loading compiled code does not count as training
-        self.characteristics: Mapping[str, str] = characteristics_of(
-            algorithm, settings, self._trainer.judge.source
-        )
-
-    def train(self, env_steps: int, on_step: OnStep) -> None:
-        self._trainer.on_step = on_step
-        while self._trainer.env_steps < env_steps:
-            self._trainer.run_episode()
-
-    def greedy(self, state: Vector, x: Vector) -> int:
-        return self.agent.learner.propose_greedily(x).action
-
-    def vetoed(self, state: Vector, x: Vector) -> Decision:
-        return self.agent.guarded.decide_greedily(state, self.agent.proposer(x))
+@contextlib.contextmanager
+def _blamed(name: str) -> Iterator[None]:
+    """Raise a RunError that names an external algorithm for any exception of it."""
+    try:
+        yield
+    except SerpError:
+        raise
+    except Exception as error:
+        raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
 
 
-class _External:
-    """An external algorithm, which trains itself in the environment that it is given."""
+def _train_external(
+    job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], bool]
+) -> None:
+    """Let an external algorithm train itself, from the beginning: it has no checkpoints."""
+    seed, settings, budget = job.trial.seed, job.settings, job.protocol.env_steps
+    agent, made, episode = Agent(bound, settings, seed), 0, 1
+    env = ExternalEnv(bound, agent, seed)
+    external = make_external(job.algorithm, env, bound.name, seed)
+    shutil.rmtree(job.folder, ignore_errors=True)
 
-    def __init__(self, algorithm: Algorithm, task: BoundTask, agent: Agent, seed: int) -> None:
-        self.agent = agent
-        self._env = ExternalEnv(task, agent, seed)
-        assert algorithm.make_external is not None
-        self._name = algorithm.name
-        with self._blamed():
-            self._algorithm = algorithm.make_external(self._env, task.name, seed)
-        self.characteristics: Mapping[str, str] = {
-            "learned from": REWARDS[self._env.judge.source],
-            **self._algorithm.characteristics,
-        }
-
-    def train(self, env_steps: int, on_step: OnStep) -> None:
-        self._env.on_step = on_step
-        with self._blamed():
-            self._algorithm.learn(env_steps)
-
-    def greedy(self, state: Vector, x: Vector) -> int:
-        with self._blamed():
-            one = x[np.newaxis].astype(np.float32)
-            actions: NDArray[Any] = np.asarray(self._algorithm.act(one))
-            size = self.agent.learner.action_count
-            whole = actions.dtype.kind in "iu" and actions.shape == (1,)
+    def greedy(x: Vector) -> int:
+        with _blamed(job.algorithm.name):
+            actions: NDArray[Any] = np.asarray(external.act(x[np.newaxis].astype(np.float32)))
+            whole, size = actions.dtype.kind in "iu" and actions.shape == (1,), bound.actions.size
             if not whole or not 0 <= actions[0] < size:
                 raise ValueError(
                     f"act returned {actions!r}; one whole number 0 ... {size - 1} is wanted"
                 )
             return int(actions[0])
 
-    @contextlib.contextmanager
-    def _blamed(self) -> Iterator[None]:
-        """Raise a RunError that names the algorithm for any exception of it."""
-        try:
-            yield
-        except SerpError:
-            raise
-        except Exception as error:
-            raise RunError(f"`{self._name}` failed: {type(error).__name__}: {error}") from error
+    evaluations = _Evaluations(job, agent, bound, arena, greedy)
+    folder = begin_run(
+        job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
+        budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
+    )  # fmt: skip
+    log = RunLog(folder, bound, settings.training)
+    clock = working_time()
 
-    def vetoed(self, state: Vector, x: Vector) -> Decision:
-        proposal = Proposal(self.greedy(state, x), False, None)
-        return self.agent.guarded.judge_proposal(state, proposal)
+    def after_step(step: StepRecord) -> None:
+        nonlocal made, episode, clock
+        if made >= budget:
+            raise _Spent
+        log.step(step, env_step=made, episode=episode)
+        made += 1
+        if step.last:
+            row = metrics_row(
+                step.episode, episode=episode, env_steps=made, rho=1.0, epsilon=None, losses=(),
+                wall_time=working_time() - clock,
+            )  # fmt: skip
+            log.episode(row)
+            episode += 1
+            if stopped():
+                raise Interrupted(f"stopped after {made} env steps", 0)
+        # At the budget it still learns from the last steps, and then ends.
+        if made in evaluations.due and made < budget:
+            begun = working_time()
+            evaluations.evaluate(made)
+            clock += working_time() - begun
 
-
-class Arena:
-    """An environment of a task in which policies are evaluated, always on the same episodes."""
-
-    def __init__(self, task: Task, agent: Agent, seed: int) -> None:
-        self._agent = agent
-        self._seed = seed
-        self._task = task.bind()
-        self._judge = Judge(self._task)
-
-    def close(self) -> None:
-        """Close the environment."""
-        self._task.close()
-
-    def play(
-        self, decide: Decide, episodes: int, *, policy: str, env_steps: int, trained_in: BoundTask
-    ) -> list[EvaluationRow]:
-        """Play episodes with the running statistics of a training; return their rows in order."""
-        statistics = trained_in.environment_state()
-        limit, perceive = self._agent.settings.training.episode_steps, self._agent.perceive
-        rows = []
-        with self._agent.undisturbed():
-            for episode in range(episodes):
-                self._task.restore_environment(statistics, statistics_only=True)
-                seed = evaluation_seed(self._seed, episode)
-                rollout = Rollout(self._task, perceive, seed=seed, limit=limit, judge=self._judge)
-                self._agent.arbiter.begin_episode()
-                *_, last = rollout.steps(decide)
-                rows.append(_row(last, episode, policy, env_steps))
-        return rows
+    env.on_step = after_step
+    with folder, log, Watchdog(bound, SLOW_STEP_SECONDS, lambda: made + 1, _warn):
+        with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
+            external.learn(budget)
+        if made < budget:
+            raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
+        evaluations.evaluate(budget)
+        write_results(folder, account=account_of(agent))
 
 
-def _row(last: StepRecord, episode: int, policy: str, env_steps: int) -> EvaluationRow:
-    totals = last.episode
-    return EvaluationRow(
-        env_steps=env_steps,
-        policy=policy,
-        episode=episode + 1,
-        return_=totals.return_,
-        length=totals.length,
-        terminated=totals.terminated,
-        outcome=outcome_of(last.info),
-        unsafe=totals.decisions.unsafe_executed,
-        unsafe_observed=totals.unsafe_observed,
-    )
+def _warn(line: str) -> None:
+    warnings.warn(visible(line), Notice, stacklevel=2)
 
 
-class _Spent(BaseException):
-    """The budget is spent; this interrupts the training in the middle of an episode.
+class _Evaluations:
+    """Evaluates a learner, always on the same episodes, and keeps the rows in the run folder.
 
-    No `Exception`, which an external algorithm might handle.
+    Attributes:
+        due: Numbers of env steps at which there is no evaluation yet.
     """
+
+    def __init__(
+        self,
+        job: Job,
+        agent: Agent,
+        trained_in: BoundTask,
+        arena: BoundTask,
+        greedy: Callable[[Vector], int],
+    ) -> None:
+        self._job, self._agent = job, agent
+        self._trained_in, self._arena = trained_in, arena
+        self._judge = Judge(arena)
+        self._greedy = greedy
+        self._file = job.folder / EVALUATIONS
+        self._text = self._file.read_text("utf-8") if self._file.is_file() else ""
+        protocol, found = job.protocol, read_evaluations(job.folder)
+        self.due = protocol.points(protocol.env_steps) - {*found.get("env_steps", ())}
+        if job.algorithm.kind == "planner":
+            self.due &= {protocol.env_steps}
+
+    def evaluate(self, env_steps: int) -> None:
+        """Evaluate after so many env steps with the running statistics of the training."""
+        protocol, kind, agent = self._job.protocol, self._job.algorithm.kind, self._agent
+        last = env_steps == protocol.env_steps
+        episodes = protocol.final_episodes if last else protocol.evaluation_episodes
+        statistics = self._trained_in.environment_state()
+        policies: dict[str, Callable[[int], dict[str, Any]]] = {}
+        if kind != "planner":
+            policies["learner"] = self._following(self._by_learner) if last else self._returns
+        if last and kind in ("guided", "planner"):
+            decide = agent.decide_greedily if kind == "guided" else self._by_planner
+            policies["policy"] = self._following(decide)
+        table = io.StringIO()
+        with agent.undisturbed():
+            self._arena.restore_environment(statistics, statistics_only=True)
+            for policy, play in policies.items():
+                for episode in range(episodes):
+                    key = {"env_steps": env_steps, "policy": policy, "episode": episode + 1}
+                    agent.arbiter.begin_episode()
+                    row = key | play(evaluation_seed(_SEED, episode))
+                    writer = csv.DictWriter(table, list(row), lineterminator="\n")
+                    if not self._text and not table.tell():
+                        writer.writeheader()
+                    writer.writerow(row)
+        self._text += table.getvalue()
+        write_durably(self._file, self._text)
+        self.due.discard(env_steps)
+
+    def _returns(self, seed: int) -> dict[str, Any]:
+        """Play an episode of the learner without a forecast, which would take most of the time."""
+        arena, return_, length, over = self._arena, 0.0, 0, False
+        raw, info = arena.reset(seed=seed)
+        while not over:
+            _, x = self._agent.perceive(raw, info, arena.env)
+            raw, reward, terminated, truncated, info = arena.step(self._greedy(x))
+            return_, length = return_ + reward, length + 1
+            limit = length >= self._agent.settings.training.episode_steps
+            over = terminated or truncated or limit
+        return self._row(return_, length, terminated, "", "", info)
+
+    def _following(self, decide: Decide) -> Callable[[int], dict[str, Any]]:
+        """Return a function that plays an episode of a policy, whose unsafe steps are counted."""
+
+        def play(seed: int) -> dict[str, Any]:
+            limit = self._agent.settings.training.episode_steps
+            rollout = Rollout(
+                self._arena, self._agent.perceive, seed=seed, limit=limit, judge=self._judge
+            )
+            *_, last = rollout.steps(decide)
+            totals = last.episode
+            return self._row(
+                totals.return_, totals.length, totals.terminated,
+                totals.decisions.unsafe_executed, totals.unsafe_observed, last.info,
+            )  # fmt: skip
+
+        return play
+
+    def _row(
+        self, return_: float, length: int, terminated: bool, unsafe: Any, seen: Any, info: Any
+    ) -> dict[str, Any]:
+        return {
+            "return": return_,
+            "length": length,
+            "terminated": int(terminated),
+            "outcome": outcome_of(info),
+            "unsafe": unsafe,
+            "unsafe_observed": seen,
+            **{f"info.{name}": _counted(info, name) for name in self._arena.task.counters},
+        }
+
+    def _by_learner(self, state: Vector, x: Vector) -> Decision:
+        return self._agent.guarded.execute(state, Proposal(self._greedy(x), False, None))
+
+    def _by_planner(self, state: Vector, x: Vector) -> Decision:
+        return self._agent.guarded.plan(state)
+
+
+def _counted(info: dict[str, Any], name: str) -> float:
+    counter = single(info.get(name, 0))
+    value = real(int(counter) if isinstance(counter, bool) else counter)
+    if value is None:
+        raise TaskError(
+            f"the task counts `{name}`, but the environment's info has {info[name]!r} there; a "
+            "finite number is wanted"
+        )
+    return float(value)
+
+
+def read_evaluations(folder: Path) -> Columns:
+    """Return the evaluations in the folder of a trial: numbers, NaN for an empty cell, and texts.
+
+    Raises:
+        RunError: The file is damaged.
+    """
+    file = folder / EVALUATIONS
+    if not file.is_file():
+        return {}
+    texts = ("policy", "outcome")
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_regular(file).decode())))
+        return {
+            name: np.array(
+                [row[name] if name in texts else float(row[name] or "nan") for row in rows],
+                dtype=np.str_ if name in texts else np.float64,
+            )
+            for name in (rows[0] if rows else ())
+        }
+    except (ValueError, TypeError, KeyError, csv.Error) as error:
+        raise RunError(
+            f"{file} is damaged: {error}. Remove the folder of this trial to run it again."
+        ) from None
 
 
 @dataclass(frozen=True)
-class Measured:
-    """The results of a trial.
+class Record:
+    """The record of a complete trial.
 
     Attributes:
-        log: The log of its training.
-        evaluations: The episodes of all evaluations.
-        characteristics: Name → text.
-        seconds: `training` and `evaluation` → their wall time.
-        versions: Package → version of what ran the trial, Python included.
-        lead: JSON values on who leads after training: `rho`, and the `evidence` of the strategy, if
-            it goes by any; None for algorithms without planner or learner.
+        trial: The trial.
+        episodes: The columns of `metrics.csv` of the episodes that ended within the budget.
+        evaluations: The columns of `evaluations.csv`, with `info.<name>` for each counter of the
+            environment's info that the task declares (`Task.counters`).
+        versions: Package → version of what ran the trial.
     """
 
-    log: Log
-    evaluations: list[EvaluationRow]
-    characteristics: dict[str, str]
-    seconds: dict[str, float]
+    trial: Trial
+    episodes: Columns
+    evaluations: Columns
     versions: dict[str, str | None]
-    lead: dict[str, Any] | None
 
 
-def run_trial(
-    algorithm: Algorithm,
-    task: Task,
-    settings: Settings,
-    seed: int,
-    protocol: ComparisonProtocol,
-    on_progress: Callable[[int], None],
-) -> Measured:
-    """Train and measure; `on_progress` gets the env steps so far, a few times per second."""
-    with one_thread(), task.bind() as bound:
-        contestant = make_contestant(algorithm, bound, settings, seed)
-        return _Trial(algorithm, contestant, bound, protocol, on_progress).run()
-
-
-class _Trial:
-    def __init__(
-        self,
-        algorithm: Algorithm,
-        contestant: Contestant,
-        bound: BoundTask,
-        protocol: ComparisonProtocol,
-        on_progress: Callable[[int], None],
-    ) -> None:
-        self._algorithm = algorithm
-        self._external = algorithm.kind == "external"
-        self._contestant = contestant
-        self._guarded = contestant.agent.guarded
-        self._bound = bound
-        self._protocol = protocol
-        self._on_progress = on_progress
-        self._next_progress = 0.0
-        self._evaluations: list[EvaluationRow] = []
-        self._log = Log(bound.task.counters)
-        self._watchdog = Watchdog(
-            bound,
-            SLOW_STEP_SECONDS,
-            lambda: self._log.env_steps + 1,
-            lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
-        )
-        self._arena = Arena(bound.task, contestant.agent, protocol.evaluation_seed)
-
-    def run(self) -> Measured:
-        try:
-            with self._watchdog:
-                self._train()
-        finally:
-            self._arena.close()
-        log = self._log
-        seconds = {"training": log.seconds, "evaluation": log.pauses}
-        characteristics = dict(self._contestant.characteristics)
-        made_with = {**versions(), "python": platform.python_version()}
-        return Measured(log, self._evaluations, characteristics, seconds, made_with, self._lead())
-
-    def _lead(self) -> dict[str, Any] | None:
-        if self._algorithm.kind != "guided":
-            return None
-        strategy = self._contestant.agent.strategy
-        evidence = strategy.evidence
-        return {"rho": strategy.rho, "evidence": None if evidence is None else evidence.as_dict()}
-
-    def _train(self) -> None:
-        budget = self._protocol.env_steps
-        with contextlib.suppress(_Spent):
-            self._contestant.train(budget, self._after_step)
-        if self._external:
-            if self._log.env_steps < budget:
-                raise RunError(
-                    f"`{self._algorithm.name}` made {self._log.env_steps} env steps of {budget} "
-                    "and ended"
-                )
-            self._evaluate(last=True)
-
-    def _after_step(self, step: StepRecord) -> None:
-        log, protocol = self._log, self._protocol
-        if log.env_steps >= protocol.env_steps:
-            raise _Spent
-        log.step(step)
-        now = time.monotonic()
-        if now >= self._next_progress:
-            self._next_progress = now + 0.3
-            self._on_progress(log.env_steps)
-        if not protocol.due(log.env_steps):
-            return
-        last = log.env_steps >= protocol.env_steps
-        if last and self._external:  # it still learns from the last steps, and then ends
-            return
-        self._evaluate(last=last)
-        if last:
-            raise _Spent
-
-    def _evaluate(self, *, last: bool) -> None:
-        episodes = self._protocol.final_episodes
-        with self._log.paused():
-            if self._algorithm.kind == "planner":
-                if last:
-                    self._play("planner", self._plan, episodes)
-            elif last:
-                self._play("learner", self._greedy_forecast, episodes)
-                self._play("vetoed", self._contestant.vetoed, episodes)
-            else:
-                self._play("learner", self._greedy, self._protocol.evaluation_episodes)
-
-    def _play(self, policy: str, decide: Decide, episodes: int) -> None:
-        self._evaluations += self._arena.play(
-            decide, episodes, policy=policy, env_steps=self._log.env_steps, trained_in=self._bound
-        )
-
-    # Policies ----------------------------------------------------------------------------------
-
-    def _greedy(self, state: Vector, x: Vector) -> Decision:
-        """Decide by the learner, without a forecast, which would take most of the time."""
-        return without_forecast(self._contestant.greedy(state, x), self._bound.actions.size)
-
-    def _greedy_forecast(self, state: Vector, x: Vector) -> Decision:
-        """Decide by the learner, with a forecast."""
-        action = self._contestant.greedy(state, x)
-        return self._guarded.execute(state, Proposal(action, False, None))
-
-    def _plan(self, state: Vector, x: Vector) -> Decision:
-        return self._guarded.plan(state)
-
-
-def without_forecast(action: int, size: int) -> Decision:
-    """Return the decision for a choice of the learner without a forecast."""
-    forecast = ActionForecast(
-        choice=-1,
-        ground=np.full(size, -1),
-        value=np.full(size, -np.inf),
-        path_risk=np.zeros(size),
-        safe_steps=np.full(size, SAFE),
-        reward=np.zeros(size),
-        flags=np.zeros(size, dtype=np.int64),
-        depth=0,
-        bound=Bound.NODES,
-        indifferent=False,
-    )
-    return Decision(
-        action=action,
-        executed_by=Actor.LEARNER,
-        reason=Reason.ACCEPTED,
-        proposed=action,
-        proposed_by=Actor.LEARNER,
-        rho=1.0,
-        predicted_reward=np.nan,
-        unsafe=False,
-        risk=np.nan,
-        proposal_unsafe=False,
-        indifferent=False,
-        admissible=np.ones(size, dtype=np.bool_),
-        forecast=forecast,
+def read_trial(job: Job) -> Record:
+    """Return a complete trial."""
+    metrics = read_metrics(job.folder / METRICS)
+    within = metrics["env_steps"] <= job.protocol.env_steps
+    return Record(
+        job.trial,
+        {name: column[within] for name, column in metrics.items()},
+        read_evaluations(job.folder),
+        RunFolder.open(job.folder).metadata["versions"],
     )

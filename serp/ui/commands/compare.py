@@ -49,8 +49,7 @@ if TYPE_CHECKING:
               help="Budget of each training.")  # fmt: skip
 @click.option("--model-variants", multiple=True, metavar="FILE,...",
               help="Other domain files for the task, to see how bad the model may be: files, "
-                   "names of files beside the task's own, patterns, or `all`. May be "
-                   "repeated.")  # fmt: skip
+                   "names of files beside the task's own, or `all`. May be repeated.")  # fmt: skip
 @click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
               help="Change a setting of all of serp's algorithms that do not set it themselves; "
                    "may be repeated.")  # fmt: skip
@@ -68,14 +67,11 @@ if TYPE_CHECKING:
                    "[default: runs/compare-<domain>-<time>]")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N",
               help="Trials at the same time.  [default: one a core]")  # fmt: skip
-@click.option("--engine", metavar="local|ray|dask", default="local", show_default=True,
+@click.option("--engine", metavar="local|ray", default="local", show_default=True,
               help="What runs the trials: processes of this machine, or a cluster.")  # fmt: skip
 @click.option("--address", metavar="ADDRESS",
               help="The cluster of the engine.  [default: the engine starts workers "
                    "here]")  # fmt: skip
-@click.option("--merge", type=click.Path(path_type=Path), multiple=True, metavar="DIR",
-              help="Copy the trials of another comparison into --out first; may be "
-                   "repeated.")  # fmt: skip
 @max_ground_schemas_option
 @click.option("--quiet", is_flag=True, help="No display; print the folder alone.")
 @click.option("--list", "listing", is_flag=True, help="List the algorithms.")
@@ -94,12 +90,16 @@ def command(
 ) -> int | None:
     """Train several algorithms on one task, with the same budget, seeds, reward and observation.
 
-    The report says how fast each learns, what it costs and what is left to chance. With the same
-    --out only what is missing is run: more algorithms, seeds or domain files, or the rest of what
-    Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
+    The report says how fast each learns, what it costs and what is left to chance. Each trial is a
+    run folder. With the same --out only what is missing is run: more algorithms, seeds or domain
+    files, or the rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
     if listing:
-        _list()
+        from serp.runs.comparison.algorithms import OWN, algorithm_entries
+
+        rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
+        rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]
+        print_table(open_console(), ("algorithm", ""), rows)
         return None
     task = asked_task(domain, max_ground_schemas, worlds=True)
     if task is None and options["out"] is None:
@@ -110,15 +110,11 @@ def command(
         raise click.UsageError(
             "--max-ground-schemas cannot change in a comparison that is continued", ctx
         )
-    names = _named(algorithms, "--algorithms")
     options |= {
-        "algorithms": names,
-        "changed": {
-            name: parse_settings(name.partition(":")[2].split(";")) for name in names if ":" in name
-        },
+        "algorithms": _named(algorithms),
         "seeds": parse_seeds(seeds),
         "settings": parse_settings(assignments),
-        "model_variants": _named(model_variants, "--model-variants"),
+        "model_variants": _named(model_variants),
     }
     from serp.errors import Interrupted
     from serp.runs.comparison.compare import compare
@@ -136,35 +132,16 @@ def command(
     return None
 
 
-def _named(texts: tuple[str, ...], option: str) -> list[str]:
-    """Return the names that an option was given, apart by commas or given one by one.
-
-    Raises:
-        BadParameter: A text names nothing.
-    """
-    names: list[str] = []
-    for text in texts:
-        parts = re.split(r",(?![^\[(]*[\])])", text)  # commas outside brackets
-        found = [part.strip() for part in parts if part.strip()]
-        if not found:
-            raise click.BadParameter("nothing is named", param_hint=option)
-        names += found
-    return names
-
-
-def _list() -> None:
-    from serp.runs.comparison.algorithms import OWN, algorithm_entries
-
-    rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
-    rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]
-    print_table(open_console(), ("algorithm", ""), rows)
+def _named(texts: tuple[str, ...]) -> list[str]:
+    """Return the names that an option was given, apart by commas or given one by one."""
+    parts = (part for text in texts for part in re.split(r",(?![^\[(]*[\])])", text))
+    return [part.strip() for part in parts if part.strip()]
 
 
 def _print_results(comparison: Comparison, world: str | None) -> None:
-    own = own_task_name()
+    own, path = own_task_name(), comparison.path
     more = ["serp", "compare", *(("--task", own) if own else ())]
-    more += [*(("--domain", world) if world else ()), "--out", str(comparison.path)]
-    more += ["--seeds", "10"]
+    more += [*(("--domain", world) if world else ()), "--out", str(path), "--seeds", "10"]
     console = open_console()
     console.print("")
     print_table(console, *comparison.overview())
@@ -175,8 +152,9 @@ def _print_results(comparison: Comparison, world: str | None) -> None:
         console,
         ("", ""),
         [
-            (f"  {comparison.path / 'report.html'}", "the whole comparison on one page"),
-            (f"  {comparison.path / 'measures.csv'}", "all measures, a row a trial"),
+            (f"  {path / 'report.html'}", "the whole comparison on one page"),
+            (f"  {path / 'measures.csv'}", "all measures, a row a trial"),
+            (f"  {path / 'trials'}", "a run folder a trial, for serp why, report and evaluate"),
             ("  " + shlex.join(more), "more seeds; what is there is kept"),
         ],
     )  # fmt: skip

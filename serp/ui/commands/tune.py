@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
     epilog=examples(
         "serp tune --domain cartpole --vary learner.learning_rate=log:1e-4..1e-2",
         "serp tune --domain cartpole --vary planner.depth=2..7 --vary learner.guarded_targets",
-        "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --storage soccer.db",
-        "serp tune --domain soccer --vary learner.n_step=1..10 --algorithm dqn --prune",
+        "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --out runs/tuned",
+        "serp tune --domain soccer --vary learner.n_step=1..10 --algorithm dqn",
     ),
 )
 @click.option("--domain", metavar="NAME|FILE",
@@ -55,14 +56,12 @@ if TYPE_CHECKING:
 @click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
               help="Budget of each training.")  # fmt: skip
 @settings_option
-@click.option("--storage", metavar="FILE|URL",
-              help="Where the study is; one that is there is continued.  "
-                   "[default: runs/tune-<domain>-<time>.db]")  # fmt: skip
-@click.option("--study", metavar="NAME", help="Its name there.  [default: that of the task]")
-@click.option("--prune", is_flag=True, help="End a trial after a seed if it is below the median.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Folder of the study; one that is there is continued.  "
+                   "[default: runs/tune-<domain>-<time>]")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the search.")  # fmt: skip
-@click.option("--engine", metavar="local|ray|dask", default="local", show_default=True,
+@click.option("--engine", metavar="local|ray", default="local", show_default=True,
               help="What runs the trainings, as in serp compare.")  # fmt: skip
 @click.option("--address", metavar="ADDRESS", help="The cluster of the engine.")
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N",
@@ -79,8 +78,8 @@ def command(
 ) -> int | None:
     """Search settings by the returns of whole trainings, with Optuna.
 
-    With the same --storage the study goes on, in one process or in several. Its seeds are not
-    those of `serp compare`, so that results are not those of the seeds that were tuned on.
+    With the same --out the study goes on. Its seeds are not those of `serp compare`, so that
+    results are not those of the seeds that were tuned on.
     """
     task = asked_task(domain, max_ground_schemas, worlds=True)
     if task is None:
@@ -94,7 +93,7 @@ def command(
     try:
         tuned = tune(task, vary=varied, seeds=parse_seeds(seeds), quiet=quiet, **options)
     except Interrupted as stop:
-        say(f"{stop}.\nGo on with the same command and --storage.")
+        say(f"{stop}.\nGo on with the same command and --out.")
         return stopped_by(stop)
     assignments = [
         f"{section}.{name}={_text(value)}"
@@ -131,6 +130,6 @@ def _print_results(
         ("", ""),
         [
             (f"  {shlex.join(compare)}", "whether they are better, with other seeds"),
-            (f"  optuna-dashboard {tuned.storage}", "the study in a browser"),
+            (f"  optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),
         ],
     )  # fmt: skip

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp._util.terminal import bar, open_console, visible
-from serp.runs.comparison.workers import Display
+from serp.runs.comparison.pool import progress
 from serp.runs.progress import Progress
 from serp.runs.trainer import Budget
 from serp.ui.output import print_table
@@ -61,8 +61,8 @@ def test_no_way_out_passes_control_characters_or_markup_on(
     for stream in (terminal, lines):
         Progress(SimpleNamespace(env_steps=0), Budget(), "", stream=stream).note(HOSTILE)  # type: ignore[arg-type]
     say(HOSTILE, head="Error: ")
-    with Display([], 1, quiet=False) as display:
-        display.say(HOSTILE)
+    with progress("comparing", quiet=False) as line:
+        line(HOSTILE)
     error = capsys.readouterr().err
     assert error.count(SHOWN) == 2
     for written in (terminal.getvalue(), lines.getvalue(), error):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -18,22 +17,14 @@ import pytest
 from numpy.typing import NDArray
 
 from serp.errors import RunError
-from serp.runs.comparison import algorithms
 from serp.runs.comparison.algorithms import GROUP, find_algorithm
 from serp.runs.comparison.compare import Comparison, compare
-from serp.runs.comparison.plan import ComparisonProtocol
-from serp.runs.comparison.trial import Measured, run_trial
-from serp.runs.comparison.workers import Pool
+from serp.runs.comparison.trial import Job, Trial, TrialProtocol
 from serp.runs.rollout import training_seed
-from serp.runs.train import SIGNALS
 from serp.tasks.task import Task
 from tests.serp.sample_tasks import Corridor, corridor
 
-PROTOCOL = ComparisonProtocol(
-    env_steps=130, evaluate_every=50, evaluation_episodes=3, final_episodes=4, evaluation_seed=9
-)
-OWN = tuple(algorithms.OWN)
-GUIDED = tuple(name for name in OWN if algorithms.OWN[name].kind == "guided")
+PROTOCOL = TrialProtocol(env_steps=130, evaluate_every=50, evaluation_episodes=3, final_episodes=4)
 
 
 class Walk(Corridor):
@@ -54,6 +45,10 @@ class Walk(Corridor):
         return seen, reward, terminated, truncated, info
 
 
+BAD_SEED = training_seed(1, 1)
+"""The second episode of every trial with seed 1."""
+
+
 class Pothole(Walk):
     """Raises in the second episode of every trial with seed 1."""
 
@@ -72,20 +67,6 @@ class Deadly(Walk):
         return super().reset(seed=seed, **options)
 
 
-class Signalled(Walk):
-    """Gets at every reset the signals that a terminal and a scheduler send to all of a group."""
-
-    def reset(self, *, seed: int | None = None, **options: Any) -> Any:
-        if multiprocessing.parent_process() is not None:
-            for number in SIGNALS:
-                os.kill(os.getpid(), number)
-        return super().reset(seed=seed, **options)
-
-
-BAD_SEED = training_seed(1, 1)
-"""The second episode of every trial with seed 1."""
-
-
 def ground(seen: Any) -> dict[str, float]:
     return {"x": float(seen[0])}
 
@@ -96,34 +77,19 @@ def walk(folder: Path, make_env: Callable[..., gym.Env[Any, Any]] = Walk, **chan
     return corridor(folder, make_env, **given)
 
 
-def measured(
-    folder: Path,
-    algorithm: str = "serp",
-    *,
-    task: Task | None = None,
-    seed: int = 0,
-    protocol: ComparisonProtocol = PROTOCOL,
-    changes: Mapping[str, Mapping[str, Any]] | None = None,
-    on_progress: Callable[[int], None] = lambda steps: None,
-) -> Measured:
-    """Run one trial."""
-    found, chosen = find_algorithm(algorithm), task or walk(folder)
-    settings = found.settings(chosen, changes or {})
-    return run_trial(found, chosen, settings, seed, protocol, on_progress)
-
-
-def episodes_of(found: Measured) -> list[Any]:
-    """The rows of the episodes, but for the time they took."""
-    return [(row._replace(seconds=0.0), counts) for row, counts in found.log.rows]
+def job(
+    task: Task, algorithm: str, folder: Path, *, seed: int = 0, protocol: TrialProtocol = PROTOCOL
+) -> Job:
+    """A trial with a folder."""
+    found = find_algorithm(algorithm)
+    settings = found.settings(task, {})
+    return Job(Trial(algorithm, "walk", seed), found, task.loaded(), settings, protocol, folder)
 
 
 def small(
     task: Task | str | None, out: Path, *, report: bool = False, **options: Any
 ) -> Comparison:
-    """Compare with a budget that takes no time, in this process.
-
-    The report takes longer than all the training here, and its pictures longer still.
-    """
+    """Compare with a budget that takes no time, in this process, without a report or pictures."""
     given: dict[str, Any] = {"jobs": 1, "quiet": True}
     if not (out / "plan.json").exists():
         given |= {"algorithms": ["serp", "dqn"], "seeds": 2, "env_steps": 60, "evaluate_every": 30}
@@ -131,38 +97,34 @@ def small(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.runs.comparison.report.render", lambda figure, kind: b"<svg/>")
         if not report:
-            patch.setattr("serp.runs.comparison.report.write_report", lambda folder, results: None)
+            patch.setattr("serp.runs.comparison.report.write_report", lambda *arguments: None)
         return compare(task, out=out, **{**given, **options})
 
 
 def trials_in(folder: Path) -> dict[str, tuple[int, int]]:
-    """Every complete trial with what tells whether it was written again."""
-    found = {}
-    for done in sorted(folder.glob("trials/*/*/*/trial.json")):
-        status = done.stat()
-        name = "/".join(done.parent.relative_to(folder / "trials").parts)
-        found[name] = (status.st_ino, status.st_mtime_ns)
-    return found
+    """Every trial with what tells whether it was written again."""
+    status = {file.parent.name: file.stat() for file in folder.glob("trials/*/evaluations.csv")}
+    return {name: (each.st_ino, each.st_mtime_ns) for name, each in status.items()}
+
+
+def found_in(trial: Path) -> Any:
+    """What a trial has found, but for the time that it took."""
+    with open(trial / "metrics.csv", newline="") as file:
+        rows = [{**row, "wall_time": ""} for row in csv.DictReader(file)]
+    return rows, (trial / "evaluations.csv").read_text(), (trial / "decisions.csv").read_text()
 
 
 def everything(folder: Path) -> dict[str, Any]:
-    """What all trials have found, but for the time they took."""
-    found: dict[str, Any] = {}
-    for done in sorted(folder.glob("trials/*/*/*/trial.json")):
-        place = done.parent
-        name = str(place.relative_to(folder))
-        with open(place / "episodes.csv", newline="") as file:
-            rows = [{**row, "seconds": ""} for row in csv.DictReader(file)]
-        found[name] = (rows, (place / "evaluations.csv").read_bytes())
-    return found
+    """What all trials have found."""
+    return {trial.name: found_in(trial) for trial in sorted(folder.glob("trials/*"))}
 
 
 @contextlib.contextmanager
-def threads(address: str | None, most: int | None) -> Iterator[Pool]:
+def threads(address: str | None, most: int | None) -> Iterator[tuple[Executor, int]]:
     """An engine."""
     assert (address, most) == ("there:1", 2)
     with ThreadPoolExecutor(1) as executor:
-        yield Pool(executor, 2)
+        yield executor, 2
 
 
 # External learners --------------------------------------------------------------------------------
@@ -217,6 +179,13 @@ class Faulty(Drawing):
         raise ValueError("expected scalar type Float but found Double")
 
 
+class Odd(Drawing):
+    """Returns what is no action."""
+
+    def act(self, inputs: NDArray[np.float32]) -> Any:
+        return np.full(len(inputs), 7)
+
+
 class Absent(Drawing):
     """Needs what is not there."""
 
@@ -226,7 +195,7 @@ class Absent(Drawing):
 
 def external_algorithms() -> dict[str, EntryPoint]:
     """Entry points, as an installed package would offer them."""
-    made = (Drawing, Lazy, Greedy, Faulty, Absent)
+    made = (Drawing, Lazy, Greedy, Faulty, Odd, Absent)
     return {
         each.__name__.lower(): EntryPoint(
             each.__name__.lower(), f"{__name__}:{each.__name__}", GROUP

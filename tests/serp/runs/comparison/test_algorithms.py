@@ -10,18 +10,27 @@ import pytest
 
 from serp.errors import MissingExtra, SerpError, SettingsError
 from serp.runs.comparison import algorithms
-from serp.runs.comparison.algorithms import GROUP, OWN, find_algorithm, merged
+from serp.runs.comparison.algorithms import GROUP, OWN, find_algorithm
 from serp.settings import resolve
 from tests.serp.runs.comparison import contest
 
 
 def test_the_algorithms_of_serp_have_settings_that_exist() -> None:
-    assert set(OWN) == set(contest.OWN)
     for name, algorithm in OWN.items():
         assert find_algorithm(name) is algorithm
-        assert (algorithm.name, bool(algorithm.description)) == (name, True)
         resolve(algorithm.preset, None, algorithm.changes)
         assert algorithm.uses_model == (name not in ("dqn", "dqn-paper"))
+    assert {"ppo", "sb3-dqn"} <= set(algorithms.algorithm_entries())
+
+
+def test_settings_are_changed_by_the_name() -> None:
+    found = find_algorithm("dqn:learner.hidden=[8,8];learner.epsilon_start=0.5; arbiter.r_min=none")
+    assert found.changes == OWN["dqn"].changes | {
+        "learner": {"epsilon_start": 0.5, "hidden": (8, 8)}, "arbiter": {"r_min": None}
+    }  # fmt: skip
+    for name in ("serp:", "serp:members=1", "serp:learner.members"):
+        with pytest.raises(SettingsError, match=r"expected section.name=value"):
+            find_algorithm(name)
 
 
 @pytest.mark.parametrize(("name", "near"), [("srep", "serp"), ("drawin", "drawing")])
@@ -37,36 +46,23 @@ def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
 ) -> None:
     algorithm = find_algorithm("drawing")
     assert (algorithm.kind, algorithm.description) == ("external", "Draws its actions")
-    assert algorithm.make_external is contest.Drawing
-    assert not algorithm.uses_model
+    assert algorithm.make_external is contest.Drawing and not algorithm.uses_model
     assert pickle.loads(pickle.dumps(algorithm)) == algorithm  # other processes need it
     with pytest.raises(SettingsError, match="`drawing` has no settings that serp could change"):
-        algorithm.changed("drawing:x", {"learner": {"members": 1}})
+        find_algorithm("drawing:learner.members=1")
 
 
 def test_an_external_algorithm_that_cannot_be_loaded_is_named(
     external: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(SettingsError, match=r"`broken` \(tests.serp.runs.comparison.nosuch:make\)"):
+    with pytest.raises(SettingsError, match=r"`broken` \(tests.serp.nosuch:make\)"):
         find_algorithm("broken")
 
     class Needy(EntryPoint):
         def load(self) -> Any:
             raise MissingExtra("a comparison with something", "something")
 
-    monkeypatch.setattr(
-        algorithms, "algorithm_entries", lambda: {"needy": Needy("needy", "x:y", GROUP)}
-    )
+    needy = {"needy": Needy("needy", "x:y", GROUP)}
+    monkeypatch.setattr(algorithms, "algorithm_entries", lambda: needy)
     with pytest.raises(SerpError, match=r"pip install 'serp\[something\]'"):
         find_algorithm("needy")
-
-
-def test_entries_are_listed_without_being_imported() -> None:
-    found = algorithms.algorithm_entries()
-    assert {"ppo", "sb3-dqn"} <= set(found)
-    assert not set(found) & set(OWN)
-
-
-def test_the_second_of_two_changes_applies() -> None:
-    first, second = {"a": {"x": 1, "y": 2}, "b": {"z": 3}}, {"a": {"y": 4}, "c": {"w": 5}}
-    assert merged(first, second) == {"a": {"x": 1, "y": 4}, "b": {"z": 3}, "c": {"w": 5}}

@@ -1,0 +1,269 @@
+"""Running trials: here one after another, in processes of this machine, or on a cluster.
+
+A trial writes its own run folder, so that one which is stopped or whose worker is lost goes on from
+its last checkpoint.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import AbstractContextManager
+from typing import Any, ClassVar, Final, NamedTuple, Self
+
+from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
+
+from serp._util.numbers import whole
+from serp._util.plugins import find, loading, offered
+from serp._util.processes import follow_parent, safe_path, unsafe_path
+from serp._util.terminal import open_console
+from serp.errors import Interrupted, RunError, SerpError, SettingsError
+from serp.runs.comparison.trial import Job, run_trial
+from serp.runs.train import Stopping
+from serp.settings import Section
+
+GROUP: Final = "serp.engines"
+"""Entry-point group of engines: functions of type `Engine`."""
+LOCAL: Final = "local"
+"""The engine of this library: processes of this machine."""
+_LOST: Final = (
+    "its worker was lost. The same command goes on where the trial was. Perhaps the memory is too "
+    "small for so many trials at the same time (--jobs), or a script calls serp outside of "
+    '`if __name__ == "__main__":`'
+)
+
+Engine = Callable[[str | None, int | None], AbstractContextManager[tuple[Executor, int]]]
+"""(address of a cluster, most trials at the same time) → an executor and how many trials it runs.
+
+Without an address the engine starts workers on this machine. Without a number, as many trials run
+at the same time as there are cores."""
+
+
+class TrialsRequest(Section):
+    """Options of whatever runs trials: their settings and seeds, and where they run.
+
+    None stands for the default. An engine that cannot be found is refused, too.
+    """
+
+    first_seed: ClassVar[int] = 0
+    """Where seeds begin of which only the number is given."""
+    seeds: tuple[NonNegativeInt, ...] = ()
+    settings: Mapping[str, Mapping[str, Any]] = Field(default_factory=dict)
+    out: Any = None
+    engine: str = LOCAL
+    address: str | None = None
+    jobs: PositiveInt | None = None
+    quiet: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _given(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in values.items() if value is not None}
+
+    @field_validator("seeds", mode="before")
+    @classmethod
+    def _seeds(cls, value: Any) -> Any:
+        count = whole(value, 1)
+        if count is not None:
+            return tuple(range(cls.first_seed, cls.first_seed + count))
+        seeds = tuple(value) if isinstance(value, Iterable) else ()
+        if not seeds:
+            raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
+        return tuple(dict.fromkeys(seeds))
+
+    @field_validator("out", mode="before")
+    @classmethod
+    def _folder(cls, value: Any) -> Any:
+        if not isinstance(value, str | os.PathLike | None) or "\0" in str(value):
+            raise ValueError("must be the name of a folder")
+        return value
+
+    @model_validator(mode="after")
+    def _engine_is_there(self) -> Self:
+        if self.engine != LOCAL:
+            find_engine(self.engine)
+        elif self.address is not None:
+            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
+        return self
+
+
+def find_engine(name: str) -> Engine:
+    """Return the engine of a name, which is not `local`; raise a SettingsError if there is none."""
+    entry = find(offered(GROUP), name, "engine", SettingsError, known=[LOCAL])
+    with loading(entry, "engine", SettingsError):
+        engine: Engine = entry.load()
+    return engine
+
+
+class Ended(NamedTuple):
+    """How a trial ended: complete, stopped, or with an error."""
+
+    job: Job
+    error: str | None = None
+    stopped: bool = False
+
+
+@contextlib.contextmanager
+def progress(what: str, quiet: bool) -> Iterator[Callable[[str], None]]:
+    """Show on a terminal that work goes on; yield a function that shows a line unless quiet."""
+    console = open_console(sys.stderr)
+
+    def say(text: str) -> None:
+        if not quiet:
+            with contextlib.suppress(OSError, ValueError):
+                console.print(text, soft_wrap=True)
+
+    alive = console.status(what) if console.is_terminal and not quiet else contextlib.nullcontext()
+    with alive:
+        yield say
+
+
+def run_jobs(
+    jobs: Sequence[Job], request: TrialsRequest, stopping: Stopping, say: Callable[[str], None]
+) -> Iterator[Ended]:
+    """Run jobs until a signal; yield how each ended that was begun.
+
+    Raises:
+        RunError: The engine cannot be started, or the jobs cannot be sent to its workers.
+    """
+    if not jobs:
+        return
+    local = request.engine == LOCAL
+    most = min(request.jobs or os.cpu_count() or 1, len(jobs)) if local else request.jobs
+    here = (local and most == 1) or not _portable(jobs)
+    if here and not local:
+        raise RunError(
+            f"engine {request.engine}: the task has functions that cannot be imported on other "
+            "machines (lambdas, or functions of a notebook or of __main__). Put them into a module "
+            "that is installed there, or leave --engine out."
+        )
+    if here and most != 1:
+        say(
+            "The trials run one after another: the task has functions that cannot be imported from "
+            "other processes (lambdas, or functions of a notebook or of __main__)."
+        )
+
+    def stopped() -> bool:
+        answer = stopping.answer("the episodes that run", "trials go on from their checkpoints")
+        if answer is not None:
+            say(answer)
+        return stopping.requested
+
+    if not here:
+        yield from _run_apart(jobs, request, most, stopped)
+        return
+    for job in jobs:
+        if stopped():
+            return
+        ended = attempt(job, stopped)
+        if ended.stopped and stopping.signal is None:  # the training itself heard Ctrl-C
+            stopping.signal = signal.SIGINT
+        yield ended
+
+
+def _portable(jobs: Sequence[Job]) -> bool:
+    """Return whether jobs can be sent to other processes, which import the functions in them."""
+    try:
+        # Another process cannot import a notebook, and would run an unguarded script again.
+        return b"__main__" not in pickle.dumps(jobs)
+    except Exception:  # an attribute of a custom task may raise anything
+        return False
+
+
+def attempt(job: Job, stopped: Callable[[], bool] = lambda: False) -> Ended:
+    """Run a job; an error that is no `SerpError` is a bug, and keeps its traceback."""
+    try:
+        run_trial(job, stopped)
+    except Interrupted:
+        return Ended(job, stopped=True)
+    except SerpError as error:
+        return Ended(job, error=str(error))
+    except Exception:
+        return Ended(job, error=traceback.format_exc())
+    return Ended(job)
+
+
+def _run_apart(
+    jobs: Sequence[Job], request: TrialsRequest, most: int | None, stopped: Callable[[], bool]
+) -> Iterator[Ended]:
+    """Run jobs in processes or on a cluster."""
+    waiting, running = deque(jobs), dict[Future[Ended], Job]()
+    with _opened(request, most) as (executor, slots, function, stop):
+        while True:
+            if stopped():
+                waiting.clear()
+                stop()
+            while waiting and len(running) < slots:
+                try:
+                    running[executor.submit(function, waiting[0])] = waiting[0]
+                except BrokenExecutor:
+                    yield from (Ended(job, error=_LOST) for job in waiting)
+                    waiting.clear()
+                else:
+                    waiting.popleft()
+            if not running:
+                return
+            for future in wait(running, timeout=0.2, return_when=FIRST_COMPLETED).done:
+                job = running.pop(future)
+                try:
+                    ended = future.result()
+                except Exception:  # of the executor: the function itself raises none
+                    ended = Ended(job, error=_LOST)
+                if ended.error is None and not ended.stopped and not job.complete:
+                    place = f"{job.folder} is not here: the machines need a common folder for --out"
+                    ended = ended._replace(error=place)
+                yield ended
+
+
+@contextlib.contextmanager
+def _opened(
+    request: TrialsRequest, most: int | None
+) -> Iterator[tuple[Executor, int, Callable[[Job], Ended], Callable[[], None]]]:
+    """Yield executor, trials at the same time, their function, and a function that stops them.
+
+    Processes of this machine stop after their episodes; at an exception they are killed.
+    """
+    if request.engine != LOCAL:
+        with find_engine(request.engine)(request.address, most) as (executor, slots):
+            yield executor, slots, attempt, lambda: None
+        return
+    assert most is not None
+    context = multiprocessing.get_context("spawn")
+    stop, others = context.Event(), set(multiprocessing.active_children())
+    with safe_path(), ProcessPoolExecutor(most, context, _begin_worker, (stop,)) as executor:
+        try:
+            yield executor, most, _attempt_in_worker, stop.set
+        except BaseException:
+            for process in set(multiprocessing.active_children()) - others:
+                process.kill()
+            raise
+
+
+_stop: Any = None
+"""In a worker process: the event that stops trials."""
+
+
+def _begin_worker(stop: Any) -> None:
+    global _stop
+    _stop = stop
+    unsafe_path()
+    follow_parent()
+
+
+def _attempt_in_worker(job: Job) -> Ended:
+    return attempt(job, _stop.is_set)

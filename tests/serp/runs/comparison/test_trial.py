@@ -1,0 +1,233 @@
+"""A trial is a run: made by the training loop, opened as a run, and continued as one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.wrappers import NormalizeObservation, TimeLimit
+from hypothesis import given
+from hypothesis import strategies as st
+
+import serp
+from serp.agent.agent import Agent
+from serp.agent.step_record import StepRecord
+from serp.errors import Interrupted, RunError, TaskError
+from serp.runs.comparison.trial import (
+    ExternalEnv,
+    TrialProtocol,
+    file_name,
+    read_evaluations,
+    read_trial,
+    run_trial,
+)
+from serp.runs.trainer import Trainer
+from tests.serp.runs.comparison.contest import PROTOCOL, Walk, found_in, job, walk
+
+
+class Killed(BaseException):
+    """The process is killed."""
+
+
+def killed_after(steps: int) -> type[Walk]:
+    """An environment whose process is killed after so many steps in all."""
+
+    class Mortal(Walk):
+        left = steps
+
+        def step(self, action: int) -> Any:
+            type(self).left -= 1
+            if type(self).left < 0:
+                raise Killed
+            return super().step(action)
+
+    return Mortal
+
+
+@given(st.integers(1, 200), st.integers(1, 300), st.integers(0, 300))
+def test_evaluations_are_due_at_equal_distances_and_at_the_end(
+    budget: int, every: int, made: int
+) -> None:
+    protocol = TrialProtocol(env_steps=budget, evaluate_every=every)
+    due = {k for k in range(1, budget + 1) if k % every == 0 or k == budget}
+    assert protocol.points(budget) == due
+    assert protocol.points(made) == {k for k in due if k <= made}
+
+
+def test_evaluations_change_nothing_and_a_trial_is_the_run_of_the_same_settings(
+    tmp_path: Path,
+) -> None:
+    task = walk(tmp_path)
+    run_trial(job(task, "serp", tmp_path / "trial"))
+    serp.plan_and_learn(task, env_steps=PROTOCOL.env_steps, out=tmp_path / "run", quiet=True)
+    (tmp_path / "run" / "evaluations.csv").write_text("")
+    trial, run = found_in(tmp_path / "trial"), found_in(tmp_path / "run")
+    assert (trial[0], trial[2]) == (run[0], run[2])
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "policies"),
+    [("serp", ["learner", "policy"]), ("mrp", ["policy"]), ("dqn", ["learner"])],
+)
+def test_it_is_evaluated_at_fixed_points_and_opened_as_a_run(
+    tmp_path: Path, algorithm: str, policies: list[str]
+) -> None:
+    todo = job(walk(tmp_path), algorithm, tmp_path / "trial")
+    assert not todo.complete
+    run_trial(todo)
+    assert todo.complete
+    table = read_evaluations(todo.folder)
+    keys = list(zip(table["env_steps"], table["policy"], table["episode"], strict=True))
+    points = [] if algorithm == "mrp" else [50, 100]
+    assert keys == [
+        *((at, "learner", n) for at in points for n in (1, 2, 3)),
+        *((130, policy, n) for policy in policies for n in (1, 2, 3, 4)),
+    ]
+    assert ((table["outcome"] != "") == (table["terminated"] == 1)).all()
+    assert (table["info.slips"] <= table["length"]).all()
+    assert np.isnan(table["unsafe"][table["env_steps"] < 130]).all()
+    assert read_trial(todo).episodes["env_steps"].max() <= 130
+    run = serp.load_run(todo.folder, walk(tmp_path))
+    assert len(run.evaluate(episodes=3, quiet=True).returns) == 3
+    if algorithm == "dqn":  # the learner always acts, and nothing is refused
+        assert isinstance(run.agent.arbiter.vetoes, serp.NoVeto)
+        assert run.metrics["planner_steps"].sum() == run.metrics["vetoes"].sum() == 0
+
+
+@pytest.mark.parametrize("algorithm", ["serp", "dqn"])
+def test_one_that_was_killed_or_stopped_and_goes_on_equals_an_uninterrupted_one(
+    tmp_path: Path, algorithm: str
+) -> None:
+    whole = job(walk(tmp_path), algorithm, tmp_path / "whole")
+    run_trial(whole)
+    for steps in (3, 30, 75):  # in the first episode, in training, in an evaluation
+        mortal = walk(tmp_path, killed_after(steps))
+        with pytest.raises(Killed):
+            run_trial(job(mortal, algorithm, tmp_path / "parts"))
+    parts = job(walk(tmp_path), algorithm, tmp_path / "parts")
+    before = len(found_in(parts.folder)[0])
+    with pytest.raises(Interrupted):
+        run_trial(parts, lambda: True)
+    assert 0 < len(found_in(parts.folder)[0]) == before + 1
+    assert not parts.complete
+    run_trial(parts)
+    assert found_in(parts.folder) == found_in(whole.folder)
+
+
+def test_a_run_that_went_on_without_its_evaluations_or_of_other_settings_is_refused(
+    tmp_path: Path,
+) -> None:
+    task, folder = walk(tmp_path), tmp_path / "trial"
+    todo = job(task, "serp", folder)
+    serp.plan_and_learn(task, env_steps=60, out=folder, quiet=True)
+    with pytest.raises(RunError, match="went on without the evaluations of this comparison"):
+        run_trial(todo)
+    with pytest.raises(RunError, match="another settings than now"):
+        run_trial(job(walk(tmp_path), "dqn", folder))
+    with pytest.raises(RunError, match="another seed than now"):
+        run_trial(job(walk(tmp_path), "serp", folder, seed=1))
+
+
+def test_evaluations_see_with_the_running_statistics_of_the_training(tmp_path: Path) -> None:
+    seen: list[tuple[bool, float]] = []
+
+    class Normalised(NormalizeObservation):
+        def reset(self, **options: Any) -> Any:
+            seen.append((self is first[0], self.obs_rms.count))
+            return super().reset(**options)
+
+    first: list[Any] = []
+
+    def make() -> Any:
+        env = Normalised(TimeLimit(Walk(), 9))
+        first.append(env)
+        return env
+
+    protocol = TrialProtocol(env_steps=60, evaluate_every=60, final_episodes=2)
+    task = walk(tmp_path, make, ground=lambda raw: {"x": round(float(raw[0]), 1)})
+    run_trial(job(task, "dqn", tmp_path / "trial", protocol=protocol))
+    evaluated = [count for training, count in seen if not training]
+    assert evaluated[0] > 60  # what was seen in the steps and resets of the training
+
+
+def test_counters_have_to_be_numbers_and_the_file_of_evaluations_intact(tmp_path: Path) -> None:
+    class Wordy(Walk):
+        def step(self, action: int) -> Any:
+            *seen, info = super().step(action)
+            return *seen, info | {"slips": "many"}
+
+    with pytest.raises(TaskError, match="the task counts `slips`, but .* has 'many' there"):
+        run_trial(job(walk(tmp_path, Wordy), "dqn", tmp_path / "a"))
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "evaluations.csv").write_text("env_steps,policy\nten,learner\n")
+    with pytest.raises(RunError, match="evaluations.csv is damaged"):
+        read_evaluations(tmp_path / "b")
+
+
+@given(st.text(min_size=1, max_size=200))
+def test_names_of_folders_are_valid_and_differ(name: str) -> None:
+    file = file_name(name)
+    assert file not in ("", ".", "..") and len(file.encode()) <= 120 and "/" not in file
+    assert file == file_name(name) and file != file_name(name + "x")
+
+
+# External algorithms ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["drawing", "greedy"])
+def test_an_external_one_writes_a_run_folder_with_the_budget(
+    tmp_path: Path, external: None, name: str
+) -> None:
+    todo = job(walk(tmp_path), name, tmp_path / name)
+    with pytest.raises(Interrupted):
+        run_trial(todo, lambda: True)
+    assert not todo.complete
+    run_trial(todo)  # from the beginning
+    assert todo.complete
+    record = read_trial(todo)
+    assert 118 < record.episodes["env_steps"][-1] <= 130
+    assert len((todo.folder / "decisions.csv").read_text().splitlines()) == 131
+    assert set(record.evaluations["policy"]) == {"learner"}
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("lazy", "`lazy` made 120 env steps of 130 and ended"),
+        ("faulty", "`faulty` failed: ValueError: expected scalar type"),
+        ("odd", r"`odd` failed: ValueError: act returned array\(\[7\]\); one whole number 0 ... 3"),
+        ("absent", "^it needs more memory than there is"),
+    ],
+)
+def test_one_that_fails_is_named(tmp_path: Path, external: None, name: str, message: str) -> None:
+    todo = job(walk(tmp_path), name, tmp_path / name)
+    with pytest.raises(RunError, match=message):
+        run_trial(todo)
+    assert not todo.complete
+
+
+@pytest.mark.parametrize("reward", ["domain", "environment"])
+def test_an_external_one_meets_what_our_learner_meets(tmp_path: Path, reward: Any) -> None:
+    """With the actions that our learner took: the same seeds, observations, rewards and ends."""
+    task = walk(tmp_path, reward=reward)
+    settings = job(task, "dqn", tmp_path).settings
+    ours: list[StepRecord] = []
+    with task.bind() as bound, Trainer(bound, settings, 5, baseline=True) as trainer:
+        trainer.on_step = ours.append
+        while trainer.env_steps < 150:
+            trainer.run_episode()
+    theirs: list[StepRecord] = []
+    with task.bind() as bound:
+        env = ExternalEnv(bound, Agent(bound, settings, 5), 5, theirs.append)
+        x, _ = env.reset(seed=123)  # a seed of its own would not be the same protocol
+        for step in ours:
+            assert (x == step.x.astype(np.float32)).all()
+            x, *outcome, _ = env.step(np.int64(step.decision.action))
+            assert outcome == [step.reward, step.terminated, step.truncated]
+            if step.last:
+                x, _ = env.reset()
+    assert any(step.decision.unsafe for step in theirs)
+    for one, other in zip(ours, theirs, strict=True):
+        assert other.decision.unsafe == one.decision.unsafe and not other.decision.vetoed
