@@ -146,10 +146,9 @@ class AdaptationSettings(Section):
 
     mode: Literal["off", "parameters", "residual", "full"] = "off"
     """`off`: the errors are only recorded. `parameters`: the numbers in effects and rates are
-    estimated. `residual`: a model of the remaining one-step error is learned. `full`: both."""
-    min_visits: Count = 0
-    """In training, when it is the planner's turn, it prefers actions observed fewer times than
-    this that are predicted safe. 0, or mode `off`: never."""
+    estimated. `residual`: a model of the remaining one-step error is learned. `full`: both.
+    With any mode but `off`, the planner prefers in its turns of a training actions observed fewer
+    than 4 times that are predicted safe."""
 
     @property
     def residual(self) -> bool:
@@ -243,8 +242,6 @@ class TrainingSettings(Section):
     """The reward that the learner learns from: the one that the `task` declares (`Task.reward`),
     that of the `domain` file, that of the `environment`, or the `sum` of the latter two. The
     planner always uses the domain file."""
-    inputs: Literal["observation", "state", "both"] = "both"
-    """The input of the learner: the `observation`, the grounded `state`, or `both`."""
     num_envs: Annotated[int, Field(ge=1, le=1024)] = 1
     """Environments that are stepped at the same time, each in a process of its own if there are
     several. They share learner, model and budget. Runs are then saved and stopped only where no
@@ -254,9 +251,6 @@ class TrainingSettings(Section):
     pretrained on them, by as many gradient updates, before Algorithm 1 starts."""
     env_steps: PositiveCount = 20_000
     """Default budget of a training in env steps."""
-    units: PositiveCount | None = None
-    """Default budget in units of `arbiter.rho_unit`, such as games, instead of env steps. None: in
-    env steps."""
     episode_steps: PositiveCount = 10_000
     """Steps after which an episode is truncated that the environment does not end. Runs are saved
     and stopped only between episodes."""
@@ -384,7 +378,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
     # The best known choices.
     "default": {
         "planner": {"name": "far-sight"},
-        "adaptation": {"mode": "full", "min_visits": 4},
+        "adaptation": {"mode": "full"},
         "guide": {"strategy": "evidence"},
         "learner": {
             "members": 3,

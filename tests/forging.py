@@ -1,7 +1,8 @@
 """Forged checkpoints: what a run resumes from, changed somewhere, with a digest that is right.
 
-Run as a program it forges checkpoints of one run and resumes each; it says on every line what it is
-about to do, so that whoever started it knows what it died of.
+Run as a program (`python -m tests.forging FOLDER FIRST COUNT`) it forges checkpoints of one run and
+resumes each; it says on every line what it is about to do, so that a process that dies, hangs or
+raises anything but a `SerpError` is known by its seed.
 """
 
 from __future__ import annotations
@@ -38,8 +39,7 @@ VALUES = (*NUMBERS, 2**70, -(2**200), True, False, None, "", "planner", [], [1],
 
 
 def begin(name: str, path: Path) -> None:
-    """Trains for a while, without pictures of it."""
-    results.write_results = lambda folder, **options: {}  # type: ignore[assignment]
+    """Trains for a while."""
     plan_and_learn(name, settings=SETTINGS, env_steps=BEGUN, out=path, seed=1, quiet=True)
     (path / PREVIOUS).unlink(missing_ok=True)  # what is refused is not to be found whole elsewhere
 
@@ -129,6 +129,8 @@ _OF_ARRAYS: tuple[tuple[str, Callable[[Any, random.Random, Any], Any]], ...] = (
 def main(folder: Path, first: int, count: int) -> None:
     """Forges and resumes; prints a JSON line before each, and how it ended after it."""
     results.write_results = lambda folder, **options: {}  # type: ignore[assignment]
+    if not folder.exists():
+        begin("cliff", folder)
     arrays, meta = load(folder / NEWEST)
     run = folder.with_name(f"{folder.name}-forged")
     for seed in range(first, first + count):

@@ -44,9 +44,9 @@ Answer = tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]
 class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
     """A task as a Gymnasium environment: what an agent perceives, and what it learns from.
 
-    Observations are the learner's input (observation, grounded state or both, by
-    `training.inputs`) as float32 `[F]`; the reward is the one that is learned from; actions are
-    0 ... E-1. A subclass decides what an action of the caller leads to.
+    Observations are the learner's input (observation and grounded state) as float32 `[F]`; the
+    reward is the one that is learned from; actions are 0 ... E-1. A subclass decides what an
+    action of the caller leads to.
 
     Attributes:
         judge: Judges the steps.

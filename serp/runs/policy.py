@@ -131,7 +131,6 @@ def _about(agent: Agent, task: BoundTask) -> dict[str, Any]:
             for fluent in task.model.fluents
         ],
         "observation": [task.observations.name(k) for k in range(task.observation_size)],
-        "learner_sees": agent.settings.training.inputs,
         "actions": [task.actions.name(action) for action in range(task.actions.size)],
         "ground_actions": task.actions.groups,
         "reward": task.rewarded_by,
@@ -183,27 +182,19 @@ class Policy:
         self._pairs = list(zip(observations, states, strict=True))
         self._observation_size = size
 
-    def decide(
-        self, observation: ArrayLike | None = None, *, state: ArrayLike | None = None
-    ) -> Decision:
+    def decide(self, observation: ArrayLike, *, state: ArrayLike | None = None) -> Decision:
         """Decide as the trained policy does.
 
         Args:
-            observation: `[O]`, flat; needed where the learner sees it, or to ground it.
+            observation: `[O]`, flat.
             state: `[F]` in the order of `fluents`; without it, `ground` computes it.
 
         Raises:
             RunError: One of them is missing, has another shape, or is not finite.
         """
-        seen = np.zeros(self._observation_size)
-        if observation is not None:
-            seen = _vector(observation, self._observation_size, "an observation")
-        elif self.manifest["learner_sees"] != "state":
-            raise RunError(
-                f"the learner sees the observation: give its {self._observation_size} numbers"
-            )
+        seen = _vector(observation, self._observation_size, "an observation")
         if state is None:
-            if self._ground is None or observation is None:
+            if self._ground is None:
                 raise RunError("give `state=`, or an observation and Policy(folder, ground=...)")
             state = self._grounded(self._ground, seen)
         return self.agent.decide_greedily(

@@ -6,7 +6,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
     from serp.ui.planner import ChosenPlanner
 
-
-_MOST_STEPS: Final = 200
-_MOST_SECONDS: Final = 10.0
-"""Limits of the search for a state in which the planner has a choice."""
 
 MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 
@@ -183,14 +179,14 @@ def _observed(
             f"--observe: no task is installed for domain `{domain.name}`, so there is no "
             "environment to observe; give the state with --state"
         )
-    deadline = time.monotonic() + _MOST_SECONDS
+    deadline = time.monotonic() + 10.0  # seconds
     origin = f"observed after a reset with seed {seed}"
     with _with_domain(task, domain).bind() as bound:
         if domain.problem_syntax is not None:  # the grounding says what of :init is observed
             domain = bound.domain
         planner = make_planner and make_planner(domain)
         state = first = bound.ground(*bound.reset(seed), bound.env)
-        for steps in range(_MOST_STEPS + 1 if planner else 0):
+        for steps in range(201 if planner else 0):
             assert planner is not None
             plan = planner.plan(state)
             if plan.forecast.applicable.sum() > 1 and not plan.indifferent:

@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from serp.ui.planner import ChosenPlanner
 
 
-_ACTIONS_SHOWN = 30
-_FLUENTS_SHOWN = 24
-_CAUSES_SHOWN = 12
-
-
 def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[str, Any]:
     """Return a plan as JSON values (infinities and NaN among them)."""
     steps = [{**step._asdict(), "state": planner.model.values(step.state)} for step in plan.path]
@@ -90,21 +85,22 @@ def _print_state(console: Console, account: Explanation) -> None:
     state = account.state
     numbers = [(name, value) for name, value in state.items() if not isinstance(value, bool)]
     true = [name for name, value in state.items() if value is True]
-    for name, value in numbers[:_FLUENTS_SHOWN]:
+    for name, value in numbers[:24]:
         console.print(f"  {name} = {readable(float(value))}")
-    if len(numbers) > _FLUENTS_SHOWN:
-        console.print(f"  … and {len(numbers) - _FLUENTS_SHOWN} more numbers (--json has all)")
+    if len(numbers) > 24:
+        console.print(f"  … and {len(numbers) - 24} more numbers (--json has all)")
     if true:
         console.print(f"  true: {_shortened(true)}")
 
 
 def _print_alternatives(console: Console, account: Explanation, refused: str) -> None:
     # The best first where there are too many to show; else as in the file.
+    actions_shown = 30
     order = list(account.alternatives)
-    if len(order) > _ACTIONS_SHOWN:
+    if len(order) > actions_shown:
         order.sort(key=_score, reverse=True)
     rows, styles = [], []
-    for each in order[:_ACTIONS_SHOWN]:
+    for each in order[:actions_shown]:
         numbers, style, taken = ("–", "–"), "dim", each.action == account.chosen
         if each.applicable:
             numbers = readable(each.reward), readable(each.best_return)
@@ -115,8 +111,8 @@ def _print_alternatives(console: Console, account: Explanation, refused: str) ->
         styles.append(style)
     head = ("", "action", "reward", kind_of_return(account.partial), "remarks")
     print_table(console, head, rows, styles=styles, right=(2, 3))
-    if len(order) > _ACTIONS_SHOWN:
-        rest = plural(len(order) - _ACTIONS_SHOWN, "more action")
+    if len(order) > actions_shown:
+        rest = plural(len(order) - actions_shown, "more action")
         console.print(f"  … and {rest}, no better than these (--json has all)")
 
 
@@ -126,13 +122,14 @@ def _score(of: Alternative) -> tuple[float, ...]:
 
 
 def _print_causes(console: Console, alternative: Alternative) -> None:
+    causes_shown = 12
     lines = lines_of_causes((*alternative.causes, *alternative.ahead))
     if lines:
         console.print(f"Behind {alternative.name}:")
-    for line in lines[:_CAUSES_SHOWN]:
+    for line in lines[:causes_shown]:
         console.print(f"  {line}")
-    if len(lines) > _CAUSES_SHOWN:
-        console.print(f"  … and {len(lines) - _CAUSES_SHOWN} more (--json has all)")
+    if len(lines) > causes_shown:
+        console.print(f"  … and {len(lines) - causes_shown} more (--json has all)")
     for line in beyond_of(alternative):
         console.print(f"  {line}")
 
@@ -152,5 +149,5 @@ def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, 
 
 
 def _shortened(texts: list[str]) -> str:
-    more = f" … and {len(texts) - _FLUENTS_SHOWN} more" if len(texts) > _FLUENTS_SHOWN else ""
-    return ", ".join(texts[:_FLUENTS_SHOWN]) + more
+    more = f" … and {len(texts) - 24} more" if len(texts) > 24 else ""
+    return ", ".join(texts[:24]) + more

@@ -12,11 +12,9 @@ import click
 
 from serp.runs import Policy
 
-_KEY = f"{__name__}.task"
-
 
 def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
-    ctx.meta[_KEY] = value
+    ctx.meta["serp.ui.options.task"] = value
 
 
 own_task_option = click.option(
@@ -36,7 +34,7 @@ settings_option = click.option(
 
 def own_task_name() -> str | None:
     """Return what `--task` says, or None where it is not given."""
-    name: str | None = click.get_current_context().meta.get(_KEY)
+    name: str | None = click.get_current_context().meta.get("serp.ui.options.task")
     return name
 
 
@@ -90,20 +88,15 @@ def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
     return settings
 
 
-_WORDS = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
-
-
 def _setting(text: str) -> Any:
-    if text in _WORDS:
-        return _WORDS[text]
+    words = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
+    if text in words:
+        return words[text]
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):
         return text
     return tuple(value) if isinstance(value, list) else value
-
-
-_MOST_SEEDS = 10_000
 
 
 def parse_seeds(text: str | None) -> int | list[int] | None:
@@ -118,7 +111,7 @@ def parse_seeds(text: str | None) -> int | list[int] | None:
     for part in text.split(","):
         ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
         chosen = range(int(ends[1]), int(ends[2] or ends[1]) + 1) if ends else ()
-        if not 0 < len(chosen) <= _MOST_SEEDS:
+        if not 0 < len(chosen) <= 10_000:
             raise click.BadParameter(
                 "expected a number, or seeds such as 0-9 or 1,3", param_hint="--seeds"
             )

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
 
 
-_UNLIMITED = 10_000  # columns of a file or pipe: nothing is wrapped or cut
-
-
 def examples(*lines: str) -> str:
     """Return the end of a command's help; no line is wrapped, so that each can be copied."""
     return "\n".join(["\b", "Examples:", *(f"  {line}" for line in lines)])
@@ -30,7 +27,7 @@ def open_console() -> Console:
     """Return a console on standard output that takes text as it stands."""
     console = terminal.open_console()
     if not console.is_terminal:
-        console.width = _UNLIMITED
+        console.width = 10_000  # in a file or pipe nothing is wrapped or cut
     return console
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -157,18 +157,6 @@ def chosen_planner(
     return ChosenPlanner(planner, model, settings, seconds, f"The planner {settings.name}")
 
 
-_FIXED: Final = {
-    "name": "--domain",
-    "problem": "--problem",
-    "max_ground_schemas": "--max-ground-schemas",
-    "planner_name": "--planner",
-    "depth": "--depth",
-    "dt": "--dt",
-    "settings": "--set",
-}
-"""What a run has of its own."""
-
-
 class RunPlanner(ChosenPlanner):
     """The planner of a run, with the model that it plans with."""
 
@@ -201,8 +189,18 @@ class RunPlanner(ChosenPlanner):
 
 def asked_run(folder: Path, seconds: float) -> tuple[Domain, Task, MakePlanner]:
     """Return domain, task and planner of the run that `serp plan` is asked for."""
+    # What a run has of its own.
+    fixed = {
+        "name": "--domain",
+        "problem": "--problem",
+        "max_ground_schemas": "--max-ground-schemas",
+        "planner_name": "--planner",
+        "depth": "--depth",
+        "dt": "--dt",
+        "settings": "--set",
+    }
     context = click.get_current_context()
-    for name, option in _FIXED.items():
+    for name, option in fixed.items():
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             raise click.UsageError(f"{option} cannot be given beside a run, which has its own")
     if not folder.is_dir():

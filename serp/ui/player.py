@@ -35,9 +35,6 @@ if TYPE_CHECKING:
     from serp.ui.planner import ChosenPlanner
 
 
-_RESERVED: Final = "?purshq:"
-"""Keys of the commands themselves."""
-_AUTOMATIC: Final = "123456789abcdefgijklmnotvwxyz"
 _SENT: Final = {
     "\x1b[A": "up", "\x1bOA": "up", "\xe0H": "up",
     "\x1b[B": "down", "\x1bOB": "down", "\xe0P": "down",
@@ -46,7 +43,6 @@ _SENT: Final = {
     " ": "space", "\r": "enter", "\n": "enter",
 }  # fmt: skip
 """What terminals, and Windows, send for a key → its name."""
-_NAMED: Final = ("up", "down", "left", "right", "space")
 HELP: Final = (
     ("ACTION", "do it: its key, its name, the beginning of its name; `ACTION * 5`: five times"),
     ("?", "ask the planner: what each action would bring, and why"),
@@ -63,10 +59,6 @@ _WORDS: Final = {
     "plan": "?", "planner": "p", "undo": "u", "restart": "r", "state": "s", "help": "h",
     "quit": "q", "exit": "q",
 }  # fmt: skip
-_COMMAND: Final = re.compile(r"(?P<what>\?|[a-z]+)(?:\s+(?P<count>\d+))?")
-_TIMES: Final = re.compile(r"(?P<action>.+?)\s*\*\s*(?P<count>\d+)")
-_MOST: Final = 10_000
-_SHOWN: Final = 24
 
 
 def action_keys(actions: Sequence[str], given: str | None) -> dict[str, str]:
@@ -77,16 +69,19 @@ def action_keys(actions: Sequence[str], given: str | None) -> dict[str, str]:
     Raises:
         BadParameter: A key or an action does not exist, or a key is taken.
     """
+    named = ("up", "down", "left", "right", "space")
+    # Keys of the commands themselves.
+    reserved = "?purshq:"
     if given is None:
-        return dict(zip(_AUTOMATIC, actions, strict=False))
+        return dict(zip("123456789abcdefgijklmnotvwxyz", actions, strict=False))
     keys: dict[str, str] = {}
     for text in given.split(","):
         key, equals, action = (part.strip() for part in text.partition("="))
-        known = len(key) == 1 or key in _NAMED
-        if not equals or not known or key in _RESERVED or key in keys or action not in actions:
+        known = len(key) == 1 or key in named
+        if not equals or not known or key in reserved or key in keys or action not in actions:
             raise click.BadParameter(
                 f"`{text}`: expected key=action, such as a={actions[0]} or left={actions[0]}; keys "
-                f"are characters but {' '.join(_RESERVED)}, and {', '.join(_NAMED)}; actions are "
+                f"are characters but {' '.join(reserved)}, and {', '.join(named)}; actions are "
                 + ", ".join(actions),
                 param_hint="--keys",
             )
@@ -231,7 +226,11 @@ class Player:
         line = " ".join(line.removeprefix(":").split())
         if not line or line.startswith((";", "#")):
             return True
-        command = _COMMAND.fullmatch(line) if line not in self._keys else None
+        command = (
+            re.fullmatch(r"(?P<what>\?|[a-z]+)(?:\s+(?P<count>\d+))?", line)
+            if line not in self._keys
+            else None
+        )
         what = _WORDS.get(command["what"], command["what"]) if command else ""
         if line not in self._keys and line.startswith("save "):
             title = line.removeprefix("save ")
@@ -244,7 +243,11 @@ class Player:
         elif command and what in ("?", *"pursh"):
             self._command(what, _count(command["count"]))
         else:
-            times = _TIMES.fullmatch(line) if line not in self._keys else None
+            times = (
+                re.fullmatch(r"(?P<action>.+?)\s*\*\s*(?P<count>\d+)", line)
+                if line not in self._keys
+                else None
+            )
             action = self._find(times["action"] if times else line)
             self._repeat(lambda: action, _count(times["count"] if times else None))
         return True
@@ -326,9 +329,9 @@ class Player:
         steps = plural(moment.steps, "step")
         self._console.print(f"after {steps}, total {readable(moment.total)}{ended}", style="bold")
         rows = [(f"  {fluent.name}", _value(self._game.values[fluent.name])) for fluent in fluents]
-        print_table(self._console, ("", ""), rows[: 4 * _SHOWN])
-        if len(rows) > 4 * _SHOWN:
-            self._console.print(f"  … and {len(rows) - 4 * _SHOWN:,} more")
+        print_table(self._console, ("", ""), rows[:96])
+        if len(rows) > 96:
+            self._console.print(f"  … and {len(rows) - 96:,} more")
 
     def possible(self) -> str:
         """Return keys and names of the applicable actions, as far as they fit in a line."""
@@ -345,12 +348,12 @@ class Player:
         """Print the actions with their keys; those that are not applicable are dim."""
         game, keys = self._game, {action: key for key, action in self._keys.items()}
         rows, styles = [], []
-        for k, action in enumerate(game.model.actions[:_SHOWN]):
+        for k, action in enumerate(game.model.actions[:24]):
             refusal = game.refusal(k)
             rows.append((keys.get(action.name, ""), action.name, refusal))
             styles.append("dim" if refusal else "")
         print_table(self._console, ("", "", ""), rows, styles=styles)
-        more = len(game.model.actions) - _SHOWN
+        more = len(game.model.actions) - 24
         if more > 0:
             self._console.print(f"   … and {plural(more, 'more action')}, by name")
 
@@ -376,9 +379,10 @@ class Player:
 
 
 def _count(text: str | None) -> int:
+    most = 10_000
     count = 1 if text is None else int(text)
-    if not 0 < count <= _MOST:
-        raise SerpError(f"expected a number from 1 to {_MOST:,}, not {count:,}")
+    if not 0 < count <= most:
+        raise SerpError(f"expected a number from 1 to {most:,}, not {count:,}")
     return count
 
 

@@ -22,10 +22,6 @@ from serp._util.text import did_you_mean
 from serp.errors import Notice, SerpError, with_notes
 from serp.ui.output import examples
 
-DONE = 0
-MISTAKE = 1
-PIPE_CLOSED = 141  # 128 + SIGPIPE
-
 _default_format = warnings.formatwarning
 
 
@@ -61,14 +57,14 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
     except (SerpError, OSError) as error:
         if _is_closed_output(error):
             _discard_output()
-            sys.exit(PIPE_CLOSED)
+            sys.exit(141)  # 128 + SIGPIPE
         if os.environ.get("SERP_DEBUG", "0") not in ("", "0"):
             raise
         message = str(error) if isinstance(error, SerpError) else _described(error)
         say(with_notes(error, message), head="Error: ")
-        status = MISTAKE
+        status = 1
     _discard_output()
-    sys.exit(status or DONE)
+    sys.exit(status or 0)
 
 
 def say(text: str, head: str = "") -> None:

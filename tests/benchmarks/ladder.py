@@ -76,7 +76,7 @@ def always(value: Any) -> property:
 
 def leads(self: Any, situation: Any, learner: Any) -> Any:
     """Propose as the strategy `evidence` does where all plans differ."""
-    return learner.propose_greedily() if self._leads[self.lane] else None
+    return learner.propose_greedily() if self._leads[self.env_index] else None
 
 
 def leads_greedily(self: Any, situation: Any, learner: Any) -> Any:
@@ -112,7 +112,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "leverage": [(f"{ADAPTED}:AdaptedModel.native_uncertainty", lambda self: None),
                  (f"{ADAPTED}:AdaptedModel.uncertainty",
                   lambda self, state: np.zeros(len(self.actions)))],
-    "exploration": ["adaptation.min_visits=0"],
+    "exploration": [("agent.agent:MIN_VISITS", 0)],
     # Who decides
     "veto-ahead": ["arbiter.veto_horizon=step"],
     "reliability": [("agent.veto:LookaheadReliability.reliable", always(True))],
@@ -129,7 +129,6 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "guarded-targets": ["learner.guarded_targets=false"],
     "gradient-clip": ["learner.gradient_clip=none"],
     "epsilon": ["learner.epsilon_start=0", "learner.epsilon_end=0"],
-    "both-inputs": ["training.inputs=observation"],
 }
 # fmt: on
 """Mechanism → how it is switched off: settings, and replacements in the code of a worker."""

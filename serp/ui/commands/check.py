@@ -16,7 +16,7 @@ from serp.errors import SerpError, TaskError
 from serp.ui.asked import asked_domain, asked_own_task
 from serp.ui.options import max_ground_schemas_option, own_task_name, own_task_option
 from serp.ui.output import examples, learned_from, open_console
-from serp.ui.root import DONE, MISTAKE, say
+from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.authoring.lint.domain_pairs import DomainFiles
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from serp.model.domain import Domain
     from serp.pddl.source import DomainWarning
     from serp.tasks.task import Task
-
-_NAMED = 12  # actions, processes and events that one line names
-_REMARKS = 100  # warnings and notes of one domain that are printed
 
 
 @click.command(
@@ -102,7 +99,7 @@ def command(
         for result in results:
             if result.failure:
                 say(result.failure)
-        return MISTAKE if any(result.wrong for result in results) else DONE
+        return 1 if any(result.wrong for result in results) else 0
     if not watch:
         return _print(examined())
     for _ in changes([path for pair in checks for path in pair[1:] if path is not None]):
@@ -110,7 +107,7 @@ def command(
         click.echo(f"checking at {time.strftime('%H:%M:%S')}")
         _print(examined())
         click.echo("waiting for changes (Ctrl-C ends)")
-    return DONE
+    return 0
 
 
 @dataclass
@@ -226,6 +223,7 @@ def _load(
 
 
 def _summary(domain: Domain) -> Iterator[str]:
+    named = 12  # actions, processes and events of one line
     from serp.model.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET
 
     model = domain.model
@@ -250,8 +248,8 @@ def _summary(domain: Domain) -> Iterator[str]:
             for s in ground.schemas
             if any(effect.target == target for effect in s.effects)
         ))  # fmt: skip
-        more = f" and {len(names) - _NAMED:,} more" if len(names) > _NAMED else ""
-        return [", ".join(names[:_NAMED]) + more] if names else []
+        more = f" and {len(names) - named:,} more" if len(names) > named else ""
+        return [", ".join(names[:named]) + more] if names else []
 
     rewarded = []
     if ground.goal_rewarded:
@@ -285,11 +283,11 @@ def _print(checks: Iterator[_CheckedDomain]) -> int:
                 say(finding.rendered)
         for line in check.summary:
             console.print(f"  {line}")
-        for finding in remarks[:_REMARKS]:
+        for finding in remarks[:100]:
             style = "yellow" if finding.severity == "warning" else "dim"
             console.print(f"  {finding.severity}: {finding.rendered}", style=style)
-        if len(remarks) > _REMARKS:
-            console.print(f"  ... and {len(remarks) - _REMARKS} more")
+        if len(remarks) > 100:
+            console.print(f"  ... and {len(remarks) - 100} more")
         if fixable := sum(f.fix is not None and f.fix.sure for f in check.findings):
             console.print(f"  {plural(fixable, 'finding')} can be corrected by --fix")
     wrong = sum(check.wrong for check in results)
@@ -298,7 +296,7 @@ def _print(checks: Iterator[_CheckedDomain]) -> int:
         console.print(
             f"\n{plural(len(results), 'domain')}: {wrong} wrong, {plural(warnings, 'warning')}"
         )
-    return MISTAKE if wrong else DONE
+    return 1 if wrong else 0
 
 
 def _fix(checks: list[DomainFiles]) -> None:

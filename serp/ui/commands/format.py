@@ -9,7 +9,7 @@ import click
 from serp._util.text import plural
 from serp.errors import SerpError
 from serp.ui.output import examples
-from serp.ui.root import DONE, MISTAKE, say
+from serp.ui.root import say
 
 
 @click.command(
@@ -55,4 +55,4 @@ def command(files: tuple[Path, ...], check: bool, diff: bool) -> int:
             wrong += 1
     done = "would change" if check or diff else "formatted"
     say(f"{plural(changed, 'file')} {done}, {len(files) - changed - wrong} as they should be")
-    return MISTAKE if wrong or (check and changed) else DONE
+    return 1 if wrong or (check and changed) else 0

@@ -9,11 +9,6 @@ import click
 
 from serp.ui.output import examples, open_console, print_table
 
-PRESETS = {
-    "default": "what gives the best result today",
-    "paper": "Algorithm 1 and section 4 of the paper to the letter",
-}
-
 
 @click.command("list", epilog=examples("serp list"))
 def command() -> None:
@@ -42,7 +37,11 @@ def command() -> None:
     }
     groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes of this machine"}
     console.print("")
-    print_table(console, ("preset", ""), list(PRESETS.items()))
+    presets = [
+        ("default", "what gives the best result today"),
+        ("paper", "Algorithm 1 and section 4 of the paper to the letter"),
+    ]
+    print_table(console, ("preset", ""), presets)
     for group, (what, title, known) in groups.items():
         shown = [(name, text, "") for name, text in known.items()]
         styles = [""] * len(shown)

@@ -20,12 +20,6 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
 
 
-_USED = ("name", "depth", "discount", "max_nodes", "accepted_risk")
-"""The settings of one decision."""
-_SECONDS = 10.0
-"""Time that a plan may take."""
-
-
 @click.command(
     "plan",
     epilog=examples(
@@ -95,7 +89,7 @@ def command(
     domain, task, make_planner = (
         _asked(name, problem, max_ground_schemas, **planning)
         if run is None
-        else asked_run(run, _SECONDS)
+        else asked_run(run, 10.0)
     )
     domain, state, origin = asked_state(
         domain, task, make_planner, assignments, observe=observe, seed=seed
@@ -159,20 +153,21 @@ def _planning(
     depth: int | None,
 ) -> MakePlanner:
     """Return a function that makes the planner of a domain, as task, settings and options say."""
+    of_decision = ("name", "depth", "discount", "max_nodes", "accepted_risk")
     from serp.settings import resolve
     from serp.ui.planner import ChosenPlanner, chosen_planner
 
     resolved = resolve("default", None if task is None else task.settings, settings)
     for section, values in settings.items():
         for name in values:
-            if section != "planner" or name not in _USED:
-                known = ", ".join(f"planner.{used}" for used in _USED)
+            if section != "planner" or name not in of_decision:
+                known = ", ".join(f"planner.{used}" for used in of_decision)
                 raise SettingsError(f"--set {section}.{name}: one decision uses only {known}")
     options = {"name": planner_name, "depth": depth}
     chosen = resolved.planner.replace(**{k: v for k, v in options.items() if v is not None})
     period = dt or (task.dt if task else 1.0)
 
     def make_planner(domain: Domain) -> ChosenPlanner:
-        return chosen_planner(domain.model.replace(dt=period), chosen, task, _SECONDS)
+        return chosen_planner(domain.model.replace(dt=period), chosen, task, 10.0)
 
     return make_planner

@@ -13,19 +13,6 @@ from serp.ui.options import max_ground_schemas_option, own_task_option, settings
 from serp.ui.output import examples
 from serp.ui.trained import train
 
-_FROM_OUT = ""
-"""What `--resume` holds without a value of its own."""
-_FIXED = {
-    "preset": "--preset",
-    "seed": "--seed",
-    "adapt": "--adapt",
-    "planner": "--planner",
-    "num_envs": "--num-envs",
-    "max_ground_schemas": "--max-ground-schemas",
-    "settings": "--set",
-}
-"""What cannot change in a run that is resumed."""
-
 
 @click.command(
     "plan-and-learn",
@@ -52,7 +39,7 @@ _FIXED = {
               help="Seed of everything random.")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
               help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
-@click.option("--resume", is_flag=False, flag_value=_FROM_OUT, metavar="[RUN]",
+@click.option("--resume", is_flag=False, flag_value="", metavar="[RUN]",
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
@@ -115,7 +102,17 @@ def _set(
 
 def _run_to_resume(given: str, out: Path | None) -> Path:
     """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
-    for name, option in _FIXED.items():
+    # What cannot change in a run that is resumed.
+    fixed = {
+        "preset": "--preset",
+        "seed": "--seed",
+        "adapt": "--adapt",
+        "planner": "--planner",
+        "num_envs": "--num-envs",
+        "max_ground_schemas": "--max-ground-schemas",
+        "settings": "--set",
+    }
+    for name, option in fixed.items():
         source = click.get_current_context().get_parameter_source(name)
         if source is ParameterSource.COMMANDLINE:
             raise click.UsageError(f"{option} cannot change in a run that is resumed")

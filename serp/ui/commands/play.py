@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from serp.ui.player import Player, Playground
 
 
-_OF_TRAINING = ("env_steps", "episodes", "out", "quiet", "max_steps")
-
-
 @click.command(
     "play",
     epilog=examples(
@@ -121,9 +118,10 @@ def _as_options(message: str) -> str:
 
 
 def _refuse_unused(*, train: bool, keys: str | None) -> None:
+    of_training = ("env_steps", "episodes", "out", "quiet", "max_steps")
     context = click.get_current_context()
     source = click.core.ParameterSource.COMMANDLINE
-    for option in _OF_TRAINING:
+    for option in of_training:
         if not train and context.get_parameter_source(option) is source:
             raise click.UsageError(f"--{option.replace('_', '-')} is for a training: add --train")
     if train and keys is not None:

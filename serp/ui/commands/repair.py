@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from serp.runs.diagnosis.diagnosis import Recorded
 
 
-_STYLES = {"+": "green", "-": "red", "@": "cyan"}
-
-
 @click.command(
     "repair",
     epilog=examples(
@@ -133,9 +130,10 @@ def _holds(file: Path, text: str) -> bool:
 
 
 def _print_difference(console: Console, old: str, new: str, name: str, new_name: str) -> None:
+    styles = {"+": "green", "-": "red", "@": "cyan"}
     lines = difflib.unified_diff(
         old.splitlines(), new.splitlines(), name, new_name, n=2, lineterm=""
     )
     for line in lines:
-        style = "bold" if line.startswith(("+++", "---")) else _STYLES.get(line[:1])
+        style = "bold" if line.startswith(("+++", "---")) else styles.get(line[:1])
         console.print(line, style=style, soft_wrap=True)

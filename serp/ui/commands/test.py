@@ -14,7 +14,7 @@ from serp.errors import SerpError, with_notes
 from serp.ui.asked import asked_domain, asked_own_task, open_run
 from serp.ui.options import own_task_option, settings_option
 from serp.ui.output import examples, open_console, print_json
-from serp.ui.root import DONE, MISTAKE, say
+from serp.ui.root import say
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -78,7 +78,7 @@ def command(
     console = open_console()
     if update is not None:
         _update(names, update, step, episode, title, **deciding)
-        return DONE
+        return 0
     if step is not None or episode is not None or title is not None:
         raise click.UsageError("--step, --episode and --title belong to --update RUN")
     wrong, results = 0, []
@@ -100,7 +100,7 @@ def command(
         console.print(f"\n{total}", style=style)
     elif not wrong:
         raise SerpError(f"no scenario has the words `{words}` in its title")
-    return DONE if not failed and not wrong else MISTAKE
+    return 0 if not failed and not wrong else 1
 
 
 def _update(

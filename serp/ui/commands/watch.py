@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from serp.agent.step_record import StepRecord
 
 
-_GIF_WIDTH = 640
-
-
 @click.command(
     "watch",
     epilog=examples(
@@ -61,7 +58,7 @@ def command(
         from serp.ui.pictures.window import show_film
 
     is_gif = out is not None and out.suffix.lower() == ".gif"
-    fps, width = (50.0, _GIF_WIDTH) if is_gif else (60.0, None)
+    fps, width = (50.0, 640) if is_gif else (60.0, None)
     settings = FilmSettings(policy, episodes, seed, speed, fps, width)
     loaded = open_run(run)
     if out is None:

@@ -15,17 +15,7 @@ from serp.agent.decision import Actor
 
 BACKGROUND: Final = "#16191F"
 INK: Final = "#F2F4F7"
-_FAINT: Final = "#A9B0BB"
-_ON: Final = {  # colour of text on an actor's colour
-    Actor.PLANNER: INK,
-    Actor.LEARNER: BACKGROUND,
-    Actor.EXPLORATION: INK,
-    Actor.FALLBACK: BACKGROUND,
-}
-_LINES: Final = 2  # of marked text
 _SMALLEST, _LARGEST = 12, 26
-_GAP = "   "
-_CHARACTERS = 44  # width of a picture in ems, which sets the font size within these limits
 
 
 class Mark(NamedTuple):
@@ -59,7 +49,7 @@ class CaptionBand:
     """Draws captions of one width; all have the same `size`, pixels."""
 
     def __init__(self, width: int) -> None:
-        letters = min(max(width // _CHARACTERS, _SMALLEST), _LARGEST)
+        letters = min(max(width // 44, _SMALLEST), _LARGEST)
         fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
         self._plain = ImageFont.truetype(fonts / "DejaVuSans.ttf", letters)
         self._bold = ImageFont.truetype(fonts / "DejaVuSans-Bold.ttf", letters)
@@ -67,7 +57,7 @@ class CaptionBand:
         self._line = round(1.5 * letters)
         self._bar = max(4, letters // 3)
         self._strip = round(0.6 * letters)
-        height = 3 * self._pad + (1 + _LINES) * self._line + self._strip
+        height = 3 * self._pad + 3 * self._line + self._strip
         self.size = (width, height + height % 2)  # videos want even numbers
 
     def draw(self, caption: Caption) -> Image.Image:
@@ -81,11 +71,18 @@ class CaptionBand:
         return image
 
     def _draw_decision(self, draw: ImageDraw.ImageDraw, caption: Caption) -> None:
+        gap = "   "
+        on = {  # colour of text on an actor's colour
+            Actor.PLANNER: INK,
+            Actor.LEARNER: BACKGROUND,
+            Actor.EXPLORATION: INK,
+            Actor.FALLBACK: BACKGROUND,
+        }
         width, pad = self.size[0], self._pad
         middle = pad + self._line // 2
         left, right = pad, width - pad
         if (actor := caption.actor) is not None:
-            left = self._draw_label(draw, left, actor.value.upper(), ACTORS[actor], _ON[actor])
+            left = self._draw_label(draw, left, actor.value.upper(), ACTORS[actor], on[actor])
         if caption.outcome:
             word = _cut(self._bold, caption.outcome.upper(), width // 3)
             right -= round(self._bold.getlength(word)) + 2 * pad
@@ -96,9 +93,9 @@ class CaptionBand:
         draw.text((left, middle), action, fill=INK, font=self._bold, anchor="lm")
         room = right - left - self._bold.getlength(action) - 2 * pad
         facts = list(caption.facts)
-        while facts and self._plain.getlength(_GAP.join(facts)) > room:
+        while facts and self._plain.getlength(gap.join(facts)) > room:
             del facts[0]
-        draw.text((right, middle), _GAP.join(facts), fill=_FAINT, font=self._plain, anchor="rm")
+        draw.text((right, middle), gap.join(facts), fill="#A9B0BB", font=self._plain, anchor="rm")
 
     def _draw_label(
         self, draw: ImageDraw.ImageDraw, left: int, word: str, colour: str, ink: str
@@ -125,10 +122,10 @@ class CaptionBand:
     def _draw_marks(self, draw: ImageDraw.ImageDraw, marks: tuple[Mark, ...]) -> None:
         width, height = self.size
         pad = self._pad
-        top = height - _LINES * self._line - pad // 2
+        top = height - 2 * self._line - pad // 2
         draw.rectangle((0, top - pad // 2, width, height), fill=REFUSED)
         # A single reason has a line of its own.
-        lines = [(marks[0].what, ""), ("", marks[0].why)] if len(marks) == 1 else marks[:_LINES]
+        lines = [(marks[0].what, ""), ("", marks[0].why)] if len(marks) == 1 else marks[:2]
         for number, (what, why) in enumerate(lines):
             left, middle = pad, top + number * self._line + self._line // 2
             for text, font in ((what, self._bold), (why, self._plain)):

@@ -30,18 +30,10 @@ from serp.runs.run import Run
 from serp.tasks.task import BoundTask
 from serp.ui.pictures.caption import INK, Caption, CaptionBand, Mark
 
-RGB_ARRAY: Final = "rgb_array"
-RGB_ARRAY_LIST: Final = "rgb_array_list"
 HOLD: Final = 1.5
 """Time that a mark is shown, unless another one follows, s."""
 END: Final = 1.0
 """Additional duration of the last picture of an episode, s."""
-_WHOSE: Final = {
-    Actor.PLANNER: "the planner's",
-    Actor.LEARNER: "the learner's",
-    Actor.EXPLORATION: "a random",
-    Actor.FALLBACK: "the fallback's",
-}
 _TICK, _FEWEST_TICKS = 0.01, 2  # unit of durations in a GIF, s; browsers slow down shorter frames
 _SAMPLES, _TRANSPARENT = 60, 255  # frames of which the palette is made; an index in it
 Picture = NDArray[np.uint8]
@@ -55,14 +47,14 @@ def render_mode_of(run: Run) -> str:
     Raises:
         TaskError: The environment draws no pictures.
     """
-    with run.environment(RGB_ARRAY) as task:
+    with run.environment("rgb_array") as task:
         modes = task.env.metadata.get("render_modes") or ()
-        for mode in (RGB_ARRAY_LIST, RGB_ARRAY):
+        for mode in ("rgb_array_list", "rgb_array"):
             if mode in modes:
                 return mode
         raise TaskError(
             f"task {task.name}: the environment draws no pictures; it needs the render mode "
-            f"`{RGB_ARRAY}`, and among metadata['render_modes'] are {', '.join(modes) or 'none'}"
+            f"`rgb_array`, and among metadata['render_modes'] are {', '.join(modes) or 'none'}"
         )
 
 
@@ -71,7 +63,7 @@ class Camera:
 
     def __init__(self, task: BoundTask) -> None:
         self._task = task
-        self._several = task.env.render_mode == RGB_ARRAY_LIST
+        self._several = task.env.render_mode == "rgb_array_list"
         self._rate = real(task.env.metadata.get("render_fps"))
 
     def take(self) -> list[Picture]:
@@ -186,12 +178,18 @@ def film(
 
 def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
     """Return the marks of a step: a veto, and the execution of an unsafe or risky action."""
+    proposed = {
+        Actor.PLANNER: "the planner's",
+        Actor.LEARNER: "the learner's",
+        Actor.EXPLORATION: "a random",
+        Actor.FALLBACK: "the fallback's",
+    }
     decision, arbiter = step.decision, agent.arbiter
     marks = []
     if decision.vetoed:
         name = arbiter.actions.name(decision.proposed)
         why = arbiter.explain(decision, step.state).removeprefix(f"{name}: ")
-        whose = _WHOSE[decision.proposed_by]
+        whose = proposed[decision.proposed_by]
         marks.append(Mark(f"Refused in step {step.number}: {whose} {name}", why))
     if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
         name = arbiter.actions.name(decision.action)

@@ -40,8 +40,6 @@ _ENDS: Final = {
     "collapsed": "goes on, not drawn",
 }
 _ROOT_FAN, _PATH_FAN = 12, 3  # edges out of the root; at least so many out of the best path
-_FANS: Final = (12, 8, 5, 4, 3, 2, 1)  # edges out of other states: the most that fit
-_LONGEST: Final = 26  # characters of a label
 _CHARACTER, _SIZE = 7.4, 13  # average width and size of letters, pixels
 _ROW, _TURN, _MARGIN = 23.0, 34.0, 14.0
 _NARROWEST, _LINE, _EDGE, _SAMPLE = 560.0, 19.0, 16.0, 40.0
@@ -113,7 +111,7 @@ def lay_out(
         labels: Action → label of its edge out of the root; other edges have the action's name.
         rows: Rows to fill.
     """
-    for keep in _FANS:
+    for keep in (12, 8, 5, 4, 3, 2, 1):
         layout, fits = _select(graph, weight, keep, rows)
         if fits:
             break
@@ -126,7 +124,7 @@ def lay_out(
 
 def short(name: str) -> str:
     """Return a name, cut where it is too long for a label."""
-    return name if len(name) <= _LONGEST else name[: _LONGEST - 1] + "…"
+    return name if len(name) <= 26 else name[:25] + "…"
 
 
 def _select(graph: nx.MultiDiGraph, weight: float, keep: int, most: int) -> tuple[PlanLayout, bool]:

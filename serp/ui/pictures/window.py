@@ -6,15 +6,13 @@ import dataclasses
 import os
 import time
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Any
 
 from PIL import ImageOps
 
 from serp.errors import SerpError, needs_extra
 from serp.runs.run import Run
 from serp.ui.pictures.film import FilmSettings, Frame, OnEpisode, film_of_run
-
-_SHARE: Final = 0.8  # largest share of the screen's height for the pictures
 
 
 class NoDisplay(SerpError):
@@ -72,7 +70,7 @@ class Window:
             raise NoDisplay(str(error)) from error
         if (driver := pygame.display.get_driver()) in ("dummy", "offscreen"):
             raise NoDisplay(f"SDL uses the driver {driver}")
-        self.limits = (width, round(_SHARE * height))
+        self.limits = (width, round(0.8 * height))
 
     def __enter__(self) -> Window:
         return self

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -51,12 +51,6 @@ from serp.ui.report.tables import (
 with needs_extra("report", "a report of a run"):
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
-
-_SCRIPTS: Final = ("data", "charts", "scene", "tables", "strip", "replay", "main")
-_PREVENTED: Final = {"reward": "a loss", "unsafe": "unsafe", "risk": "a risk"}
-_CARDS: Final = 24
-"""Most things that were prevented."""
-_HTML: Final = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})
 
 
 @dataclass(frozen=True)
@@ -106,6 +100,7 @@ class Content:
 
 def page(content: Content) -> str:
     """Return the page, one HTML document without references to other files."""
+    scripts = ("data", "charts", "scene", "tables", "strip", "replay", "main")
     summary = summarize(content.run.metrics, content.run.config)
     meta, arrays = _data(content)
     environment = Environment(
@@ -117,7 +112,7 @@ def page(content: Content) -> str:
     )
     colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
     style = f":root {{ {colors}}}\n" + _text("style.css")
-    script = "".join(_text(f"{name}.js") for name in _SCRIPTS)
+    script = "".join(_text(f"{name}.js") for name in scripts)
     sources = content.read.domain.sources
     return environment.get_template("page.html.j2").render(
         title=visible(title(summary)),
@@ -134,7 +129,7 @@ def page(content: Content) -> str:
         evaluation=content.evaluation,
         vetoes=veto_table(content.recording, content.actions),
         prevented=_prevented(content),
-        more_prevented=max(0, len(content.cards) - _CARDS),
+        more_prevented=max(0, len(content.cards) - 24),
         errors=error_table(content.errors, content.read.model, content.actions, content.steps),
         steps=len(content.steps),
         steps_note=_steps_note(content),
@@ -220,14 +215,15 @@ def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _prevented(content: Content) -> list[dict[str, Any]]:
     """Return the cards on what vetoes prevented, with what the file says of it."""
+    words = {"reward": "a loss", "unsafe": "unsafe", "risk": "a risk"}
     cards = []
-    for card in content.cards[:_CARDS]:
+    for card in content.cards[:24]:
         about = {"says": f"vetoes of {card['what']}"}
         if card["cause"] >= 0:
             cause = content.causes.causes[card["cause"]]
             about |= step_data.shown_cause(cause, content.read.domain.sources)
             by = "" if cause.origin == "action" else f" by {about['by']}"
-            what = _PREVENTED.get(cause.what, about["label"])
+            what = words.get(cause.what, about["label"])
             about["what"] = f"{card['what']}: {what}{by}"
         cards.append(card | about)
     return cards
@@ -296,7 +292,8 @@ def _origin(content: Content) -> str:
 
 def _json(value: Any) -> str:
     """Return JSON that can stand in a script element."""
-    return json.dumps(value, ensure_ascii=False, allow_nan=False).translate(_HTML)
+    html = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})
+    return json.dumps(value, ensure_ascii=False, allow_nan=False).translate(html)
 
 
 def _text(name: str) -> str:
@@ -306,10 +303,6 @@ def _text(name: str) -> str:
 def _digest(text: str) -> str:
     digest = hashlib.sha256(text.encode()).digest()
     return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
-
-
-_NUMBERS: Final = 8_000_000
-"""Most numbers in the page."""
 
 
 def write_report(
@@ -342,7 +335,7 @@ def write_report(
     recording = read.recording(evaluation)
     episodes = recorded_episodes(recording)
     numbers = 4 * len(recording.layout.fluents) + 6 * len(recording.layout.actions) + 12
-    shown = chosen_steps(recording, episodes, max(1, min(steps, _NUMBERS // numbers)))
+    shown = chosen_steps(recording, episodes, max(1, min(steps, 8_000_000 // numbers)))
     count = min(pictures, len(shown) + len(shown.episodes))
     with bar("drawing", max(1, count), quiet=quiet) as advance:
         seeds = _seeds(run, recording, evaluation)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +17,13 @@ from numpy.typing import NDArray
 from serp.errors import RunError, SerpError, needs_extra
 from serp.runs.run import Run
 from serp.tasks.task import BoundTask
-from serp.ui.pictures.film import RGB_ARRAY, Camera
+from serp.ui.pictures.film import Camera
 from serp.ui.report.recorded_steps import RecordedSteps, by_interest
 
 with needs_extra("report", "a report of a run"):
     from PIL import Image
 
 _WIDTH, _QUALITY = 320, 60
-_MOST_BYTES: Final = 4_500_000
-"""Bytes of pictures beyond which nothing more is drawn."""
-_BEYOND: Final = "Not drawn, to keep the file small and the wait short; --pictures draws more."
-_DIFFERS: Final = (
-    "Not drawn from here: executed again with the same seed and the same actions, the environment "
-    "gives another state than the one recorded."
-)
 
 
 @dataclass
@@ -73,31 +66,36 @@ def drawn_scenes(
         most: Most pictures.
         on_picture: Called after each picture.
     """
-    scenes, why, size = DrawnScenes(), _BEYOND, 0
+    differs = (
+        "Not drawn from here: executed again with the same seed and the same actions, the "
+        "environment gives another state than the one recorded."
+    )
+    omitted = "Not drawn, to keep the file small and the wait short; --pictures draws more."
+    scenes, why, size = DrawnScenes(), omitted, 0
     rows = dict(zip((each.number for each in steps.episodes), steps.rows, strict=True))
     try:
         if most and seed_of is None:
             raise RunError("the recording does not say which seed it was made with")
         if most and seed_of is not None:
-            with run.environment(RGB_ARRAY) as task:
+            with run.environment("rgb_array") as task:
                 if steps["value"].shape[1] != task.actions.size:
                     raise RunError("the recording has other actions than the environment")
                 for episode in by_interest(steps.episodes):
                     number, first = episode.number, len(scenes.pictures)
                     states, actions = (steps[name][rows[number]] for name in ("state", "action"))
                     for picture in _pictures(task, seed_of(number - 1), states, actions):
-                        if len(scenes.pictures) >= most or size >= _MOST_BYTES:
-                            scenes.notes[number] = _BEYOND
+                        if len(scenes.pictures) >= most or size >= 4_500_000:
+                            scenes.notes[number] = omitted
                             break
                         scenes.pictures.append(_webp(picture))
                         size += len(scenes.pictures[-1])
                         on_picture()
                     else:
                         if len(scenes.pictures) - first <= len(states):
-                            scenes.notes[number] = _DIFFERS
+                            scenes.notes[number] = differs
                     if len(scenes.pictures) > first:
                         scenes.frames[number] = (first, len(scenes.pictures) - first)
-                    if len(scenes.pictures) >= most or size >= _MOST_BYTES:
+                    if len(scenes.pictures) >= most or size >= 4_500_000:
                         break
     except SerpError as error:
         why = f"No pictures: {str(error).rstrip('.')}."

@@ -25,9 +25,6 @@ from serp.ui.report.recorded_steps import RecordedSteps
 from serp.ui.report.scene import DrawnScenes
 from serp.ui.report.tables import CauseTable, ModelErrors
 
-_RETAINED: Final = np.uint32(0xFFFFFF00)
-"""Bits of a float32 that are retained: 15 of 23 after the binary point, more than four digits."""
-
 Layout = list[tuple[str, str, int]]
 """Name, kind (`u1`, `u2`, `u4`, `f4`) and count of each array, in their order."""
 
@@ -39,6 +36,8 @@ def packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[str, Layout]:
     least four significant digits. Of each array the first bytes of all numbers come first, then the
     second bytes, and so on: equal bytes that follow one another pack well.
     """
+    # Bits of a float32 that are retained: 15 of 23 after the binary point, more than four digits.
+    retained = np.uint32(0xFFFFFF00)
     layout: Layout = []
     parts = []
     for name, array in arrays.items():
@@ -47,7 +46,7 @@ def packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[str, Layout]:
             with np.errstate(over="ignore"):  # beyond the range of float32 it is infinite
                 flat = flat.astype(np.float32)
             half = np.where(np.isfinite(flat), np.uint32(0x80), np.uint32(0))
-            flat = ((flat.view(np.uint32) + half) & _RETAINED).view(np.float32)
+            flat = ((flat.view(np.uint32) + half) & retained).view(np.float32)
         little = flat.astype(flat.dtype.newbyteorder("<"))
         layout.append((name, f"{little.dtype.kind}{little.itemsize}", len(little)))
         parts.append(little.view(np.uint8).reshape(-1, little.itemsize).T.tobytes())
@@ -57,8 +56,6 @@ def packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[str, Layout]:
 
 VETOED, UNSAFE, NO_SAFE, LARGE_ERROR, DRAWN = (1 << k for k in range(5))
 """Bits of a step; `page/replay.js` has the same."""
-UNMODELLED: Final = 128
-"""Beside the flags of an alternative: the model does not know the action."""
 _NONE, _ALL_SAFE = 0xFFFF, 0xFFFE
 _LABELS: Final = {
     "reward": "reward",
@@ -86,7 +83,8 @@ def step_arrays(
         + LARGE_ERROR * (errors.largest >= errors.limit)
         + DRAWN * drawn
     )
-    flags = (steps["flags"] & 0xFF) | (UNMODELLED * (steps["ground"] < 0))
+    # 128: the model does not know the action.
+    flags = (steps["flags"] & 0xFF) | (128 * (steps["ground"] < 0))
     ends = [rows.stop - 1 for rows in steps.rows]
     safe = steps["safe_steps"]
     safe = np.where(safe == SAFE, _ALL_SAFE, np.where(safe < 0, _NONE, np.minimum(safe, 60_000)))

@@ -20,14 +20,6 @@ from serp.runs.recording_format import REASONS
 from serp.runs.step_account import error_units, in_units, predicted_states
 from serp.ui.report.recorded_steps import RecordedSteps
 
-_LARGE: Final = 0.05
-"""Share of the steps whose largest errors are called large."""
-_MOST: Final = 12
-"""Fluents and actions in the table, and worst steps in the list."""
-_MOST_REFUSED: Final = 20
-"""Actions in the table of refusals."""
-_HEAT: Final = (0.1, 0.5, 1.0, 2.0)
-"""Errors, in units, from which a cell is coloured more."""
 _DECIDES: Final = {
     Reason.UNSAFE: ("unsafe",),
     Reason.NO_SAFE_ACTION: ("unsafe", "risk"),
@@ -135,7 +127,7 @@ def model_errors(model: TransitionModel, steps: RecordedSteps, usual: Vector) ->
     units = error_units(model, usual, own)
     errors = in_units(predicted - steps.next_states, units)
     largest = np.nan_to_num(errors).max(axis=1, initial=0.0)
-    limit = float(np.quantile(largest, 1.0 - _LARGE)) if len(largest) else 0.0
+    limit = float(np.quantile(largest, 0.95)) if len(largest) else 0.0
     return ModelErrors(predicted, units, errors, largest, max(1.0, limit))
 
 
@@ -154,7 +146,7 @@ def error_table(
         return {"rows": [], "says": f"Every prediction of the file was correct, in {count}."}
     used = [a for a in range(len(actions)) if (executed[known] == a).any()]
     used.sort(key=lambda a: -float(squares[known & (executed == a)].mean()))
-    shown = sorted(used[:_MOST])
+    shown = sorted(used[:12])
 
     def cell(f: int, a: int) -> dict[str, Any]:
         errors, about = of.errors[known & (executed == a), f], model.fluents[f]
@@ -164,15 +156,15 @@ def error_table(
         text = "0" if size == 0.0 else "< 0.01" if size < 0.01 else f"{size:.2f}"
         return {
             "shown": text if about.numeric else percent(size**2),
-            "heat": sum(size >= limit for limit in _HEAT),
+            "heat": sum(size >= limit for limit in (0.1, 0.5, 1.0, 2.0)),
             "test": {"executed": [a], "fluents": [f]} if large else None,
             "says": f"{actions[a]}: ({about.name}) {wrong}",
         }
 
     omitted = [
-        f"{plural(len(of_all) - _MOST, what)} with smaller errors omitted"
+        f"{plural(len(of_all) - 12, what)} with smaller errors omitted"
         for of_all, what in ((wrong, "fluent"), (used, "action"))
-        if len(of_all) > _MOST
+        if len(of_all) > 12
     ]
     return {
         "says": "One-step predictions of the file as written, without what the run learned, "
@@ -183,7 +175,7 @@ def error_table(
                 "unit": readable(float(of.units[f])) if model.fluents[f].numeric else "–",
                 "cells": [cell(f, a) for a in shown],
             }
-            for f in wrong[:_MOST]
+            for f in wrong[:12]
         ],
         "actions": [actions[a] for a in shown],
         "omitted": " and ".join(omitted),
@@ -202,8 +194,8 @@ def _worst(
         for f, at in enumerate(errors[rows].argmax(axis=0).tolist()):
             cells.append((-float(errors[rows[at], f]), int(rows[at]), f))
     worst = []
-    for error, step, f in sorted(cells)[:_MOST]:
-        if -error >= _HEAT[0]:
+    for error, step, f in sorted(cells)[:12]:
+        if -error >= 0.1:
             about = model.fluents[f]
             predicted, observed = (
                 readable(float(values[step, f]))
@@ -219,6 +211,7 @@ def _worst(
 
 def veto_table(recording: Recording, actions: list[str]) -> dict[str, Any]:
     """Return the refused proposals of a whole recording by action and reason, for the page."""
+    most_refused = 20
     columns = recording.columns("proposed", *VETO_COLUMNS)
     refused = vetoed(columns)
     pairs = zip(
@@ -240,7 +233,7 @@ def veto_table(recording: Recording, actions: list[str]) -> dict[str, Any]:
             "says": f"{actions[action]}: {REASONS[reason]}",
         }
 
-    omitted = len(by_action) - _MOST_REFUSED
+    omitted = len(by_action) - most_refused
     return {
         "rows": [
             {
@@ -248,7 +241,7 @@ def veto_table(recording: Recording, actions: list[str]) -> dict[str, Any]:
                 "cells": [cell(action, reason) for reason in reasons],
                 "sum": f"{total:,}",
             }
-            for action, total in by_action.most_common(_MOST_REFUSED)
+            for action, total in by_action.most_common(most_refused)
         ],
         "reasons": [REASONS[reason].removeprefix("proposal ") for reason in reasons],
         "omitted": f"{plural(omitted, 'action')} with fewer omitted" if omitted > 0 else "",

@@ -11,8 +11,6 @@ from serp.errors import SerpError
 from serp.model.domain import problem_beside
 from serp.pddl.source import Source
 
-_MARK = "\ufeff"
-
 
 class ChangedOnDisk(SerpError):
     """Another program changed, made or removed a file that is to be saved."""
@@ -54,10 +52,11 @@ class Document:
             self._digest = None
 
     def _read(self, path: Path) -> None:
+        mark = "\ufeff"
         text = Source.read(path).text
         content = path.read_bytes()
         self._digest = hashlib.sha256(content).digest()
-        self._mark = _MARK if content.startswith(_MARK.encode()) else ""
+        self._mark = mark if content.startswith(mark.encode()) else ""
         self._newline = "\r\n" if "\r\n" in text else "\n"
         self.text = self.saved = text.replace("\r\n", "\n").replace("\r", "\n")
 

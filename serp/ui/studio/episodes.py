@@ -8,7 +8,7 @@ import io
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +20,6 @@ from serp.runs.recording import VETO_COLUMNS, open_recording, vetoed
 from serp.tasks.file_world import file_task
 from serp.tasks.task import BoundTask, Task
 from serp.ui.studio.view import Ranges, Surroundings, Version
-
-MOST_STEPS: Final = 100
-_WIDTH: Final = 640
-"""Largest width of a picture, in pixels."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +65,7 @@ class ShownEpisode:
 def play(
     task: Task | None, version: Version, surroundings: Surroundings, seed: int
 ) -> ShownEpisode:
-    """Play an episode with the planner of a version, for at most `MOST_STEPS` steps.
+    """Play an episode with the planner of a version, for at most 100 steps.
 
     Without a task it is played in the file's own world.
 
@@ -112,10 +108,10 @@ def _played(
 ) -> Iterator[EpisodeStep]:
     raw, info = bound.reset(seed)
     over = False
-    for number in range(MOST_STEPS + 1):
+    for number in range(101):
         state = bound.ground(raw, info, bound.env)
         plan = planner.plan(state)
-        over = over or plan.action is None or number == MOST_STEPS
+        over = over or plan.action is None or number == 100
         picture = _picture(bound.env) if pictures else ""
         action = "" if over else f"planner: {plan.name}"
         yield EpisodeStep(bound.model.values(state), action, plan.indifferent, picture)
@@ -137,7 +133,7 @@ def _picture(env: Any) -> str:
     if not isinstance(drawn, np.ndarray) or drawn.ndim != 3 or drawn.dtype != np.uint8:
         return ""
     image, buffer = Image.fromarray(drawn), io.BytesIO()
-    image.thumbnail((_WIDTH, _WIDTH))
+    image.thumbnail((640, 640))
     image.save(buffer, "PNG")
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
 

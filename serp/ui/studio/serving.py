@@ -37,14 +37,6 @@ _HEADERS: Final = {
     "cross-origin-resource-policy": "same-origin",
     "cross-origin-opener-policy": "same-origin",
 }
-_WELCOME: Final = (
-    '<!doctype html><meta http-equiv="refresh" content="0;url=/"><title>serp studio</title>'
-)
-"""Lets the browser call again, without the token in the address.
-
-It is the page that calls again: a redirection that began at another site would come without the
-cookie.
-"""
 
 
 class Guard:
@@ -80,7 +72,13 @@ class Guard:
             await self.app(scope, receive, _private(send, request.headers["host"]))
             return
         elif self._has_token(request):
-            welcome = HTMLResponse(_WELCOME, headers={**_HEADERS, "cache-control": "no-store"})
+            # The page calls again, without the token in the address: a redirection that began at
+            # another site would come without the cookie.
+            welcome = HTMLResponse(
+                '<!doctype html><meta http-equiv="refresh" content="0;url=/">'
+                "<title>serp studio</title>",
+                headers={**_HEADERS, "cache-control": "no-store"},
+            )
             welcome.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="strict")
             await welcome(scope, receive, send)
             return

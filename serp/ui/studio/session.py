@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 from serp.authoring.lint.findings import Finding
 from serp.authoring.scenarios.syntax import SUFFIX
@@ -26,9 +25,6 @@ from serp.ui.studio.scenarios import EditedScenarios
 from serp.ui.studio.training import BackgroundTraining
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
-_INITIAL: Final = "the initial state of the problem"
-_SAVING_SECONDS: Final = 20.0
-"""Time that a training has to save when the studio ends."""
 DOMAIN, PROBLEM, SCENARIOS = "domain", "problem", "scenarios"
 
 
@@ -71,7 +67,9 @@ class Session:
         self.task_name = task_name
         self.surroundings = surroundings
         self.task = task
-        self.shown = ShownState({}, "all fluents 0 or false" if problem is None else _INITIAL)
+        self.shown = ShownState(
+            {}, "all fluents 0 or false" if problem is None else "the initial state of the problem"
+        )
         self.recorded = recorded
         self.played: ShownEpisode | None = None
         self.step: int | None = None
@@ -176,7 +174,7 @@ class Session:
 
     def show_initial(self) -> None:
         """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
-        self.shown, self.step = ShownState({}, _INITIAL), None
+        self.shown, self.step = ShownState({}, "the initial state of the problem"), None
 
     def show_step(self, number: int) -> None:
         """Show the decision in a step of the episode, from 0."""
@@ -265,7 +263,7 @@ class Session:
         """Keep unsaved texts, and stop the training; return what became of each text."""
         messages = [each.keep() for each in self.documents.values() if each.changed]
         if self.training is not None:
-            self.training.stop(wait=_SAVING_SECONDS)
+            self.training.stop(wait=20.0)
         return messages
 
 

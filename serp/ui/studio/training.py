@@ -8,11 +8,8 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
 from serp._util.processes import python_command
-
-_LAST_LINES: Final = 40
 
 
 class BackgroundTraining:
@@ -25,7 +22,7 @@ class BackgroundTraining:
 
     def __init__(self, command: Sequence[str], run: Path) -> None:
         self.run = run
-        self._lines: deque[str] = deque(maxlen=_LAST_LINES)
+        self._lines: deque[str] = deque(maxlen=40)
         self._process = subprocess.Popen(
             python_command("serp", *command, "--out", str(run), "--quiet"),
             stdin=subprocess.DEVNULL,

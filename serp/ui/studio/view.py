@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,12 +24,6 @@ from serp.planning.replanner import MonitorReplanner, Plan
 from serp.settings import PlannerSettings
 from serp.tasks.task import Draw
 from serp.ui.pictures.plan_picture import plan_svg
-
-_SECONDS: Final = 2.0
-"""Time limit of one lookahead."""
-_MOST_ACTIONS: Final = 60
-_MARGIN: Final = 0.25
-"""What a slider has beyond the numbers that are known, as a share of their range."""
 
 Ranges = Mapping[str, tuple[float, float]]
 """Fluent → the least and greatest value that was observed."""
@@ -68,7 +62,7 @@ class Surroundings:
     def planner_of(self, domain: Domain) -> MonitorReplanner:
         """Return the lookahead of a domain, interpreted: a keystroke waits for no compiler."""
         model = TransitionModel(domain.model.ground, dt=self.dt, own_code=False)
-        return MonitorReplanner.of(model, self.planner, time_budget=_SECONDS)
+        return MonitorReplanner.of(model, self.planner, time_budget=2.0)
 
 
 @functools.lru_cache(1)
@@ -157,14 +151,15 @@ def _thresholds(model: TransitionModel) -> dict[int, list[float]]:
 
 def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float, float]:
     """Return low, high and step."""
+    margin = 0.25  # beyond the known numbers, as a share of their range
     numbers = (*known, *seen)
     low, high = min(numbers), max(numbers)
     if seen and high - low >= 2 and all(number.is_integer() for number in numbers):
         return low, high, 1.0
     width = high - low or 1.0
     step = float(f"{width / 200:.0e}")
-    low -= _MARGIN * width if low < 0 else 0.0
-    high += _MARGIN * width if high > low else 1.0
+    low -= margin * width if low < 0 else 0.0
+    high += margin * width if high > low else 1.0
     low, high = (float(f"{round(limit / step) * step:.12g}") for limit in (low, high))
     return low, high, step
 
@@ -232,14 +227,15 @@ class Request:
 
 def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecision:
     """Return what is shown of the planner's decision in a state `[F]`."""
+    most_actions = 60
     plan, model = planner.plan(state), planner.model
     discount = planner.settings.discount
     account = explain(model, state, plan.forecast, plan.action, paths=plan.paths, discount=discount)
     applicable = plan.forecast.applicable
     order = sorted(range(len(applicable)), key=lambda k: not applicable[k])
-    if len(order) > _MOST_ACTIONS:
+    if len(order) > most_actions:
         order.sort(key=lambda k: (k != plan.action, -plan.forecast.value[k]))
-    order = order[:_MOST_ACTIONS]
+    order = order[:most_actions]
     for k in order:
         account.alternatives[k].as_dict()  # traced now, in this thread
     graph = plan_svg(plan, planner)

@@ -57,17 +57,6 @@ def test_damaged_code_is_removed_compiled_anew_and_spoken_of(
     assert compile_native(generate_code(ground)).cache_hits == 1
 
 
-def test_code_of_another_version_is_replaced_in_silence(folder: Path) -> None:
-    ground = load_texts(HEATER).model.ground
-    compile_native(generate_code(ground))
-    (file,) = folder.iterdir()
-    whole = file.read_bytes()
-    begin = whole.index(b"\n") + 1
-    file.write_bytes(whole[:begin] + bytes(32) + whole[begin + 32 :])
-    assert compile_native(generate_code(ground)).cache_hits == 0
-    assert file.read_bytes()[: begin + 32] == whole[: begin + 32]
-
-
 def open_to_all(folder: Path) -> None:
     folder.mkdir()
     folder.chmod(0o777)

@@ -89,18 +89,3 @@ def test_a_loop_is_compiled_once_until_what_it_is_made_of_is_edited(
         files[name] = files[name].replace(old, new)
         assert result() == [expected, expected, 0], new
     assert in_another_process(Path(sys.path[0])) == [expected, expected, 1]
-
-
-def test_what_a_loop_is_made_of_is_the_same_in_every_process() -> None:
-    line = (
-        "from serp._util import compilation as c\n"
-        "print(c._stamp_of(c._names, {'fastmath': set('abcdef')}))"
-    )
-    stamps = {
-        subprocess.run(
-            [sys.executable, "-c", line], env={**os.environ, "PYTHONHASHSEED": seed},
-            capture_output=True, text=True, check=True,
-        ).stdout
-        for seed in ("1", "2")
-    }  # fmt: skip
-    assert len(stamps) == 1

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +14,9 @@ from numba import cfunc, njit, types
 
 from serp._util.compilation import compile_seconds, compiled_functions, working_time
 from serp.runs.progress import show_compiling
-from serp.runs.train import plan_and_learn
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from tests.serp.runs.runs import without_pictures
-from tests.serp.sample_tasks import Corridor, corridor
+from tests.serp.sample_tasks import corridor
 
 
 def compile_something() -> float:
@@ -62,37 +59,6 @@ def test_compilation_is_shown_where_there_is_any() -> None:
     text = shown.getvalue()
     assert "Compiling, once" in text
     assert "Compiled 2 loops in " in text.splitlines()[-1]
-
-
-class Stalling(Corridor):
-    """Something is compiled in the middle of the second episode."""
-
-    took = 0.0
-    resets = 0
-
-    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        if self.steps == 1 and self.resets == 2:
-            Stalling.took = compile_something()
-        return super().step(action)
-
-    def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
-        self.resets += 1
-        return super().reset(**options)
-
-
-@without_pictures()
-def test_compilation_is_no_time_of_training(tmp_path: Path) -> None:
-    task = corridor(tmp_path, Stalling)
-    options: dict[str, Any] = {"out": tmp_path / "run", "quiet": True}
-    rare = {"training": {"checkpoint_seconds": 9e9}}
-    run = plan_and_learn(task, settings=rare, episodes=2, **options)
-    first, second = run.metrics["wall_time"]
-    assert second - first < 0.5 * Stalling.took  # of its own the episode takes some milliseconds
-    assert run.summary["wall_time"] == second
-    compiled = run.summary["compile_seconds"]
-    assert compiled > 0.7 * Stalling.took
-    again = plan_and_learn(task, episodes=4, resume=True, **options).summary
-    assert again["compile_seconds"] > compiled + 0.7 * Stalling.took
 
 
 @pytest.mark.parametrize(

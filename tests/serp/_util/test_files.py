@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
 import sys
 
 import numpy as np
@@ -83,16 +82,6 @@ def test_no_file_outside_of_a_run_is_read_waited_for_or_written(tmp_path, kind):
         path.rename(tmp_path.parent / f"{tmp_path.name}-{path.name}")
 
 
-@pytest.mark.parametrize("kind", ["link", "link to itself", "pipe", "folder"])
-def test_what_is_read_elsewhere_is_a_regular_file_too(tmp_path, kind):
-    target = tmp_path / "target"
-    target.write_text("{}")
-    path = tmp_path / "x.json"
-    KINDS[kind](path, target)
-    with pytest.raises(RunError, match="is a link, a folder, a pipe or a device"):
-        read_json(path, "")
-
-
 def test_events_are_not_written_through_a_link(tmp_path):
     pytest.importorskip("tensorboard")
     from serp.runs.tensorboard import EventWriter
@@ -142,30 +131,6 @@ def test_a_file_is_replaced_and_nothing_else_is_changed_or_left(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["target", "x"]
     with pytest.raises(RunError, match=r"summary\.json: No such file or directory\. There was no"):
         write_durably(tmp_path / "gone" / "summary.json", "x")
-
-
-_WRITE_TOO_MUCH = """
-import resource, sys
-from pathlib import Path
-from serp.errors import RunError
-from serp._util.files import write_durably
-resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-try:
-    write_durably(Path(sys.argv[1]), b"x" * 5000)
-except RunError as error:
-    print(error)
-"""
-
-
-def test_write_that_fails_half_way_keeps_the_former_file(tmp_path):
-    path = tmp_path / "report.md"
-    path.write_text("former")
-    done = subprocess.run(
-        [sys.executable, "-c", _WRITE_TOO_MUCH, str(path)], capture_output=True, text=True
-    )
-    assert "File too large" in done.stdout and "The previous report.md is unchanged" in done.stdout
-    assert path.read_text() == "former"
-    assert os.listdir(tmp_path) == ["report.md"]
 
 
 def test_several_files_are_replaced_together_or_not_at_all(tmp_path):

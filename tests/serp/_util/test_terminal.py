@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import sys
 import unicodedata
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +13,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp._util.terminal import bar, open_console, visible
+from serp._util.terminal import open_console, visible
 from serp.runs.comparison.pool import progress
 from serp.runs.progress import Progress
 from serp.runs.trainer import Budget
@@ -37,12 +36,6 @@ def test_nothing_hidden_is_left_and_what_is_shown_is_left_alone(text: str) -> No
     assert visible(shown) == shown
     kept = [c for c in text if unicodedata.category(c)[0] in "LMNPS" or c in " \n\t"]
     assert [c for c in shown if c in kept] or not kept
-
-
-def test_escapes_are_those_that_programmers_know() -> None:
-    assert visible(HOSTILE) == SHOWN
-    ordinary = "ρ ≥ 0.5\tmove a b, naïve 漢字 🤖\n"
-    assert visible(ordinary) == ordinary
 
 
 def without_codes(text: str) -> str:
@@ -85,42 +78,3 @@ def test_what_a_file_holds_is_shown_and_not_done(tmp_path: Path) -> None:
 
 
 # The bar -----------------------------------------------------------------------------------------
-
-
-class Leaving(io.StringIO):
-    """A terminal that keeps what is written, and goes away when it is told to."""
-
-    gone = False
-
-    def isatty(self) -> bool:
-        return True
-
-    def write(self, text: str) -> int:
-        if self.gone:
-            raise BrokenPipeError
-        return super().write(text)
-
-
-@pytest.mark.parametrize("where", ["terminal", "quiet", "file", "nowhere"])
-def test_every_piece_is_counted_on_a_terminal_and_only_there(
-    where: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TERM", "xterm")
-    stream = {"file": io.StringIO(), "nowhere": None}.get(where, Leaving())
-    monkeypatch.setattr(sys, "stderr", stream)
-    with bar("corridor, policy serp", 3, quiet=where == "quiet") as advance:
-        for _ in range(3):
-            advance()
-    shown = stream.getvalue() if stream else ""
-    if where == "terminal":
-        assert "corridor, policy serp" in shown
-        assert all(f"{k}/3" in shown for k in range(4))
-    else:
-        assert shown == ""
-
-
-def test_a_terminal_that_goes_away_ends_the_bar_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", terminal := Leaving())
-    with bar("corridor, policy serp", 3) as advance:
-        terminal.gone = True
-        advance()

@@ -14,7 +14,6 @@ from serp.agent.decision import Actor
 from serp.agent.registry import strategy_names
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.runs.evaluation import (
-    EPISODES,
     EvaluationResult,
     Policy,
     evaluate,
@@ -96,19 +95,6 @@ def result_of(*returns: float) -> EvaluationResult:
     return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0, 0, 0, {})
 
 
-@pytest.mark.parametrize(
-    ("returns", "numbers"),
-    [((3.0,), (3.0, 0.0, 3.0, 3.0, 3.0)), ((1.0, 2.0, 6.0), (3.0, 7.0**0.5, 2.0, 1.0, 6.0))],
-)
-def test_statistics_are_those_of_the_returns(
-    returns: tuple[float, ...], numbers: tuple[float, ...]
-) -> None:
-    shown = json.loads(json.dumps(result_of(*returns).as_dict()))
-    found = [shown[name] for name in ("mean", "std", "median", "min", "max")]
-    assert found == pytest.approx(numbers)
-    assert (shown["confidence_interval"] is None) == (len(returns) == 1)
-
-
 @pytest.mark.parametrize("episodes", [3, 30])
 def test_the_interval_holds_the_true_mean_in_95_of_100_evaluations(episodes: int) -> None:
     rng = np.random.default_rng(0)
@@ -117,12 +103,6 @@ def test_the_interval_holds_the_true_mean_in_95_of_100_evaluations(episodes: int
     inside = sum(low <= 7.0 <= high for low, high in intervals)
     assert len(intervals) == 1000
     assert 930 <= inside <= 970
-
-
-def test_few_episodes_are_said_to_be_few() -> None:
-    assert "few episodes (19)" in str(result_of(*range(19)).warning)
-    assert result_of(*range(20)).warning is None
-    assert EPISODES == 100
 
 
 def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
@@ -151,18 +131,6 @@ def test_as_in_training_acts_whoever_rho_says(tmp_path: Path, rho: float, same: 
         assert {actor for _, actor in found} == {Actor.PLANNER, Actor.LEARNER}
     else:
         assert found == acted(same)
-
-
-def test_what_is_evaluated_is_named_in_words(tmp_path: Path) -> None:
-    half, whole = with_rho(tmp_path, 0.5, "paper"), with_rho(tmp_path, 1.0)
-    assert meaning_of(half, "planner") == "the planner alone"
-    assert meaning_of(half, "learner") == "the learner's choice alone, no veto"
-    assert meaning_of(half, "serp") == (
-        "the learner's choice, within the vetoes: a vetoed choice is replaced by the planner's"
-    )
-    assert "with probability 0.50 the planner's" in meaning_of(half, "training")
-    assert other_in_training(whole) is None
-    assert evaluate(half, half.task, episodes=1).as_dict()["meaning"] == meaning_of(half, "serp")
 
 
 @pytest.mark.parametrize("strategy", sorted({*strategy_names()} - {"mixture"}))

@@ -82,13 +82,6 @@ def test_a_refresh_comes_every_five_seconds_on_a_pipe_and_five_times_a_second_on
         )
 
 
-def test_nothing_is_told_of_a_run_that_did_nothing(training: Training) -> None:
-    stream = io.StringIO()
-    with pytest.raises(ZeroDivisionError), display(training, stream):
-        raise ZeroDivisionError
-    assert stream.getvalue() == ""
-
-
 @pytest.mark.parametrize(
     ("limits", "left"),
     [
@@ -108,18 +101,6 @@ def test_time_left_counts_down_to_the_first_limit(
     assert stream.getvalue().endswith(f"time left {left}\n")
 
 
-def test_time_left_goes_by_the_last_half_minute(training: Training) -> None:
-    stream = io.StringIO()
-    training.to(500, 1000, 1.0)  # a resumed run
-    with display(training, stream, env_steps=102_000) as progress:
-        for second in range(2, 201):
-            training.now += 1
-            steps = 1000 * min(second, 100) + 10 * max(second - 100, 0)
-            training.to(500, steps, float(second))
-            progress.refresh()
-    assert stream.getvalue().splitlines()[-1].endswith("time left 1 min 40 s")
-
-
 def test_a_terminal_gets_a_bar_with_the_figures(
     training: Training, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,25 +114,6 @@ def test_a_terminal_gets_a_bar_with_the_figures(
     assert "━" in last
     assert "game 7/28, return 23 (rising), planner acts 25 %, unsafe 0, time left 30.0 s" in last
     assert stream.getvalue().count("\x1b[?25l") == stream.getvalue().count("\x1b[?25h") == 1
-
-
-def test_the_cursor_comes_back_after_an_error(training: Training) -> None:
-    stream = Terminal()
-    with pytest.raises(KeyboardInterrupt), display(training, stream) as progress:
-        training.to(1, 10)
-        progress.refresh()
-        raise KeyboardInterrupt
-    assert stream.getvalue().rstrip().endswith("\x1b[?25h")
-
-
-def test_a_dumb_terminal_gets_plain_lines(
-    training: Training, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TERM", "dumb")
-    stream = Terminal()
-    with display(training, stream):
-        training.to(1, 10)
-    assert "\x1b" not in stream.getvalue() and stream.getvalue().startswith("step 10")
 
 
 @pytest.mark.parametrize("kind", [Terminal, io.StringIO])
@@ -169,16 +131,6 @@ def test_quiet_shows_nothing_but_answers_on_a_terminal(
     assert ("went back to [the] previous checkpoint\n" in text) is not quiet
     assert ("Ctrl-C: finishing the episode\n" in text) is (kind is Terminal or not quiet)
     assert ("step 10" in text) is not quiet
-
-
-def test_prints_meant_for_a_file_reach_it(
-    training: Training, capsys: pytest.CaptureFixture[str]
-) -> None:
-    stream = Terminal()
-    with display(training, stream) as progress:
-        progress.refresh()
-        print("a result")
-    assert capsys.readouterr().out == "a result\n" and "a result" not in stream.getvalue()
 
 
 @pytest.mark.parametrize("base", [Terminal, io.StringIO])

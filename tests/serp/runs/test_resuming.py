@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.errors import EnvironmentFailure, Notice, RunError, SerpError, SettingsError, TaskError
-from serp.model.transition_model import StateError
+from serp.errors import EnvironmentFailure, Notice, RunError, TaskError
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS
 from serp.runs.run import load_run
 from serp.runs.tensorboard import EventWriter
@@ -154,42 +153,6 @@ def test_a_run_that_was_stopped_continues_as_if_it_had_not(
     assert (out / DAMAGED).exists() == damaged
 
 
-class Huge(Corridor):
-    """Answers with another observation or another reward at one step, counted over all episodes."""
-
-    def __init__(self, seen: Any = None, reward: Any = None) -> None:
-        super().__init__()
-        self.other = seen, reward
-
-    def step(self, action: int) -> Any:
-        seen, reward, *rest = super().step(action)
-        if self.made == 30:
-            seen = seen if self.other[0] is None else np.array(self.other[0])
-            reward = reward if self.other[1] is None else self.other[1]
-        return seen, reward, *rest
-
-
-@pytest.mark.parametrize(
-    ("seen", "reward", "said"),
-    [
-        ([0.0, 1e39], None, "the observation: entry 1 is 1e.39, too large for the learner"),
-        (None, -1e39, "rewards such as -1e.39"),
-    ],
-)
-def test_a_number_that_is_not_finite_stops_a_run_that_can_go_on(
-    tmp_path: Path, seen: Any, reward: Any, said: str
-) -> None:
-    changes = {"reward": "environment"}
-    with pytest.raises(SerpError, match=f"{said}.*") as failure:
-        train(corridor(tmp_path, lambda: Huge(seen, reward), **changes), tmp_path / "run",
-              episodes=EPISODES)  # fmt: skip
-    where, advice = failure.value.__notes__
-    assert "in env step 30 of" in where and "--resume" in advice
-    resume(corridor(tmp_path, **changes), tmp_path / "run")
-    train(corridor(tmp_path, **changes), tmp_path / "whole", episodes=EPISODES)
-    assert everything(tmp_path / "run")[:3] == everything(tmp_path / "whole")[:3]
-
-
 def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoints(tmp_path: Path) -> None:
     """The budget in env steps ends with the episode that reaches it."""
     out = tmp_path / "run"
@@ -198,41 +161,6 @@ def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoints(tmp_pat
     kept = [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)]
     assert (resume(corridor(tmp_path), out).metrics["env_steps"] == steps).all()
     assert [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)] == kept
-
-
-class Opaque(Corridor):
-    def state_dict(self) -> dict[str, Any]:
-        raise RuntimeError("no state")
-
-
-def undefined(folder: Path) -> Task:
-    """The reward of the domain has no value."""
-    task = corridor(folder)
-    file = Path(str(task.domain))
-    event = (
-        "(:event odd :parameters () :precondition (and (> (/ 1 (- (x) (x))) 2))"
-        " :effect (and (increase (reward) 1)))"
-    )
-    text = file.read_text(encoding="utf-8").rstrip().removesuffix(")")
-    file.write_text(text + event + ")", encoding="utf-8")
-    return task
-
-
-@pytest.mark.parametrize(
-    ("make", "settings", "kind", "said"),
-    [
-        (lambda f: corridor(f, Opaque), {}, EnvironmentFailure, "no state"),
-        (corridor, {"arbiter": {"rho_unit": "match"}}, SettingsError, "`match`"),
-        (undefined, {}, StateError, r"pddl:\d+:\d+: `\(> .* is neither true nor"),
-    ],
-    ids=["no checkpoint", "a wrong setting", "a wrong domain"],
-)
-def test_no_advice_to_resume_where_that_would_not_help(
-    tmp_path: Path, make: Any, settings: Any, kind: type[Exception], said: str
-) -> None:
-    with pytest.raises(kind, match=said) as failure:
-        plan_and_learn(make(tmp_path), settings=settings, out=tmp_path / "run", quiet=True)
-    assert "--resume" not in "".join(getattr(failure.value, "__notes__", []))
 
 
 def test_environment_and_events_are_closed_however_a_training_ends(

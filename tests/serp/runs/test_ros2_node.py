@@ -1,12 +1,13 @@
-"""The ROS 2 node of the examples, with a stub of rclpy and of the messages."""
+"""The ROS 2 node of the examples, with stubs of rclpy and of the messages."""
 
 from __future__ import annotations
 
-import importlib.util
+import runpy
 import sys
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -17,76 +18,44 @@ from tests.serp.runs.runs import without_pictures
 NODE = Path(__file__).parents[3] / "docs" / "examples" / "ros2" / "policy_node.py"
 
 
-class StubNode:
-    """What the node uses of `rclpy.node.Node`."""
-
-    policy = ""
-
-    def __init__(self, name: str) -> None:
-        self.published: dict[str, list[Any]] = {}
-        self.logged: list[tuple[str, str]] = []
-        self.callbacks: dict[str, Any] = {}
-
-    def declare_parameter(self, name: str, default: str) -> SimpleNamespace:
-        return SimpleNamespace(value={"policy": self.policy}[name])
-
-    def get_logger(self) -> SimpleNamespace:
-        return SimpleNamespace(
-            info=lambda text: self.logged.append(("info", text)),
-            error=lambda text: self.logged.append(("error", text)),
-        )
-
-    def create_publisher(self, kind: type, topic: str, depth: int) -> SimpleNamespace:
-        sent = self.published.setdefault(topic, [])
-
-        def publish(message: Any) -> None:
-            assert isinstance(message, kind)
-            sent.append(message.data)
-
-        return SimpleNamespace(publish=publish)
-
-    def create_subscription(self, kind: type, topic: str, callback: Any, depth: int) -> None:
-        self.callbacks[topic] = callback
-
-
-def message(name: str) -> type:
-    return type(name, (SimpleNamespace,), {})
-
-
-@pytest.fixture
-def ros(monkeypatch: pytest.MonkeyPatch) -> None:
-    kinds = {name: message(name) for name in ("Float64MultiArray", "Int32", "String")}
-    modules = {
-        "rclpy": {},
-        "rclpy.node": {"Node": StubNode},
-        "std_msgs": {},
-        "std_msgs.msg": kinds,
-    }
-    for name, contents in modules.items():
-        module = ModuleType(name)
-        vars(module).update(contents)
-        monkeypatch.setitem(sys.modules, name, module)
-
-
 @without_pictures()
-def test_the_node_publishes_the_action_of_the_run_and_its_reason(ros: None, tmp_path: Path) -> None:
+def test_the_node_publishes_the_action_of_the_run_and_its_reason(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     run = serp.plan_and_learn(
         "cartpole", preset="paper", episodes=2, out=tmp_path / "r", quiet=True
     )
-    StubNode.policy = str(serp.export_policy(run, tmp_path / "policy"))
-    spec = importlib.util.spec_from_file_location("policy_node", NODE)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    node = module.PolicyNode()
-    assert "agrees with" in node.logged[0][1]
-    expected = []
+    policy = serp.export_policy(run, tmp_path / "policy")
+    logger, published = Mock(), {"action": Mock(), "reason": Mock()}
+
+    class StubNode:
+        def __init__(self, name: str) -> None: ...
+
+        def create_subscription(self, *given: Any) -> None: ...
+
+        def get_logger(self) -> Mock:
+            return logger
+
+        def declare_parameter(self, name: str, default: str) -> Any:
+            return SimpleNamespace(value=str(policy))
+
+        def create_publisher(self, kind: type, topic: str, depth: int) -> Mock:
+            return published[topic]
+
+    monkeypatch.setitem(sys.modules, "rclpy", Mock())
+    monkeypatch.setitem(sys.modules, "rclpy.node", Mock(Node=StubNode))
+    messages = dict.fromkeys(("Float64MultiArray", "Int32", "String"), SimpleNamespace)
+    monkeypatch.setitem(sys.modules, "std_msgs", Mock())
+    monkeypatch.setitem(sys.modules, "std_msgs.msg", Mock(**messages))
+    node = runpy.run_path(str(NODE))["PolicyNode"]()
+    assert "agrees with" in logger.info.call_args.args[0]
     with run.environment() as task:
         for step in next(play(run.agent, task, episodes=1, seed=3)).steps:
-            node.callbacks["observation"](SimpleNamespace(data=list(step.observation)))
+            node.act(SimpleNamespace(data=list(step.observation)))
             decision = step.decision
-            name = task.actions.name(decision.action)
-            expected.append((decision.action, f"{name}, {decision.executed_by}: {decision.reason}"))
-    assert list(zip(*(node.published[t] for t in ("action", "reason")), strict=True)) == expected
-    node.callbacks["observation"](SimpleNamespace(data=[0.0]))
-    assert node.logged[-1][0] == "error" and len(node.published["action"]) == len(expected)
+            reason = f"{task.actions.name(decision.action)}, {decision.executed_by}: "
+            sent = [published[topic].publish.call_args.args[0].data for topic in published]
+            assert sent == [decision.action, reason + decision.reason]
+    answers = published["action"].publish.call_count
+    node.act(SimpleNamespace(data=[0.0]))
+    assert logger.error.called and published["action"].publish.call_count == answers

@@ -8,11 +8,10 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-from serp.errors import EnvironmentFailure, SerpError, SettingsError
+from serp.errors import EnvironmentFailure, SerpError
 from serp.runs.train import plan_and_learn
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
@@ -140,13 +139,6 @@ def test_what_goes_wrong_in_a_process_is_told(tmp_path: Path, how: str, said: st
         return
     with pytest.raises(SerpError, match=said), Trainer(bound, settings, 0) as trainer:
         list(trainer.run())
-
-
-def test_running_statistics_of_their_own_are_refused(tmp_path: Path) -> None:
-    task = corridor(tmp_path, lambda: gym.wrappers.NormalizeObservation(Corridor()))
-    settings = resolve("default", task.settings, {"training": {"num_envs": 2}})
-    with pytest.raises(SettingsError, match="running statistics"):
-        Trainer(task.bind(), settings, 0)
 
 
 def test_a_grounding_sees_the_environment_beside_which_it_runs(tmp_path: Path) -> None:

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from serp.agent.decision import Actor, Reason
+from serp.agent.decision import Reason
 from serp.errors import RunError
-from serp.planning.edges import Bound
 from serp.runs.agreeing import RunModel
-from serp.runs.recording import Recording
-from serp.runs.recording_format import ACTORS, REASONS
 from serp.runs.step_account import (
     FoundStep,
     account_of_step,
@@ -23,7 +19,7 @@ from serp.runs.step_account import (
     seconds_of,
     step_at,
 )
-from serp.runs.step_sentences import what_came, what_would_differ, who_acted, who_decided
+from serp.runs.step_sentences import what_came, what_would_differ, who_acted
 from tests.serp.runs.runs import train
 from tests.serp.sample_tasks import corridor
 
@@ -78,23 +74,6 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
     assert {Reason.PLANNER_TURN, Reason.ACCEPTED, Reason.UNSAFE} <= reasons
 
 
-def test_a_proposal_that_was_not_applicable_tells_less_than_an_unsafe_one() -> None:
-    reasons = [Reason.UNSAFE, Reason.ACCEPTED, Reason.NOT_APPLICABLE]
-
-    class Made:
-        def columns(self, *_: str) -> dict[str, Any]:
-            return {
-                "proposed_by": np.full(3, ACTORS.index(Actor.LEARNER)),
-                "reason": np.array([REASONS.index(reason) for reason in reasons]),
-                "unsafe": np.zeros(3, bool),
-            }
-
-    found = most_telling(cast("Recording", Made()))
-    assert found == (0, "the last refused proposal that was applicable")
-    reasons[0] = Reason.ACCEPTED
-    assert most_telling(cast("Recording", Made())) == (2, "the last refused proposal")
-
-
 def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     recording = run.recording()
     found = most_telling(recording)
@@ -138,11 +117,3 @@ def test_a_recording_of_another_domain_is_refused(run: RunModel, tmp_path: Path)
             run.recording()
     finally:
         header.write_text(text)
-
-
-def test_a_sentence_about_all_actions_gives_the_figure_of_one_as_its_own() -> None:
-    lines = who_decided(
-        Reason.LEAST_RISK, ("left", Actor.LEARNER), ("wait", Actor.FALLBACK),
-        rho=0.5, indifferent=False, bound=Bound.DEPTH, why=": a risk of 5 %",
-    )  # fmt: skip
-    assert lines[1] == "Every action was predicted too risky; left: a risk of 5 %."

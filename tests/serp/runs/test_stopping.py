@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import signal
-import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -52,8 +51,6 @@ def test_the_first_signal_is_a_request_and_is_answered_once(
     [
         (signal.SIGINT, signal.SIGINT),
         (signal.SIGHUP, signal.SIGTERM),
-        (signal.SIGTERM, signal.SIGINT),
-        (signal.SIGINT, signal.SIGHUP),
     ],
 )
 def test_the_second_signal_stops_at_once_and_handlers_are_put_back(
@@ -92,16 +89,3 @@ def test_a_signal_that_is_ignored_or_handled_stays_so(number: signal.Signals, ha
         signal.raise_signal(number)
         assert not stopping.requested
     assert signal.getsignal(number) is handler
-
-
-def test_other_threads_leave_signals_alone() -> None:
-    before, seen = signal.getsignal(signal.SIGINT), []
-
-    def enter() -> None:
-        with stop_between_episodes() as stopping:
-            seen.append((stopping.requested, signal.getsignal(signal.SIGINT)))
-
-    thread = threading.Thread(target=enter)
-    thread.start()
-    thread.join()
-    assert seen == [(False, before)]

@@ -33,18 +33,3 @@ def test_numbers_are_those_of_the_metrics(make_metrics):
     for name in ("vetoes", "unsafe_predicted", "unsafe_executed", "no_safe_action"):
         assert summary[name] == metrics[name].sum()
     assert summary["final_rho"] == 1.0
-
-
-@pytest.mark.parametrize("episodes", [0, 1, 9, 10, 19, 20, 30])
-def test_a_mean_over_more_episodes_than_there_are_is_none(make_metrics, episodes):
-    metrics = make_metrics(episodes)
-    metrics["rho"][:] = np.nan  # without a learner
-    summary = summarize(metrics)
-    assert summary["episodes"] == episodes
-    assert summary["final_rho"] is None
-    if not episodes:
-        assert summary["return"]["last_20"] is None and summary["shares"]["planner"] is None
-        return
-    means, wanted = summary["return"], {"first_10": 10, "last_20": 20, "best_20": 20}
-    assert means["mean"] == pytest.approx(metrics["return"].mean())
-    assert all((means[name] is None) == (episodes < least) for name, least in wanted.items())

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import math
-import os
 import subprocess
 import sys
-from enum import StrEnum
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,12 +12,10 @@ from hypothesis import strategies as st
 
 from serp.errors import RunError
 from serp.runs.tables import (
-    DECISIONS_COLUMNS,
     METRICS_COLUMNS,
     MetricsRow,
     Position,
     Table,
-    count_decisions,
     read_metrics,
     read_rows,
 )
@@ -43,37 +37,7 @@ def write(path, rows, columns=COLUMNS):
             table.append(row)
 
 
-class Who(StrEnum):
-    PLANNER = "planner"
-
-
-class Slow:
-    def __str__(self):
-        return "told, late"
-
-
 # Writing -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("value", "cell"),
-    [
-        (True, "1"),
-        (np.False_, "0"),
-        (None, ""),
-        (-(2**70), str(-(2**70))),
-        (np.float64(0.1), "0.1"),
-        (np.float32(0.1), "0.10000000149011612"),
-        (-0.0, "-0.0"),
-        (math.nan, "nan"),
-        ("two\nlines\r\nmore", "two lines more"),
-        (Who.PLANNER, "planner"),
-        (Slow(), "told, late"),
-    ],
-)
-def test_values_are_written_as_the_table_promises(tmp_path, value, cell):
-    write(tmp_path / "t", [(value, value, 1)])
-    assert cells(tmp_path / "t") == [[cell, cell, "1"]]
 
 
 @given(rows=st.lists(st.tuples(st.floats(), st.integers(), st.text() | st.none()), max_size=20))
@@ -88,21 +52,6 @@ def test_floats_come_back_exactly_and_every_line_is_a_row(tmp_path_factory, rows
         assert int(found[1]) == row[1]
         if row[2] is not None and not {"\n", "\r"} & set(row[2]):
             assert found[2] == row[2].encode("utf-8", "backslashreplace").decode()
-
-
-def test_nothing_is_written_before_the_flush_and_everything_after(tmp_path):
-    with Table(tmp_path / "t", COLUMNS) as table:
-        table.append((1, 2, 3))
-        assert cells(tmp_path / "t") == []
-        table.flush()
-        assert cells(tmp_path / "t") == [["1", "2", "3"]]
-        for step in range(10_000):
-            table.append((step, step, step))
-        assert len(cells(tmp_path / "t")) > 8_000  # as many are held as fit into a small buffer
-        with pytest.raises(ValueError, match="3 columns"):
-            table.append((1, 2))
-        table.close()
-    assert len(cells(tmp_path / "t")) == 10_001
 
 
 _FILL_THE_DISK = """
@@ -142,24 +91,6 @@ def test_write_that_fails_half_way_leaves_whole_rows_and_can_be_done_again(tmp_p
 # Continuing --------------------------------------------------------------------------------------
 
 
-def test_truncate_and_write_again_equals_writing_once(tmp_path):
-    rows = [(step, step / 7, f"ρ{step}") for step in range(30)]
-    write(tmp_path / "once", rows)
-    write(tmp_path / "twice", rows[:10])
-    with Table(tmp_path / "twice", COLUMNS) as table:
-        position = table.position()
-        for row in rows[10:25]:
-            table.append(row)
-    with Table(tmp_path / "twice", COLUMNS) as table:
-        assert table.position() != position
-        table.append((99, 99, 99))
-        table.truncate(position)
-        assert table.position() == position
-        for row in rows[10:]:
-            table.append(row)
-    assert (tmp_path / "once").read_bytes() == (tmp_path / "twice").read_bytes()
-
-
 def test_a_table_that_was_changed_since_is_refused(tmp_path):
     path = tmp_path / "t"
     write(path, [(step, "x" * 90, None) for step in range(1000)])
@@ -189,34 +120,7 @@ def test_reopening_drops_a_cut_last_line(tmp_path, tail):
     assert cells(path) == [["1", "2", "3"], ["7", "8", "9"]]
 
 
-def test_header_that_was_cut_is_written_anew_and_another_one_is_left_alone(tmp_path):
-    path = tmp_path / "t"
-    path.write_bytes(b"a,b")
-    write(path, [(1, 2, 3)])
-    assert cells(path) == [["1", "2", "3"]]
-    path.write_bytes(b"a,b\n1,2\n")
-    before = len(os.listdir("/dev/fd")) if Path("/dev/fd").exists() else 0
-    with pytest.raises(RunError, match=r"t:1: has other columns"):
-        Table(path, COLUMNS)
-    assert before in (0, len(os.listdir("/dev/fd")))  # no file stays open
-    assert path.read_bytes() == b"a,b\n1,2\n"
-
-
 # Reading -----------------------------------------------------------------------------------------
-
-
-def test_metrics_come_back_exactly_with_their_types(tmp_path):
-    rows = [ROW, ROW._replace(episode=2, loss=0.1 + 0.2, terminated=False)]
-    write(tmp_path / "m", rows, METRICS_COLUMNS)
-    metrics = read_metrics(tmp_path / "m")
-    assert tuple(metrics) == METRICS_COLUMNS
-    assert metrics["episode"].dtype == np.int64
-    assert metrics["terminated"].dtype == bool
-    assert metrics["terminated"].tolist() == [True, False]
-    assert metrics["return"].tolist() == [1 / 3, 1 / 3]
-    assert math.copysign(1, metrics["domain_return"][0]) == -1
-    assert np.isnan(metrics["epsilon"]).all()
-    assert np.isnan(metrics["loss"][0]) and metrics["loss"][1] == 0.1 + 0.2
 
 
 def test_wherever_the_file_is_cut_all_whole_rows_are_read_whatever_the_line_ends(tmp_path):
@@ -254,17 +158,3 @@ def test_malformed_rows_are_named_by_file_and_line(tmp_path, old, new, message):
     path.write_bytes(content.replace(old, new, 1))
     with pytest.raises(RunError, match=message):
         read_metrics(path)
-
-
-def test_files_that_are_no_tables_are_run_errors(tmp_path):
-    path = tmp_path / "d"
-    with pytest.raises(RunError, match=r"cannot read .*: No such file"):
-        count_decisions(path)
-    path.write_bytes(b"")
-    with pytest.raises(RunError, match="is empty"):
-        count_decisions(path)
-    path.unlink()
-    row = dict.fromkeys(DECISIONS_COLUMNS, 0) | {"reason": "proposal accepted", "vetoed": "no"}
-    write(path, [tuple(row.values())], DECISIONS_COLUMNS)
-    with pytest.raises(RunError, match=r"d:2: vetoed is 'no'; it must be 0 or 1"):
-        count_decisions(path)

@@ -19,13 +19,12 @@ OUTSIDE: dict[str, list[Any]] = {
     "planner.name": [3],
     "planner.depth": [0, 2.0, True, "5", 10_001, 10**30],
     "planner.discount": [0.0, 1.01, math.nan, "high"],
-    "adaptation.min_visits": [-1, 1.5, True, 2**70],
     "arbiter.rho": [-0.1, 1.1, "high", None, True, math.nan],
     "arbiter.r_min": ["low", math.nan, math.inf, True],
     "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
     "learner.discount": [1.0, -0.1, "0.9", False],
     "learner.guarded_targets": [1, "yes"],
-    "training.inputs": ["pixels", ["both"], np.array(["both", "state"])],
+    "training.reward": ["pixels", ["sum"], np.array(["sum", "task"])],
 }
 CHANGES = st.fixed_dictionaries(
     {},
@@ -85,23 +84,9 @@ def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) 
         Settings.from_dict(changes)
 
 
-def test_sections_presets_and_settings_of_a_task_are_what_they_are_called() -> None:
-    with pytest.raises(SettingsError, match="section `planner` must be a PlannerSettings, not 3"):
-        Settings(planner=3)
-    for of_task in (3, ["*"], {"*": 3}):
-        with pytest.raises(SettingsError, match="must be a mapping such as"):
-            resolve("default", of_task)  # type: ignore[arg-type]
-    with pytest.raises(SettingsError, match="a preset `papr`, which does not exist"):
-        resolve("default", {"papr": {}})
-    for preset in (3, None, ["paper"], "papr"):
-        with pytest.raises(SettingsError, match="there is no preset"):
-            resolve(preset)  # type: ignore[arg-type]
-
-
 def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place() -> None:
     changes: dict[str, dict[str, Any]] = {
         "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
-        "adaptation": {"min_visits": np.int8(2)},
         "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
         "learner": {"hidden": np.array([8, 8]), "members": np.uint8(2)},
         "training": {"record": np.True_},

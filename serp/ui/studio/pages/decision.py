@@ -16,14 +16,6 @@ from serp.ui.studio.pages.live import Live
 from serp.ui.studio.session import Session
 from serp.ui.studio.view import Request, View
 
-_MOST_CAUSES = 3
-_DEEPEST = 30
-_PLACE = "(e) => { const b = e.target.closest('[data-place]'); if (b) emit(b.dataset.place) }"
-_HEAD = (
-    "<thead><tr><th></th><th>action</th><th>reward</th><th>{}</th><th>risk</th>"
-    "<th>why</th></tr></thead>"
-)
-
 
 class DecisionPane:
     """Shows decisions; where an error leaves none, the last one stays, faint.
@@ -42,10 +34,15 @@ class DecisionPane:
             .props('aria-label="Decision"') as self._root
         ):
             self._table = ui.html()
-            self._table.on("click", self._clicked, js_handler=_PLACE)
+            self._table.on(
+                "click",
+                self._clicked,
+                js_handler="(e) => { const b = e.target.closest('[data-place]'); "
+                "if (b) emit(b.dataset.place) }",
+            )
             with ui.element("div").classes("serp-row"):
                 depth = session.surroundings.planner.depth
-                ui.number("actions ahead", value=depth, min=1, max=_DEEPEST, precision=0,
+                ui.number("actions ahead", value=depth, min=1, max=30, precision=0,
                           on_change=self._deeper).props("dense").classes("serp-seed")  # fmt: skip
                 self._verdict = ui.label().classes("serp-faint").props('role="status"')
             self._graph = ui.html().classes("serp-graph").props('tabindex="0"')
@@ -53,7 +50,7 @@ class DecisionPane:
 
     def _deeper(self, event: Any) -> None:
         if event.value is not None:
-            self._session.set_depth(min(_DEEPEST, max(1, int(event.value))))
+            self._session.set_depth(min(30, max(1, int(event.value))))
             self._live.changed()
 
     def _clicked(self, event: Any) -> None:
@@ -63,6 +60,10 @@ class DecisionPane:
 
     def show(self, request: Request, view: View) -> None:
         """Show the decision of a view."""
+        columns = (
+            "<thead><tr><th></th><th>action</th><th>reward</th><th>{}</th><th>risk</th>"
+            "<th>why</th></tr></thead>"
+        )
         decision = view.decision
         if decision is None:
             self._root.classes(add="serp-stale")
@@ -75,13 +76,14 @@ class DecisionPane:
         rows = "".join(_row(alternatives[k], account.chosen) for k in decision.order)
         if more := len(alternatives) - len(decision.order):
             rows += f'<tr><td></td><td colspan="5">… and {more:,} more</td></tr>'
-        head = _HEAD.format(kind_of_return(account.partial))
+        head = columns.format(kind_of_return(account.partial))
         self._table.set_content(f'<table class="serp-actions">{head}<tbody>{rows}</tbody></table>')
         self._verdict.set_text(decision.verdict)
         self._graph.set_content(decision.graph)
 
 
 def _row(action: Alternative, chosen: int | None) -> str:
+    most_causes = 3
     taken = action.action == chosen
     harm = action.applicable and bool(action.path_risk)
     kinds = ["serp-chosen"] * taken + ["serp-harm"] * harm
@@ -95,7 +97,7 @@ def _row(action: Alternative, chosen: int | None) -> str:
     mark = '<span aria-label="chosen">➜</span>' if taken else ""
     return (
         f'<tr class="{" ".join(kinds)}"><td>{mark}</td><td>{escape(action.name)}</td>{numbers}'
-        f"<td>{_why(action, 2 * _MOST_CAUSES if taken else _MOST_CAUSES)}</td></tr>"
+        f"<td>{_why(action, 2 * most_causes if taken else most_causes)}</td></tr>"
     )
 
 

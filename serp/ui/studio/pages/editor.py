@@ -26,8 +26,6 @@ from serp.ui.studio.pages.live import Live
 from serp.ui.studio.session import DOMAIN, SCENARIOS, Session
 from serp.ui.studio.view import Request, Version, View
 
-_LANGUAGE = "Common Lisp"
-_THEMES = {False: "githubLight", True: "githubDark"}
 _REPLACE: Final = """((id, known, text) => {
   const editor = getElement(id).editor, most = Math.min(known.length, text.length);
   if (editor.state.doc.toString() !== known) return;
@@ -44,13 +42,6 @@ _REVEAL: Final = """((id, number, column) => {
   editor.dispatch({selection: {anchor}, scrollIntoView: true});
   editor.focus();
 })"""
-_PAUSE: Final = 0.3
-"""Seconds without a change after which places are underlined."""
-_MOST_FINDINGS: Final = 200
-_CLICK: Final = (
-    "(e) => { const b = e.target.closest('[data-finding]'); "
-    "if (b) emit(b.dataset.what, b.dataset.finding) }"
-)
 
 
 class EditorPane:
@@ -70,7 +61,7 @@ class EditorPane:
                 with ui.element("div").classes("serp-document") as panel:
                     self._editors[which] = ui.codemirror(
                         documents[which].text,
-                        language=None if which == SCENARIOS else _LANGUAGE,
+                        language=None if which == SCENARIOS else "Common Lisp",
                         indent="  ",
                         on_change=functools.partial(self._edited, which),
                         keymap={"Mod-s": lambda: self.save()},
@@ -79,8 +70,9 @@ class EditorPane:
 
     def dark(self, dark: bool) -> None:
         """Show the text light on dark, or dark on light."""
+        themes = {False: "githubLight", True: "githubDark"}
         for editor in self._editors.values():
-            editor.run_method("setTheme", _THEMES[dark])
+            editor.run_method("setTheme", themes[dark])
 
     def _edited(self, which: str, event: Any) -> None:
         self._session.edit(which, event.value or "")
@@ -162,6 +154,10 @@ class FindingsPane:
     """The list of findings; each can be gone to, and mended where it is known how."""
 
     def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
+        clicked = (
+            "(e) => { const b = e.target.closest('[data-finding]'); "
+            "if (b) emit(b.dataset.what, b.dataset.finding) }"
+        )
         self._session, self._live, self._editor = session, live, editor
         self._findings: tuple[Finding, ...] = ()
         self._listed: list[str] | None = None
@@ -169,14 +165,14 @@ class FindingsPane:
         self._position = -1
         self._summary = ui.label().classes("serp-summary").props('role="status"')
         self._list = ui.html(tag="ul").classes("serp-findings")
-        self._list.on("click", self._clicked, js_handler=_CLICK)
+        self._list.on("click", self._clicked, js_handler=clicked)
         editor.keys({"F8": lambda: self._next(1), "Shift-F8": lambda: self._next(-1)})
         live.shows(self.show)
 
     def show(self, request: Request, view: View) -> None:
         """Show what is wrong, in the text and in the list."""
         self._findings = view.findings
-        asyncio.get_running_loop().call_later(_PAUSE, self._underline, request.version)
+        asyncio.get_running_loop().call_later(0.3, self._underline, request.version)
         listed = [finding.rendered for finding in view.findings] + [view.failure]
         if listed == self._listed:
             return
@@ -184,7 +180,7 @@ class FindingsPane:
         counted = Counter(sorted(finding.severity for finding in view.findings))
         counts = ", ".join(plural(count, kind) for kind, count in counted.items())
         self._summary.set_text(view.failure or counts or "Nothing is wrong here.")
-        self._list.set_content("".join(map(self._item, range(_MOST_FINDINGS), view.findings)))
+        self._list.set_content("".join(map(self._item, range(200), view.findings)))
 
     def _underline(self, version: Version) -> None:
         """Underline the places of findings, unless the text has changed since.

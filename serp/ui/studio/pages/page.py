@@ -17,7 +17,6 @@ from serp.ui.studio.pages.situation import ScenePane
 from serp.ui.studio.session import SCENARIOS, Session
 from serp.ui.studio.view import Request, View
 
-_STYLE = Path(__file__).with_name("studio.css").read_text(encoding="utf-8")
 _COLOURS = {
     **PALETTE,
     "paper": ("#f6f7f9", "#0f1216"),
@@ -25,11 +24,11 @@ _COLOURS = {
     "glow": ("#e8f0fa", "#1f2c3d"),
 }
 """Name → colour on light and on dark."""
-_PREFERS_DARK = "matchMedia('(prefers-color-scheme: dark)').matches"
 
 
 async def show_page(session: Session) -> None:
     """Build the page for a browser that has just called; it takes the studio from an older one."""
+    style = Path(__file__).with_name("studio.css").read_text(encoding="utf-8")
     client = ui.context.client
     live = Live(session)
 
@@ -43,7 +42,7 @@ async def show_page(session: Session) -> None:
             ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
 
     owner = session.take_over(let_go)
-    ui.add_css(_variables() + _STYLE)
+    ui.add_css(_variables() + style)
     dark = ui.dark_mode()
     with ui.element("header").classes("serp-head"):
         ui.label("serp studio").classes("serp-brand")
@@ -96,7 +95,9 @@ async def show_page(session: Session) -> None:
     await client.connected()
     if session.owner != owner:
         return
-    prefers_dark = bool(await ui.run_javascript(_PREFERS_DARK))
+    prefers_dark = bool(
+        await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")
+    )
     if session.owner != owner:
         return
     set_dark(prefers_dark)

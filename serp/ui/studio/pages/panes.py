@@ -21,8 +21,6 @@ from serp.ui.studio.pages.editor import EditorPane
 from serp.ui.studio.pages.live import Live, busy, button
 from serp.ui.studio.session import SCENARIOS, Session
 
-_SECONDS: Final = 1.5
-"""Time between two looks at what a training has written."""
 _CHART: Final = """<script>const drawTraining = (() => {%s
   return (run, arrays) => {
     [meta, curves] = [run, arrays];
@@ -120,7 +118,7 @@ class TrainingPane:
         self._curve = ui.html('<div id="curve" data-label="Learning curve"></div>')
         self._curve.classes("serp-curve")
         self._hint = ui.html('<span id="curve-says"></span>').classes("serp-faint")
-        self._timer = ui.timer(_SECONDS, self._look, active=session.training is not None)
+        self._timer = ui.timer(1.5, self._look, active=session.training is not None)
         self._stop.set_enabled(session.training is not None)
 
     def begin(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 from nicegui import run, ui
 
@@ -13,9 +13,6 @@ from serp.errors import SerpError
 from serp.ui.studio.pages.live import Live, busy, button
 from serp.ui.studio.session import PROBLEM, Session
 from serp.ui.studio.view import Control, Request, View
-
-_MOST_FLUENTS: Final = 60
-_MOST_MARKERS: Final = 50
 
 
 class StatePane:
@@ -55,17 +52,18 @@ class StatePane:
         self._build()
 
     def _build(self) -> None:
+        most_fluents = 60
         wanted = [each for each in self._controls if self._filter in each.name]
         self._search.set_visibility(len(self._controls) > 12)
         self._elements = {}
         self._grid.clear()
         self._switches.clear()
-        for control in wanted[:_MOST_FLUENTS]:
+        for control in wanted[:most_fluents]:
             changed = functools.partial(self._changed, control)
             make = self._slider if control.numeric else self._switch
             with self._grid if control.numeric else self._switches:
                 self._elements[control.name] = make(control, changed)
-        hidden = len(wanted) - _MOST_FLUENTS
+        hidden = len(wanted) - most_fluents
         self._more.set_text(f"… and {hidden:,} more" if hidden > 0 else "")
 
     def _switch(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
@@ -148,7 +146,7 @@ class ScenePane:
         played = self._session.played
         assert played is not None
         self._steps.props(f"max={len(played.steps) - 1}")
-        self._steps.props["markers"] = len(played.steps) <= _MOST_MARKERS
+        self._steps.props["markers"] = len(played.steps) <= 50
         self._steps.set_visibility(len(played.steps) > 1)
         self._steps.set_value(self._session.step)
         self._live.changed()

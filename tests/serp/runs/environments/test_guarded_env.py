@@ -183,24 +183,3 @@ def test_its_evaluation_plays_the_episodes_of_the_trained_policy(tmp_path: Path)
     with task.bind() as bound:
         expected = evaluate(agent, bound, "serp", episodes=3, seed=5)
     assert tuple(lengths) == expected.lengths
-
-
-def test_rho_grows_by_its_unit_once_the_initial_data_are_there(tmp_path: Path) -> None:
-    """The corridor's games last 30 steps; in the initial data the learner always proposes."""
-    settings = {
-        "guide": {"strategy": "mixture"},
-        "arbiter": {"rho_unit": "game", "rho_increment": 0.25},
-        "training": {"random_steps": 20},
-        "adaptation": {"min_visits": 0},
-        "learner": SMALL,
-    }
-    env = serp.GuardedEnv(corridor(tmp_path), settings=settings)
-    turns, over = [], True
-    for _ in range(70):
-        if over:
-            env.reset()
-        _, _, terminated, truncated, info = env.step(0)
-        over = terminated or truncated
-        turns.append(info["reason"] != "planner's turn")
-    assert all(turns[:20]) and not any(turns[26:30])
-    assert env._agent.strategy.rho == 0.5

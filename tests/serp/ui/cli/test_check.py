@@ -15,23 +15,6 @@ DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 MISSPELT = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
 
 
-def test_a_right_file_is_summed_up(run: Run, walk: Path) -> None:
-    shown = run("check", "walk.pddl").stdout
-    assert "walk.pddl: right" in shown
-    assert "domain walk (walk.pddl, walk-problem.pddl)" in shown
-    assert "4 fluents, 4 ground actions, 0 processes, 0 events, 5 parameters, 3 objects" in shown
-    assert "unsafe: action go" in shown
-    assert "reward: action go, action rest" in shown
-    assert "terminal: nothing" in shown
-    assert "warning" not in shown
-
-
-def test_a_path_is_a_file_whatever_its_name(run: Run, walk: Path) -> None:
-    Path("walk.scenarios").write_text("scenario one\n", encoding="utf-8")
-    assert "a PDDL file begins with `(define`" in run("check", "walk.scenarios", expect=1).output
-    assert "there is no such file" in run("check", "--fix", "nothing.pddl", expect=1).output
-
-
 def test_numbers_that_a_task_never_observes_are_warned_of(run: Run, folder: Path) -> None:
     text = (DOMAINS / "cartpole.pddl").read_text()
     in_degrees = text.replace("(> (pole-angle) 0.2618)", "(> (pole-angle) 12)")
@@ -56,15 +39,6 @@ def test_a_fluent_that_the_task_does_not_ground_is_named(run: Run, folder: Path)
     assert not Path("runs").exists()
 
 
-def test_what_the_learner_of_the_task_learns_from_is_told(run: Run) -> None:
-    shown = run("check", "soccer").stdout
-    assert "soccer: right" in shown
-    assert "task soccer: the learner learns from the environment's reward" in shown
-    assert "the planner plans with those of the domain file" in " ".join(shown.split())
-    planned = run("plan", "--domain=soccer", "--observe", "--depth=1").stdout
-    assert "the planner plans with those of the domain file" in " ".join(planned.split())
-
-
 def test_every_file_is_checked_even_where_the_first_is_wrong(run: Run, walk: Path) -> None:
     Path("bad.pddl").write_text(MISSPELT)
     Path("self.pddl").symlink_to("self.pddl")
@@ -84,14 +58,6 @@ def test_every_file_is_checked_even_where_the_first_is_wrong(run: Run, walk: Pat
         assert said in result.stderr
     assert "bad.pddl: 1 error" in result.stdout
     assert "7 domains: 6 wrong, 0 warnings" in result.stdout
-
-
-def test_a_problem_is_checked_with_its_domain(run: Run, walk: Path) -> None:
-    shown = run("check", "walk-problem.pddl").stdout
-    assert "domain walk (walk.pddl, walk-problem.pddl)" in shown
-    Path("walk-problem.pddl").write_text(WALK_PROBLEM.replace("(at home)", "(at hom)"))
-    message = run("check", "walk-problem.pddl", expect=1).stderr
-    assert "walk-problem.pddl:4:14: unknown object `hom`" in message
 
 
 def test_a_domain_and_a_problem_of_any_name_are_one_check(run: Run, walk: Path) -> None:
@@ -131,25 +97,6 @@ def test_checking_a_large_file_compiles_nothing_and_names_a_few(tmp_path: Path) 
     assert "1,000 events" in shown
     assert "event e11 and 988 more" in shown
     assert shown.endswith("[]\n")
-
-
-def test_what_is_missing_says_how_to_give_it(run: Run, folder: Path) -> None:
-    assert "give files, names of installed tasks, or --task" in run("check", expect=2).stderr
-    Path("p01.pddl").write_text(WALK_PROBLEM)
-    assert "serp check domain.pddl p01.pddl" in run("check", "p01.pddl", expect=1).stderr
-    (found,) = json.loads(run("check", "p01.pddl", "--json", expect=1).stdout)
-    assert (found["code"], found["place"]["line"]) == ("missing-domain", 2)
-
-
-def test_the_option_that_the_message_names_raises_the_limit(run: Run, walk: Path) -> None:
-    refused = run("check", "walk.pddl", "--max-ground-schemas", "2", expect=1)
-    assert "more than 2 ground actions" in refused.stderr
-    assert "`--max-ground-schemas N`" in refused.stderr
-    assert "walk.pddl: right" in run("check", "walk.pddl", "--max-ground-schemas", "9").stdout
-    asked = ("--domain", "cartpole")
-    for command in (["check", "cartpole"], ["plan", *asked], ["plan-and-learn", *asked]):
-        refused = run(*command, "--max-ground-schemas", "2", expect=1)
-        assert "more than 2 ground actions" in refused.stderr
 
 
 def test_findings_are_printed_for_programs_and_mended(run: Run, walk: Path) -> None:

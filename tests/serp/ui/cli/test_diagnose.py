@@ -69,22 +69,6 @@ def test_pictures_are_written(run: Run, misled: Path) -> None:
         assert file in result.stderr and Path(file).exists()
 
 
-def test_a_run_without_adaptation_can_be_diagnosed(run: Run) -> None:
-    off = "--set=adaptation.mode=off"
-    run("plan-and-learn", "--domain=cartpole", "--episodes=2", "--out=off", off, *QUICK, "--quiet")
-    shown = told(run, "off")
-    assert shown["steps"] == shown["env_steps"] > 0
-    assert not shown["model_in_use"]["adapts"]
-
-
-def test_usage_errors(run: Run, misled: Path) -> None:
-    run("diagnose", expect=2)
-    assert "no such folder" in run("diagnose", "nosuch", expect=1).stderr
-    for option in ("--png", "--svg"):
-        result = run("diagnose", str(misled), option, "numbers.txt", expect=2)
-        assert "name a file that ends in ." in result.stderr
-
-
 def test_a_picture_without_matplotlib_names_the_extra(
     run: Run, misled: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

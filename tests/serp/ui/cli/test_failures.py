@@ -32,10 +32,7 @@ def noted(error: Exception, note: str) -> Exception:
         (FileNotFoundError(2, "No such file", "x.svg"), 1, "Error: x.svg: No such file\n"),
         (OSError(errno.ENOSPC, "No space left"), 1,
          "Error: No space left (free some space, then try again)\n"),
-        (OSError("odd"), 1, "Error: odd\n"),
-        (click.ClickException("odd"), 1, "Error: odd\n"),
         (click.UsageError("what?"), 2, "Error: what?\n"),
-        (click.Abort(), 130, "Stopped.\n"),
         (KeyboardInterrupt(), 130, "Stopped.\n"),
         (BrokenPipeError(errno.EPIPE, "Broken pipe"), 141, ""),
     ],
@@ -52,13 +49,6 @@ def test_what_the_user_can_mend_is_a_message(
 def test_a_bug_keeps_its_traceback() -> None:
     with pytest.raises(ZeroDivisionError):
         exit_with(raising(ZeroDivisionError()))
-
-
-@pytest.mark.parametrize(("result", "status"), [(None, 0), (0, 0), (1, 1), (130, 130)])
-def test_a_command_may_return_its_status(result: int | None, status: int) -> None:
-    with pytest.raises(SystemExit) as end:
-        exit_with(lambda: result)
-    assert end.value.code == status
 
 
 def test_an_unexpected_end_of_a_file_is_no_wish_to_stop() -> None:

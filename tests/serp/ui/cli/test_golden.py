@@ -31,6 +31,9 @@ p 2
 go ho
 """
 COMMANDS = {
+    "check": "check walk.pddl",
+    "format": "format walk.pddl --diff",
+    "new": "new robot",
     "plan": "plan --domain walk.pddl --depth 2",
     "play": "play walk.pddl --set planner.name=lookahead",
     "why": "why RUN --episode 1 --step 2",

@@ -16,19 +16,13 @@ from serp.ui.options import parse_settings
     ("text", "value"),
     [
         ("3", 3),
-        ("0.5", 0.5),
         ("-1e-3", -0.001),
         ("true", True),
-        ("False", False),
-        ("null", None),
         ("none", None),
         ("inf", float("inf")),
         ("[64, 64]", (64, 64)),
         ("observation", "observation"),
-        ('"observation"', "observation"),
-        ("a=b", "a=b"),
         ("[64", "[64"),
-        ("", ""),
     ],
 )
 def test_values_are_json_where_they_can_be(text: str, value: Any) -> None:

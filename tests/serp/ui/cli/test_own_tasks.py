@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.serp.sample_tasks import CORRIDOR, ROBOT
+from tests.serp.sample_tasks import ROBOT
 from tests.serp.ui.cli.conftest import QUICK, Run
 
 
@@ -38,14 +38,3 @@ def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(
     assert "my_broken.py:8)" in told.replace("\n", "")
     assert "serp plan-and-learn --resume runs/one\n" in told
     assert "add --task my_broken.py to the command" in told
-
-
-def test_beside_a_task_the_domain_is_another_file_for_it(run: Run, robot: Path) -> None:
-    Path("other.pddl").write_text(CORRIDOR.replace("(domain corridor)", "(domain other)"))
-    shown = run("plan", "--task=my_robot.py", "--domain=other.pddl", "--depth=1", "--observe")
-    assert "other, observed" in shown.stdout
-    told = run(
-        "plan-and-learn", "--task=my_robot.py", "--domain=cartpole", "--episodes=1", expect=1
-    )
-    assert "--domain cartpole: beside --task it is a domain file" in told.stderr
-    run("plan", expect=2)

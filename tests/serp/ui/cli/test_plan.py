@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import serp
-from tests.serp.ui.cli.conftest import WALK, Run
+from tests.serp.ui.cli.conftest import Run
 
 EDGE = """
 (define (domain edge)
@@ -119,36 +119,6 @@ def test_json_is_what_the_planner_says(run: Run, walk: Path) -> None:
         assert action["best_return"] == (value if action["applicable"] else None)
 
 
-def test_another_problem_can_be_given_and_its_state_changed(run: Run, walk: Path) -> None:
-    text = Path("walk-problem.pddl").read_text().replace("(at home)", "(at shop)")
-    Path("other.pddl").write_text(text)
-    shown = planned(run, "--domain=walk.pddl", "--problem=other.pddl", "--state=walked=2")
-    assert shown["state"]["at shop"] is True and shown["state"]["walked"] == 2
-    assert shown["action"] == "rest"
-    assert shown["state_from"].endswith("changed by --state")
-
-
-def test_a_state_in_parts_names_what_is_missing(run: Run) -> None:
-    message = run("plan", "--domain=cartpole", "--state=pole-angle=0.1", expect=1).stderr
-    assert "`cart-position`, `cart-velocity`, `pole-velocity`" in message
-    assert "--observe" in message
-
-
-def test_what_is_missing_can_be_observed(run: Run) -> None:
-    shown = planned(run, "--domain=cartpole", "--observe", "--seed=4", "--state=pole-angle=0.1")
-    seen = planned(run, "--domain=cartpole", "--seed=4")
-    assert shown["state"] == {**seen["state"], "pole-angle": 0.1}
-    assert planned(run, "--domain=cartpole", "--seed=5")["state"] != seen["state"]
-
-
-def test_settings_of_the_planner_can_be_set_and_no_others(run: Run) -> None:
-    settings = ["--set=planner.depth=2", "--set=planner.name=lookahead"]
-    shown = planned(run, "--domain=cartpole", *settings)
-    assert shown["depth"] == 2
-    refused = run("plan", "--domain=cartpole", "--set=arbiter.rho=1", expect=1).stderr
-    assert "one decision uses only planner.name, planner.depth" in refused
-
-
 def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
     Path("edge.pddl").write_text(EDGE)
     assert "which state?" in run("plan", "--domain=edge.pddl", expect=1).stderr
@@ -156,41 +126,6 @@ def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
         run("plan", "--domain=edge.pddl", "--observe", expect=1).stderr
     )
     assert planned(run, "--domain=edge.pddl", "--state=x=0", "--depth=1")["state"] == {"x": 0}
-
-
-@pytest.mark.parametrize(
-    ("x", "depth", "sentence"),
-    [
-        (0, 1, "(the planner is indifferent)"),
-        (4, 3, "Every action is predicted unsafe."),
-        (2, 5, "The one that stays safe the longest, for 1 control period, is taken."),
-        (9, 1, "No action is applicable here."),
-    ],
-)
-def test_the_verdict_says_what_is_special(
-    x: int, depth: int, sentence: str, run: Run, folder: Path
-) -> None:
-    Path("edge.pddl").write_text(EDGE)
-    arguments = ["--domain=edge.pddl", f"--state=x={x}", f"--depth={depth}", "--planner=lookahead"]
-    assert sentence in run("plan", *arguments).stdout
-
-
-def test_many_actions_are_shown_best_first_and_cut(
-    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
-    objects = " ".join(f"p{k}" for k in range(40))
-    Path("walk.pddl").write_text(WALK)
-    Path("walk-problem.pddl").write_text(
-        f"(define (problem big) (:domain walk) (:objects {objects} - place)"
-        " (:init (at p0) (= (walked) 0) "
-        + " ".join(f"(road p0 p{k})" for k in range(1, 40))
-        + "(mined p1)))"
-    )
-    shown = run("plan", "--domain=walk.pddl", "--depth=2").stdout
-    assert "… and 10 more actions, no better than these" in shown
-    assert "go p0 p1 " not in shown
-    assert len(planned(run, "--domain=walk.pddl", "--depth=2")["actions"]) == 40
 
 
 @pytest.mark.parametrize(

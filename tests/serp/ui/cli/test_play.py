@@ -58,13 +58,6 @@ def test_keys_and_options_that_do_not_fit_are_refused(walk: Path) -> None:
         assert said in typed("", "walk.pddl", *wrong.split(), expect=2)
 
 
-def test_without_a_problem_all_begins_at_nothing(folder: Path) -> None:
-    shown = typed("push-left\n", "cartpole", "--state=pole-angle=0.1")
-    assert "  pole-angle     0.1\n" in shown
-    assert "has no problem" not in shown
-    assert "has no problem with an :init: numbers begin at 0" in typed("", "cartpole")
-
-
 def test_a_training_in_the_world_of_a_file_is_a_run_like_any_other(run: Run, walk: Path) -> None:
     limits = ("--max-steps=5", "--env-steps=9")
     arguments = ("--train", "--slip=0.1", *limits, "--planner=lookahead", "--quiet", *QUICK)

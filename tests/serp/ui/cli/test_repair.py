@@ -20,7 +20,7 @@ PLANNER_ALONE = [
     for section, values in OWN["mrp"].changes.items()
     for name, value in values.items()
 ]
-ADAPTED = ["--set=adaptation.mode=residual", "--set=adaptation.min_visits=3"]
+ADAPTED = ["--set=adaptation.mode=residual"]
 
 
 @pytest.fixture(scope="module")
@@ -99,11 +99,3 @@ def test_nothing_is_replaced_unasked(
     run("repair", folder, "-o", "new.pddl", "--force")
     taken = source == "racing" or name == "new.pddl"
     assert (Path(name).read_text(encoding="utf-8") != "mine") == taken
-
-
-def test_usage_errors(run: Run, ignorant: Path) -> None:
-    run("repair", expect=2)
-    assert "no such folder" in run("repair", "nosuch", expect=1).stderr
-    result = run("repair", str(ignorant), "-o", "known.txt", expect=2)
-    assert "name a file that ends in .pddl" in result.stderr
-    assert "cannot write" in run("repair", str(ignorant), "-o", "no/known.pddl", expect=1).stderr

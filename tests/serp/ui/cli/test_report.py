@@ -195,13 +195,6 @@ def test_damaged_evaluations_are_left_out_and_infinite_values_are_shown(
     assert f"{block} is damaged" in run("why", str(damaged), expect=1).stderr
 
 
-def test_mistakes_are_told(run: Run, trained: Path) -> None:
-    assert "ends in .html" in run("report", str(trained), "-o", "x.pdf", expect=2).stderr
-    told = run("report", str(trained), "--evaluation=best", expect=1).stderr
-    assert "has no evaluation `best`" in told
-    assert "nowhere" in run("report", "nowhere", expect=1).stderr
-
-
 @pytest.fixture(scope="module")
 def tab(page: Path) -> Iterator[Any]:
     """The page in a browser, and what it asked for and complained of."""

@@ -55,8 +55,6 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Domain:
     ("text", "state"),
     [
         ("X=1.5,( at  Robot1 kitchen )=true", {"x": 1.5, "at robot1 kitchen": 1.0}),
-        ("at robot1 kitchen=False", {"at robot1 kitchen": 0.0}),
-        ("at robot1 kitchen=1,", {"at robot1 kitchen": 1.0}),
         ("x=-1.7976931348623157e308", {"x": -1.7976931348623157e308}),
     ],
 )
@@ -69,11 +67,8 @@ def test_fluents_are_named_as_pddl_has_them(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("y=1", "unknown fluent `y`"),
         ("at robot1 kitche=1", "did you mean `at robot1 kitchen`?"),
-        ("x=fast", "`x` is a finite number, not `fast`"),
         ("x=nan", "`x` is a finite number, not `nan`"),
-        ("x=true", "`x` is a finite number, not `true`"),
         ("at robot1 kitchen=2", "`at robot1 kitchen` is true or false, not `2`"),
         ("x=1,x=2", "`x` is given twice"),
     ],

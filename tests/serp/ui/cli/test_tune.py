@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from tests.serp.ui.cli.conftest import Run
@@ -25,16 +23,3 @@ def test_the_end_shows_the_best_and_how_to_report_it(run: Run) -> None:
     quiet = run(*TUNE, "--quiet")
     assert quiet.stdout in ("learner.guarded_targets=true\n", "learner.guarded_targets=false\n")
     assert quiet.stderr == ""
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--vary=planner.depth=2..3"], "give --domain (`serp list` names the tasks) or --task"),
-        (["--domain=cartpole"], "Missing option '--vary'"),
-        (["--domain=cartpole", "--vary=a.b", "--vary=a.b=1,2"], "a setting is given twice"),
-    ],
-)
-def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
-    assert message in run("tune", *arguments, expect=2).stderr
-    assert list(Path().iterdir()) == []

@@ -37,12 +37,8 @@ def test_a_step_is_the_same_however_it_is_asked_for(run: Run, trained: Path) -> 
     ("arguments", "status", "said"),
     [
         (["--step=99999"], 1, "there is no step 99,999"),
-        (["--episode=77", "--step=1"], 1, "there is no episode 77"),
-        (["--episode=1", "--step=0"], 1, "episode 1 has no step 0"),
         (["--episode=1", "--time=9:00"], 1, "episode 1 ends after"),
         (["--time=0:01"], 2, "give --episode"),
-        (["--episode=1"], 2, "--step or --time"),
-        (["--evaluation=best"], 1, "no evaluation `best`"),
     ],
 )
 def test_a_step_that_is_not_there_is_refused(

@@ -144,7 +144,7 @@ def test_what_follows_equal_states_is_shown_once(tmp_path: Path) -> None:
     assert "same state as another one here" in said(plan, planner)
 
 
-@pytest.mark.parametrize("rows", [1, 12, 30, 200])
+@pytest.mark.parametrize("rows", [1, 30])
 def test_a_large_graph_is_shown_in_part_and_says_so(tmp_path: Path, rows: int) -> None:
     plan, planner = planned(FIVE, tmp_path, ANYWHERE, 5)
     layout = layout_of(plan, planner, rows)
@@ -201,16 +201,6 @@ def test_names_numbers_and_what_is_unsafe_are_text() -> None:
 def dashed(picture: ET.Element) -> int:
     paths = picture.iter(f"{SVG}path")
     return sum(path.get("stroke-dasharray") == DASHES["unsafe"] for path in paths)
-
-
-def test_what_is_special_about_a_decision_is_said(tmp_path: Path) -> None:
-    assert "Every action is predicted unsafe." in said(*cartpole(FALLING))
-    plan, planner = planned(GRID, tmp_path, [-9.0, 0.0], 2)
-    assert plan.indifferent and "All safe actions have the same best return" in said(plan, planner)
-    few = planned(GRID, tmp_path, [0.0, 8.5], 2)
-    assert "Not applicable here: south, east, west" in said(*few)
-    none = planned(GRID, tmp_path, [0.0, 9.0], 2)
-    assert "No action is applicable." in said(*none)
 
 
 @pytest.mark.filterwarnings("error")
