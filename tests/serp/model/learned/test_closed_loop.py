@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from serp.runs.comparison.algorithms import find_algorithm, merged
+from serp.runs.comparison.algorithms import find_algorithm
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp.tasks.registry import load_task
@@ -21,7 +21,7 @@ def returns(variant: str, seed: int, episodes: int) -> list[int]:
     file = DOMAINS / f"cartpole-{variant}.pddl"
     task = dataclasses.replace(load_task("cartpole"), domain=file, problem=None)
     changes = {"adaptation": {"mode": "residual"}}
-    settings = resolve("default", task.settings, merged(find_algorithm("mrp").changes, changes))
+    settings = find_algorithm("mrp").changed("mrp", changes).settings(task, {})
     with task.bind() as bound:
         trainer = Trainer(bound, settings, seed)
         return [int(trainer.run_episode().return_) for _ in range(episodes)]
