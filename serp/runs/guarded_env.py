@@ -422,8 +422,8 @@ class EvaluationEnv(ArbitratedEnv):
         agent: The agent in training.
         seed: Seed of the episodes.
         trained_in: The task in which it is trained.
-        begin: Called before each decision; from the first one on, the planner keeps what it finds
-            for the evaluation alone.
+        begin: Called before each episode and decision; from then on, the planner keeps what it
+            finds for the evaluation alone.
     """
 
     def __init__(
@@ -439,6 +439,7 @@ class EvaluationEnv(ArbitratedEnv):
 
     def next_seed(self, seed: int | None) -> int:
         """Begin an episode with the running statistics of the training; return its seed."""
+        self._begin()
         self._task.restore_environment(self._trained_in.environment_state(), statistics_only=True)
         return super().next_seed(seed)
 
