@@ -251,6 +251,9 @@ class TrainingSettings(Section):
     pretrained on them, by as many gradient updates, before Algorithm 1 starts."""
     env_steps: PositiveCount = 20_000
     """Default budget of a training in env steps."""
+    units: PositiveCount | None = None
+    """Default budget in units of `arbiter.rho_unit`, such as games, instead of env steps. None: in
+    env steps."""
     episode_steps: PositiveCount = 10_000
     """Steps after which an episode is truncated that the environment does not end. Runs are saved
     and stopped only between episodes."""

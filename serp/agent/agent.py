@@ -14,14 +14,7 @@ from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
-from serp.agent.protocols import (
-    ExperiencedPlanner,
-    LearnerProposer,
-    Mask,
-    Proposer,
-    StatefulPlanner,
-    undisturbed,
-)
+from serp.agent.protocols import LearnerProposer, Mask, Proposer, StatefulPlanner, undisturbed
 from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
@@ -64,10 +57,6 @@ class ExplorationBonus:
             return forecast
         least = np.where(candidates, self._visits, np.iinfo(np.int64).max)
         return forecast._replace(choice=int(least.argmin()))
-
-
-Arrays = dict[str, NDArray[Any]]
-Meta = dict[str, Any]
 
 
 _FOR_LEARNER = (
@@ -119,15 +108,14 @@ class Agent:
         actions = task.actions.over(model)
         strategy = make_strategy(settings, strategy_seed)
         planner = make_planner(model, settings.planner, task.task.planners)
-        if isinstance(planner, ExperiencedPlanner):
+        if hasattr(planner, "visited"):
             planner.visited = self.adaptation.experience
-        horizon = settings.planner.depth
         self.guarded = Arbiter(
             planner,
             actions,
             settings.arbiter,
             strategy,
-            vetoes=VetoPolicy(actions, settings.arbiter, horizon),
+            vetoes=VetoPolicy(actions, settings.arbiter, settings.planner.depth),
             exploration_bonus=ExplorationBonus(
                 self.adaptation.visits,
                 MIN_VISITS if model is not task.model else 0,
@@ -217,7 +205,7 @@ class Agent:
 
     def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
         """Decide for the learner's greedy choice, without planner and veto."""
-        return self.arbiter.execute_baseline(state, self.proposer(x))
+        return self.arbiter.execute(state, self.learner.propose_greedily(x))
 
     def proposer(self, x: Vector) -> Proposer:
         """Return the learner with an input."""
@@ -235,12 +223,12 @@ class Agent:
             step: The env step.
             episode: Number of its episode, where several run at the same time.
         """
-        vetoes, say = self.arbiter.vetoes, self.task.on_notice
+        vetoes, on_notice = self.arbiter.vetoes, self.task.on_notice
         relied_on = vetoes.lookahead_reliable
         if vetoes.observe(step):
             self.adaptation.reset_visits()
-        if relied_on and not vetoes.lookahead_reliable and say is not None:
-            say(
+        if relied_on and not vetoes.lookahead_reliable and on_notice is not None:
+            on_notice(
                 f"{vetoes.lookahead_failures} something unsafe happened that was avoidable by the "
                 "domain file. From now on vetoes use only its prediction of the next step. Check "
                 "the effects of its actions."
@@ -249,12 +237,13 @@ class Agent:
         # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward
         self.adaptation.visit(step.ground)
-        seen = step.state, step.ground, step.next_state, ending, reward
-        self._waiting.setdefault(episode, []).append(seen)
+        self._waiting.setdefault(episode, []).append(
+            (step.state, step.ground, step.next_state, ending, reward)
+        )
         while self._waiting:
             first, steps = next(iter(self._waiting.items()))
-            for seen in steps:
-                self.adaptation.observe(*seen)
+            for observed in steps:
+                self.adaptation.observe(*observed)
             if steps and steps[-1][3] != GOES_ON:
                 del self._waiting[first]
             else:
@@ -291,7 +280,7 @@ class Agent:
         self.learner.imitation_weight = self.strategy.imitation_weight
         return self.learner.learn()
 
-    def state_dict(self) -> tuple[Arrays, Meta]:
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays, learner = self.learner.state_dict()
         adapted, adaptation = self.adaptation.state_dict()
@@ -303,8 +292,8 @@ class Agent:
             "random": self._random.bit_generator.state,
         }
         if isinstance(self.arbiter.planner, StatefulPlanner):
-            found, meta["planner"] = self.arbiter.planner.state_dict()
-            saved |= nested("planner", found)
+            planner, meta["planner"] = self.arbiter.planner.state_dict()
+            saved |= nested("planner", planner)
         return saved, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:

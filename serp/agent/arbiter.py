@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import ClassVar
 
 from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
-from serp.agent.protocols import EpisodicPlanner, Planner, PrefetchingPlanner, Proposer
+from serp.agent.protocols import Planner, Proposer
 from serp.agent.refusals import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.agent.strategy import Mixture, Situation, Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
@@ -76,18 +76,15 @@ class Arbiter(Declared):
 
     def begin_episode(self) -> None:
         """Say that an episode begins, perhaps in another world."""
-        if isinstance(self.planner, EpisodicPlanner):
+        if hasattr(self.planner, "begin_episode"):
             self.planner.begin_episode()
 
-    @contextmanager
-    def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
+    def prefetch(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
         """Have the forecasts for several states at hand in the body, if the planner can."""
-        planner = self.planner
-        if len(states) > 1 and isinstance(planner, PrefetchingPlanner):
-            with planner.prefetch(states):
-                yield
-        else:
-            yield
+        if len(states) > 1 and hasattr(self.planner, "prefetch"):
+            context: AbstractContextManager[None] = self.planner.prefetch(states)
+            return context
+        return nullcontext()
 
     def decide(self, state: Vector, learner: Proposer) -> Decision:
         """Decide on the action in a monitored state `[F]`, as in training."""
@@ -110,8 +107,7 @@ class Arbiter(Declared):
 
     def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
         """Decide as in training by a given strategy, without the exploration bonus."""
-        planned = self.planner.forecast(state)
-        situation = self._situation(self.actions.project(planned))
+        situation = self._situation(self.forecast(state))
         return self._follow(situation, strategy.propose(situation, learner))
 
     def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:
@@ -126,11 +122,6 @@ class Arbiter(Declared):
         """Execute a proposal without a veto. The guarantee does not hold."""
         return self._accept(self._situation(self.forecast(state)), proposal)
 
-    def execute_baseline(self, state: Vector, learner: Proposer) -> Decision:
-        """Execute the learner's greedy choice without a veto. The guarantee does not hold."""
-        situation = self._situation(self.forecast(state))
-        return self._accept(situation, learner.propose_greedily())
-
     def plan(self, state: Vector) -> Decision:
         """Decide by the planner, whatever ρ is."""
         return self._follow(self._situation(self.forecast(state)), None)
@@ -138,19 +129,18 @@ class Arbiter(Declared):
     # Who acts ----------------------------------------------------------------------------------
 
     def _situation(self, forecast: ActionForecast) -> Situation:
-        admissible = self.vetoes.admissible(forecast)
-        return Situation(forecast, admissible)
+        return Situation(forecast, self.vetoes.admissible(forecast))
 
     def _follow(self, situation: Situation, proposal: Proposal | None) -> Decision:
-        forecast, admissible = situation.forecast, situation.admissible
+        forecast = situation.forecast
         if proposal is None:
             planned = forecast.choice
             return self._planner_acts(situation, planned, Actor.PLANNER, Reason.PLANNER_TURN)
-        actor, action = _proposer(proposal), int(proposal.action)
-        if admissible[action]:
+        action = int(proposal.action)
+        if situation.admissible[action]:
             return self._accept(situation, proposal)
         refusal = self.vetoes.why_refused(forecast, action)
-        return self._planner_acts(situation, action, actor, refusal)
+        return self._planner_acts(situation, action, _proposer(proposal), refusal)
 
     def _accept(self, situation: Situation, proposal: Proposal) -> Decision:
         actor, action = _proposer(proposal), int(proposal.action)

@@ -1,4 +1,4 @@
-"""Hand-over by evidence: an episode is led by planner or learner, as their returns suggest."""
+"""Hand-over by evidence: the returns decide whether planner or learner acts in an episode."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy import special
 
 from serp._util.saved_state import Saved
 from serp.agent.protocols import Proposer
-from serp.agent.strategy import LeadEvidence, Seed, Situation, Strategy, Worth
+from serp.agent.strategy import PolicyEvidence, Seed, Situation, Strategy, Worth
 from serp.learning.dqn import Proposal
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
@@ -29,7 +29,7 @@ Belief = tuple[float, float]
 
 
 class Returns:
-    """The returns of the episodes that one of the two led, the newest with the most weight.
+    """The returns of the episodes of one acting policy, the newest with the most weight.
 
     Attributes:
         count: Sum of the weights.
@@ -66,16 +66,14 @@ class Returns:
 
 
 class Evidence(Strategy):
-    """Planner or learner leads a whole episode: the learner with the probability that it is better.
+    """Planner or learner is the acting policy of a whole episode, by discounted Thompson sampling.
 
-    That probability is ρ. It follows from the returns of the episodes that each has led by Bayesian
-    inference (Student's t, because the variance of returns is not known). Both become better with
-    experience, so old returns lose weight as experience grows, and both are tried again from time
-    to time (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). Without evidence a
-    lead is expected to be as bad as the worst episode so far, so the planner begins. While the
-    planner leads, the learner acts, and explores, where all plans have the same value. It does not
-    explore where it leads: its returns would say nothing of its trained policy. The trained policy
-    is the lead that is more probably the better one.
+    The learner is drawn with the probability ρ that its expected return is larger (Student's t on
+    the returns of each; Raj & Kalyani 2017, arXiv 1707.09727). Old returns lose weight, because
+    both policies change with experience. Without evidence a policy is expected to be as bad as the
+    worst episode so far, so the planner begins. Where all plans have the same value, the learner
+    acts in the planner's episodes, too, and explores. It does not explore in its own episodes, so
+    that their returns are those of its trained policy.
     """
 
     imitates = True
@@ -92,12 +90,12 @@ class Evidence(Strategy):
 
     @property
     def rho(self) -> float:
-        """ρ, the probability that the learner's lead is worth more than the planner's."""
+        """ρ, the probability that the learner's episodes are worth more than the planner's."""
         return self._rho
 
     @property
     def imitation_weight(self) -> float:
-        """The weight of imitation: the probability that the planner is the better one."""
+        """The probability that the planner is the better one."""
         return 1.0 - self._rho
 
     def imitated(self, forecast: ActionForecast) -> int:
@@ -105,10 +103,10 @@ class Evidence(Strategy):
         return -1 if self._leads[self.env_index] or forecast.indifferent else forecast.choice
 
     @property
-    def evidence(self) -> LeadEvidence:
-        """What the two leads are worth."""
+    def evidence(self) -> PolicyEvidence:
+        """What the episodes of planner and learner are worth."""
         planner, learner = self._beliefs()
-        return LeadEvidence(
+        return PolicyEvidence(
             self._worth(self.planner, planner), self._worth(self.learner, learner), self._rho
         )
 
@@ -167,7 +165,7 @@ class Evidence(Strategy):
         return sum(led.episodes for led in self._both)
 
     def _probability(self) -> float:
-        """Return the probability that the learner's lead is better."""
+        """Return the probability that the learner is better."""
         episodes = self._episodes
         if not episodes or self._steps <= self._settings.learner.learning_starts:
             return 0.0  # the learner has learned nothing yet
@@ -183,7 +181,7 @@ class Evidence(Strategy):
         self._leads[self.env_index] = bool(self._random.random() < self._rho)
 
     def forked(self, seed: np.random.SeedSequence) -> Evidence:
-        """Return a copy that draws its own lead."""
+        """Return a copy that draws its own acting policy."""
         forked = copy.copy(self)
         forked._random = np.random.default_rng(seed)
         forked._leads = self._leads.copy()
@@ -197,7 +195,7 @@ class Evidence(Strategy):
         return learner.propose(situation.admissible) if situation.forecast.indifferent else None
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return the proposal of the better lead, without exploration or random draws."""
+        """Return the proposal of the better policy, without exploration or random draws."""
         if self._rho > 0.5 or situation.forecast.indifferent:
             return learner.propose_greedily()
         return None
@@ -207,9 +205,8 @@ class Evidence(Strategy):
         if abs(return_) <= _LARGEST:
             self._steps += length
             before = self._episodes
-            kept = (before / (before + 1)) ** _FORGETTING
             for led in self._both:
-                led.fade(kept)
+                led.fade((before / (before + 1)) ** _FORGETTING)
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)
             (self.learner if self._leads[self.env_index] else self.planner).add(return_)
             self._rho = self._probability()

@@ -6,8 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.cell_graph import Visited
 from serp.planning.forecast import Forecast
 from serp.settings import LearnerSettings, PlannerSettings
 
 Mask = NDArray[np.bool_]
-Values = NDArray[np.floating[Any]]
 
 
 class Planner(Protocol):
@@ -28,8 +26,12 @@ class Planner(Protocol):
 
     A function that takes a `serp.TransitionModel` and the `planner` section of the settings, and
     returns a planner, is found by name through the entry-point group `serp.planners`. A forecast
-    depends on nothing but the state, the model, what a `StatefulPlanner` saves and, of an
-    `ExperiencedPlanner`, the visited states.
+    depends on nothing but the state, the model, what a `StatefulPlanner` saves and `visited`.
+
+    A planner may have an attribute `visited`, which is set to the visited states
+    (`serp.planning.cell_graph.Visited`); a method `begin_episode()`, called where an episode
+    begins, perhaps in another world; and a method `prefetch(states)`, which returns a context in
+    whose body the forecasts for these states are at hand.
     """
 
     def forecast(self, state: Vector) -> Forecast:
@@ -50,40 +52,14 @@ class StatefulPlanner(Planner, Protocol):
 @contextmanager
 def undisturbed(planner: Planner) -> Iterator[None]:
     """Restore, at the end, what a planner kept from one decision to the next."""
-    stateful = planner if isinstance(planner, StatefulPlanner) else None
-    kept = None if stateful is None else stateful.state_dict()
+    if not isinstance(planner, StatefulPlanner):
+        yield
+        return
+    state = planner.state_dict()
     try:
         yield
     finally:
-        if stateful is not None and kept is not None:
-            stateful.load_state_dict(*kept)
-
-
-@runtime_checkable
-class ExperiencedPlanner(Planner, Protocol):
-    """A planner that tells what was visited from what was not.
-
-    Attributes:
-        visited: The visited states; None if they are not known.
-    """
-
-    visited: Visited | None
-
-
-@runtime_checkable
-class EpisodicPlanner(Planner, Protocol):
-    """A planner that may search anew in every episode."""
-
-    def begin_episode(self) -> None:
-        """Say that an episode begins, perhaps in another world."""
-
-
-@runtime_checkable
-class PrefetchingPlanner(Planner, Protocol):
-    """A planner that computes its forecasts for several states at the same time."""
-
-    def prefetch(self, states: Sequence[Vector]) -> AbstractContextManager[None]:
-        """Have the forecasts for these states at hand in the body, where they are asked for."""
+        planner.load_state_dict(*state)
 
 
 MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]
@@ -174,22 +150,12 @@ class Learner(Protocol):
         """Restore what `state_dict` returned."""
 
 
-class MakeLearner(Protocol):
-    """Makes a learner."""
-
-    def __call__(
-        self,
-        input_size: int,
-        action_count: int,
-        settings: LearnerSettings,
-        seed: np.random.SeedSequence | int,
-        imitates: bool = False,
-    ) -> Learner:
-        """Return a learner; equal seeds give equal bits."""
+MakeLearner = Callable[..., Learner]
+"""Takes the arguments of `serp.learning.dqn.DQN`; equal seeds give equal bits."""
 
 
 class LearnerProposer:
-    """The proposals of a learner for one input `[F]`; see `serp.agent.protocols.Proposer`."""
+    """The proposals of a learner for one input `[F]`."""
 
     def __init__(self, learner: Learner, x: Vector, *, explores: bool = True) -> None:
         self._learner = learner

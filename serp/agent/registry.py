@@ -10,21 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import Any, Final, cast
 
 from serp._util import plugins
+from serp.agent.protocols import MakeLearner, MakePlanner, Planner
+from serp.agent.strategy import Strategy
 from serp.errors import SettingsError
 from serp.model.transition_model import TransitionModel
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.lookahead import Lookahead
 from serp.planning.plan_follower import Advise, advised_by
-from serp.settings import PlannerSettings
-
-if TYPE_CHECKING:
-    from serp.agent.protocols import MakeLearner, MakePlanner, Planner
-    from serp.agent.strategy import Strategy
-    from serp.model.transition_model import TransitionModel
-    from serp.settings import PlannerSettings, Settings
+from serp.settings import PlannerSettings, Settings
 
 
 def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
@@ -56,14 +52,12 @@ def strategy_names() -> list[str]:
 
 def find_strategy(name: str) -> type[Strategy]:
     """Return the strategy of a name, or raise a SettingsError."""
-    from serp.agent.strategy import Strategy
-
-    found = _load(STRATEGIES, name)
-    if not (isinstance(found, type) and issubclass(found, Strategy)):
+    strategy = _load(STRATEGIES, name)
+    if not (isinstance(strategy, type) and issubclass(strategy, Strategy)):
         raise SettingsError(
-            f"guide.strategy: `{name}` is {found!r}, which is not a subclass of {Strategy!r}"
+            f"guide.strategy: `{name}` is {strategy!r}, which is not a subclass of {Strategy!r}"
         )
-    return found
+    return strategy
 
 
 def make_planner(
@@ -80,12 +74,12 @@ def make_planner(
     """
     if own and settings.name in own:
         return advised_by(own[settings.name], model, settings)
-    return cast("MakePlanner", _load(PLANNERS, settings.name))(model, settings)
+    return cast(MakePlanner, _load(PLANNERS, settings.name))(model, settings)
 
 
 def find_learner(name: str) -> MakeLearner:
     """Return the function that makes the learner of a name, or raise a SettingsError."""
-    return cast("MakeLearner", _load(LEARNERS, name))
+    return cast(MakeLearner, _load(LEARNERS, name))
 
 
 def refuse_unknown_names(settings: Settings, own: Collection[str] = ()) -> None:

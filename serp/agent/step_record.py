@@ -5,34 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, NamedTuple, Protocol
+from typing import Any, ClassVar, Final, NamedTuple
 
 from serp._util.saved_state import Declared, Reader, count, counts_of
 from serp.agent.decision import Actor, Decision, Reason
 from serp.model.transition_model import Vector
 from serp.planning.edges import Bound
-
-
-class _Countable(Protocol):
-    """The part of a step that is counted; a `Decision` and a row of `decisions.csv` have it."""
-
-    @property
-    def executed_by(self) -> str: ...
-    @property
-    def reason(self) -> str: ...
-    @property
-    def vetoed(self) -> bool: ...
-    @property
-    def proposal_unsafe(self) -> bool: ...
-    @property
-    def unsafe(self) -> bool: ...
-    @property
-    def depth(self) -> int: ...
-    @property
-    def bound(self) -> str: ...
-    @property
-    def indifferent(self) -> bool: ...
-
 
 STEPS_BY: Final[Mapping[str, str]] = {actor.value: f"{actor.value}_steps" for actor in Actor}
 """Actor → name of the count of steps in which its action was executed."""
@@ -80,8 +58,8 @@ class DecisionCounts(Declared):
         self.layers_seen = 0
         self.indifferent = 0
 
-    def count(self, step: _Countable) -> None:
-        """Count a step."""
+    def count(self, step: Any) -> None:
+        """Count a step, given its `Decision` or its row of `decisions.csv`."""
         self.executed[step.executed_by] += 1
         if step.vetoed:
             self.refused[step.reason] += 1
@@ -115,8 +93,8 @@ class DecisionCounts(Declared):
 
     def vetoes_by_reason(self) -> dict[str, int]:
         """Return reason → proposals refused for it, the most frequent first, ties by name."""
-        found = {str(reason): count for reason, count in self.refused.items() if count}
-        return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+        refused = {str(reason): count for reason, count in self.refused.items() if count}
+        return dict(sorted(refused.items(), key=lambda item: (-item[1], item[0])))
 
 
 NUMBERS: Final = tuple(DecisionCounts().numbers())

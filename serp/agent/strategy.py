@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -15,17 +15,14 @@ from serp.learning.dqn import Proposal
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
 
-if TYPE_CHECKING:
-    from serp.settings import Settings
-
 
 class Worth(NamedTuple):
-    """What the expected return of one lead is believed to be.
+    """What the expected return of one acting policy is believed to be.
 
     Attributes:
         mean: Mean of the belief.
         deviation: Its standard deviation.
-        episodes: Episodes that it led.
+        episodes: Episodes in which it acted.
     """
 
     mean: float
@@ -36,11 +33,11 @@ class Worth(NamedTuple):
         return measured(self.mean, self.deviation)
 
 
-class LeadEvidence(NamedTuple):
-    """The evidence on which the lead of an episode is given to planner or learner.
+class PolicyEvidence(NamedTuple):
+    """The evidence by which planner or learner becomes the acting policy of an episode.
 
     Attributes:
-        planner, learner: What their episodes are worth; None for one that has not led any.
+        planner, learner: What their episodes are worth; None for one without any.
         learner_better: Probability that the learner's are worth more.
     """
 
@@ -58,7 +55,7 @@ class LeadEvidence(NamedTuple):
         }
 
     def __str__(self) -> str:
-        said = [
+        parts = [
             f"the {name} has not led an episode"
             if worth is None
             else f"an episode that the {name} leads is worth {worth} "
@@ -66,7 +63,7 @@ class LeadEvidence(NamedTuple):
             for name, worth in (("planner", self.planner), ("learner", self.learner))
         ]
         better = f"the learner is better with a probability of {percent(self.learner_better)}"
-        return "; ".join([*said, better])
+        return "; ".join([*parts, better])
 
 
 Seed = int | np.random.SeedSequence
@@ -125,7 +122,7 @@ class Strategy(Declared):
         return self.choice
 
     @property
-    def evidence(self) -> LeadEvidence | None:
+    def evidence(self) -> PolicyEvidence | None:
         """The evidence that the choice goes by; None for strategies without any."""
         return None
 

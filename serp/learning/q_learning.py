@@ -94,51 +94,6 @@ _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
 
 
-class TDGradient:
-    """Forward and backward passes of one gradient update of `online`.
-
-    `target` is the same network if there is no target network.
-    """
-
-    def __init__(
-        self,
-        online: QNetwork,
-        target: QNetwork,
-        settings: LearnerSettings,
-    ) -> None:
-        self._online = online
-        self._target = target
-        self._chooses = target is not online
-        self._work = Workspace(online, settings.batch_size)
-        self._next_work = Workspace(online, settings.batch_size)
-        self._choice_work = Workspace(online, settings.batch_size if self._chooses else 0)
-        next_q = self._next_work.q
-        self._values = (self._work.q, next_q, self._choice_work.q if self._chooses else next_q)
-
-    def gradient(
-        self, batch: Samples, bounds: tuple[float, float], imitation_weight: float
-    ) -> float:
-        """Write the gradient of the loss on a batch ``[E, B]`` into the network's; return the loss.
-
-        `bounds` are the smallest and the largest possible value of a state.
-        """
-        self._target.forward(batch.next_observation, self._next_work)
-        if self._chooses:
-            self._online.forward(batch.next_observation, self._choice_work)
-        self._online.forward(batch.observation, self._work)
-        imitation = None
-        if batch.imitated.size:
-            unit = _spread(self._work.q)
-            imitation = batch.imitated, np.float32(unit), np.float32(imitation_weight * unit)
-        loss: float = td_gradient(
-            self._values, (batch.action, batch.reward, batch.discount, batch.forbidden),
-            (np.float32(bounds[0]), np.float32(bounds[1])), imitation,
-            self._work.q_gradient,
-        )  # fmt: skip
-        self._online.backward(self._work)
-        return loss
-
-
 @compiled
 def _spread(q: Any) -> float:
     """Return the standard deviation of q ``[E, B, A]``."""
@@ -256,7 +211,11 @@ class QLearning:
             None if self.target is self.online else self.target.parameters,
             settings.target_polyak or 0.0,
         )
-        self._td = TDGradient(self.online, self.target, settings)
+        self._work = Workspace(self.online, settings.batch_size)
+        self._next_work = Workspace(self.online, settings.batch_size)
+        self._choice_work = self._next_work
+        if self.target is not self.online:
+            self._choice_work = Workspace(self.online, settings.batch_size)
 
     def update(
         self,
@@ -265,12 +224,27 @@ class QLearning:
         imitation_weight: float,
         env_step: int,
     ) -> float:
-        """Do one gradient update and return its loss; the arguments are those of `TDGradient`.
+        """Do one gradient update on a batch ``[E, B]`` and return its loss.
+
+        `bounds` are the smallest and the largest possible value of a state.
 
         Raises:
             LearningFailure: The loss is not finite; nothing has changed.
         """
-        loss = self._td.gradient(batch, bounds, imitation_weight)
+        self.target.forward(batch.next_observation, self._next_work)
+        if self.target is not self.online:
+            self.online.forward(batch.next_observation, self._choice_work)
+        self.online.forward(batch.observation, self._work)
+        imitation = None
+        if batch.imitated.size:
+            unit = _spread(self._work.q)
+            imitation = batch.imitated, np.float32(unit), np.float32(imitation_weight * unit)
+        loss: float = td_gradient(
+            (self._work.q, self._next_work.q, self._choice_work.q),
+            (batch.action, batch.reward, batch.discount, batch.forbidden),
+            (np.float32(bounds[0]), np.float32(bounds[1])), imitation, self._work.q_gradient,
+        )  # fmt: skip
+        self.online.backward(self._work)
         if not math.isfinite(loss):
             raise self.failure(f"the loss is {loss}", env_step, batch)
         self.step()

@@ -94,24 +94,14 @@ class PendingSteps:
 
     def __init__(self, n_step: int, discount: float) -> None:
         self._n_step = n_step
-        self._powers = [discount**k for k in range(n_step + 1)]
+        self.powers = [discount**k for k in range(n_step + 1)]
         self.steps: deque[PendingStep] = deque()
-
-    @property
-    def complete(self) -> bool:
-        """Whether the oldest step has its n rewards."""
-        return len(self.steps) == self._n_step
-
-    @property
-    def discount(self) -> float:
-        """Weight of the value after the rewards of the oldest step."""
-        return self._powers[len(self.steps)]
 
     def push(self, step: PendingStep, reward: float) -> None:
         """Add a step; its reward counts for the earlier pending steps as well."""
         self.steps.append(step)
         for age, waiting in enumerate(reversed(self.steps)):
-            waiting.reward += self._powers[age] * reward
+            waiting.reward += self.powers[age] * reward
 
     def state_dict(self, spec: SampleSpec) -> tuple[type_F32, dict[str, Any]]:
         """Return the observations ``[pending, F]``, and the rest as JSON values."""
@@ -146,39 +136,6 @@ class PendingSteps:
         return deque(PendingStep(*entry) for entry in zip(*columns, strict=True))
 
 
-class Sampler:
-    """Draws E batches of B of the first rows of `store`.
-
-    Memory is allocated once. The other arguments are those of `ReplayBuffer`.
-    """
-
-    def __init__(
-        self,
-        store: Samples,
-        spec: SampleSpec,
-        shape: tuple[int, int],
-        rng: np.random.Generator,
-    ) -> None:
-        self.rng = rng
-        self._uniform = np.zeros(shape)
-        drawn = Samples.zeros(shape[0] * shape[1], spec)
-        self._batch = drawn.split(*shape)
-        fields = drawn.arrays()
-        self._fields = [(array, fields[name]) for name, array in store.arrays().items()]
-
-    def draw(self, count: int) -> Samples:
-        """Draw a batch for each member from the first rows, uniformly and with replacement.
-
-        Returns:
-            Samples with leading axes ``[members, batch]``, valid until the next draw.
-        """
-        self.rng.random(out=self._uniform)
-        rows = (self._uniform * count).astype(np.int64).ravel()
-        for stored, drawn in self._fields:
-            stored.take(rows, axis=0, out=drawn, mode="clip")  # `raise` would copy once more
-        return self._batch
-
-
 class ReplayBuffer:
     """A ring of samples with n-step returns, the oldest overwritten; allocated once.
 
@@ -206,8 +163,12 @@ class ReplayBuffer:
         self.env_index = 0
         self._pending_of = {0: PendingSteps(settings.n_step, settings.discount)}
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
+        self._rng = rng
         shape = (settings.members, settings.batch_size)
-        self._sampler = Sampler(self._store, spec, shape, rng)
+        self._uniform = np.zeros(shape)
+        drawn = Samples.zeros(shape[0] * shape[1], spec)
+        self._drawn = drawn.arrays()
+        self._batch = drawn.split(*shape)
 
     @property
     def _pending(self) -> PendingSteps:
@@ -266,7 +227,7 @@ class ReplayBuffer:
                 self._next_forbidden.fill(False)
 
         ended = terminated or truncated
-        while pending.steps and (ended or pending.complete):
+        while pending.steps and (ended or len(pending.steps) == self._settings.n_step):
             self._emit(pending, next_observation, terminated)
 
     def _emit(
@@ -276,7 +237,7 @@ class ReplayBuffer:
         row, store = self._head, self._store
         self._head = (row + 1) % self._settings.buffer_size
         self.size = min(self.size + 1, self._settings.buffer_size)
-        store.discount[row] = 0.0 if terminated else pending.discount
+        store.discount[row] = 0.0 if terminated else pending.powers[len(pending.steps)]
         step = pending.steps.popleft()
         store.observation[row] = step.observation
         store.action[row] = step.action
@@ -297,7 +258,12 @@ class ReplayBuffer:
         """
         if not self.size:
             raise ValueError("the replay buffer has no sample yet")
-        return self._sampler.draw(self.size)
+        self._rng.random(out=self._uniform)
+        rows = (self._uniform * self.size).astype(np.int64).ravel()
+        for name, stored in self._fields.items():
+            # mode="raise" would copy once more.
+            stored.take(rows, axis=0, out=self._drawn[name], mode="clip")
+        return self._batch
 
     def _shapes(self) -> dict[str, int]:
         """Return the sizes that must be equal for a state to fit."""
@@ -322,7 +288,7 @@ class ReplayBuffer:
             "shapes": self._shapes(),
             "head": self._head,
             **pending,
-            "rng": self._sampler.rng.bit_generator.state,
+            "rng": self._rng.bit_generator.state,
         }
         return arrays, meta
 
@@ -339,14 +305,14 @@ class ReplayBuffer:
         self._check_shapes(saved)
         size, head = self._saved_place(saved)
         pending = self._pending_of[0].checked(saved, self._spec)
-        state = saved.generator_state("rng", self._sampler.rng)
+        state = saved.generator_state("rng", self._rng)
 
         self.size, self._head = size, head
         for name, array in self._fields.items():
             array[:size] = arrays[name]
         self._pending_of = {0: self._pending_of[0]}
         self._pending_of[0].steps = pending
-        self._sampler.rng.bit_generator.state = state
+        self._rng.bit_generator.state = state
 
     def _check_shapes(self, saved: Saved) -> None:
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
@@ -370,8 +336,8 @@ class ReplayBuffer:
             low, high = (0.0, 1.0) if name == "discount" else (-LARGEST, LARGEST)
             if name in _LEAST_ACTION:
                 low, high = _LEAST_ACTION[name], self._spec.action_count - 1
-            found = saved.array(name, array.dtype, (size, *array.shape[1:]), low, high)
-            if name == "forbidden" and found.all(axis=1).any():
+            rows = saved.array(name, array.dtype, (size, *array.shape[1:]), low, high)
+            if name == "forbidden" and rows.all(axis=1).any():
                 raise saved.wrong("forbidden forbids all actions")
         return size, head
 

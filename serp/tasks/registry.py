@@ -18,6 +18,7 @@ from serp.errors import SerpError, TaskError
 from serp.model.domain import Domain, load_domain
 from serp.tasks.task import Task
 
+GROUP = "serp.tasks"
 FORMS = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
 
 
@@ -135,9 +136,6 @@ def _failed(what: str, error: Exception) -> TaskError:
     ]
     place = f"{outside[-1].filename}:{outside[-1].lineno}: " if outside else ""
     return TaskError(f"{what}: {place}{type(error).__name__}: {error}")
-
-
-GROUP = "serp.tasks"
 
 
 def task_entries() -> dict[str, EntryPoint]:

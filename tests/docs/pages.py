@@ -23,7 +23,6 @@ one of them, or after commands that are run, is what it prints.
 
 from __future__ import annotations
 
-import itertools
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,13 +63,21 @@ def prose(page: Path) -> str:
     return FENCE.sub("", page.read_text(encoding="utf-8"))
 
 
-def table_after(page: Path, mark: str) -> list[list[str]]:
-    """The rows of the table under a mark, without its head; `\\|` is a bar inside a cell."""
-    rest = page.read_text(encoding="utf-8").partition(f"<!-- {mark} -->\n")[2]
-    lines = list(itertools.takewhile(lambda line: line.startswith("|"), rest.splitlines()))
-    assert len(lines) > 2
-    rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in lines[2:]]
-    return [[cell.strip().replace("\\|", "|") for cell in row] for row in rows]
+def tables(kind: str) -> list[Any]:
+    """Every table under a mark `kind: argument`, as (page, argument, rows without the head)."""
+    return [
+        pytest.param(page, match[1], rows(match[2]), id=f"{page.stem}-{match[1]}-{number}")
+        for page in PAGES
+        for number, match in enumerate(
+            re.finditer(rf"<!-- {kind}: (.+?) -->\n((?:\|.*\n)+)", page.read_text("utf-8"))
+        )
+    ]
+
+
+def rows(table: str) -> list[list[str]]:
+    """The cells of a table without its head; `\\|` is a bar inside a cell."""
+    lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.splitlines()[2:]]
+    return [[cell.strip().replace("\\|", "|") for cell in line] for line in lines]
 
 
 def code(cell: str) -> str:
@@ -82,12 +89,3 @@ def code(cell: str) -> str:
 
 def name_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
-
-
-def marks(kind: str) -> list[Any]:
-    """Every mark of a kind, as (page, rest of the mark)."""
-    return [
-        pytest.param(page, found, id=f"{page.stem}-{found}")
-        for page in PAGES
-        for found in re.findall(rf"<!-- {kind}: (.+?) -->", page.read_text(encoding="utf-8"))
-    ]

@@ -12,7 +12,7 @@ from serp.authoring.scenarios.reading import read_scenarios
 from serp.model.program import MAX_NATIVE_SIZE
 from serp.model.reachability import InstantiationBudget
 from serp.pddl.source import Source
-from tests.docs.pages import EXAMPLES, ROOT, code, marks, table_after
+from tests.docs.pages import EXAMPLES, ROOT, code, tables
 
 TEMPLATES = {
     "condition": "(:action do :parameters (?x - gate) :precondition (and {}) :effect (and))",
@@ -46,16 +46,20 @@ def load_fragment(where: str, fragment: str, folder: Path) -> serp.Domain:
     return serp.load_domain(file)
 
 
-@pytest.mark.parametrize(("page", "where"), marks("accepted in"))
-def test_what_is_said_to_be_accepted_is_accepted(page: Path, where: str, tmp_path: Path) -> None:
-    for row in table_after(page, f"accepted in: {where}"):
+@pytest.mark.parametrize(("page", "where", "table"), tables("accepted in"))
+def test_what_is_said_to_be_accepted_is_accepted(
+    page: Path, where: str, table: list[list[str]], tmp_path: Path
+) -> None:
+    for row in table:
         domain = load_fragment(where, code(row[0]), tmp_path)
         assert where == "declaration" or domain.model.actions or domain.model.ground.processes
 
 
-@pytest.mark.parametrize(("page", "where"), marks("refused in"))
-def test_what_is_said_to_be_refused_is_refused_so(page: Path, where: str, tmp_path: Path) -> None:
-    for fragment, message, _ in table_after(page, f"refused in: {where}"):
+@pytest.mark.parametrize(("page", "where", "table"), tables("refused in"))
+def test_what_is_said_to_be_refused_is_refused_so(
+    page: Path, where: str, table: list[list[str]], tmp_path: Path
+) -> None:
+    for fragment, message, _ in table:
         with pytest.raises(serp.DomainError) as error:
             load_fragment(where, code(fragment), tmp_path)
         assert message in str(error.value)
@@ -71,8 +75,10 @@ STEPS = {
 }
 
 
-@pytest.mark.parametrize(("page", "kind"), marks("one step"))
-def test_the_guides_tell_what_happens_in_one_step(page: Path, kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("page", "kind", "table"), tables("one step"))
+def test_the_guides_tell_what_happens_in_one_step(
+    page: Path, kind: str, table: list[list[str]], tmp_path: Path
+) -> None:
     tea = (EXAMPLES / "tea.pddl").read_text(encoding="utf-8").partition("  (:action")[0]
     problem = (EXAMPLES / "tea-problem.pddl").read_text(encoding="utf-8")
     # Fluents may have any value, and the rows name cups, which belong to the domain then.
@@ -80,7 +86,7 @@ def test_the_guides_tell_what_happens_in_one_step(page: Path, kind: str, tmp_pat
     (tmp_path / "tea-problem.pddl").write_text(moved.sub("", problem), encoding="utf-8")
     tea += "(:constants red blue - cup)"
     file = tmp_path / "tea.pddl"
-    for fragment, before, after, _ in table_after(page, f"one step: {kind}"):
+    for fragment, before, after, *_ in table:
         file.write_text(f"{tea} {STEPS[kind].format(code(fragment))})", encoding="utf-8")
         if "error: " in after:
             with pytest.raises(serp.DomainError) as error:
@@ -89,29 +95,29 @@ def test_the_guides_tell_what_happens_in_one_step(page: Path, kind: str, tmp_pat
             continue
         model = serp.load_domain(file, observed=True).model.replace(dt=1.0)
         names = [fluent.name for fluent in model.fluents]
-        values = dict.fromkeys(names, 0.0) | told(before)
+        values = dict.fromkeys(names, 0.0) | values_of(before)
         step = model.step([values[name] for name in names], "try")
         assert step.applicable == (after != "not applicable"), fragment
         assert step.unsafe == ("unsafe" in after.split(", ")), fragment
         assert step.terminal == ("the task ends" in after), fragment
-        assert step.reward == pytest.approx(told(after).get("reward", 0.0)), fragment
-        expected = values | told(after)
+        assert step.reward == pytest.approx(values_of(after).get("reward", 0.0)), fragment
+        expected = values | values_of(after)
         assert list(step.state) == pytest.approx([expected[name] for name in names]), fragment
 
 
-def told(cell: str) -> dict[str, float]:
+def values_of(cell: str) -> dict[str, float]:
     """The values of a cell such as "`temperature = 20`, `filled red`, `not heater-on`"."""
-    found = {}
+    values = {}
     for part in re.findall(r"`([^`]+)`", cell):
         name, _, number = part.partition(" = ")
-        found[name.removeprefix("not ")] = float(number or not name.startswith("not "))
-    return found
+        values[name.removeprefix("not ")] = float(number or not name.startswith("not "))
+    return values
 
 
-@pytest.mark.parametrize(("page", "kind"), marks("scenarios"))
-def test_statements_of_scenarios_are_read(page: Path, kind: str) -> None:
+@pytest.mark.parametrize(("page", "kind", "table"), tables("scenarios"))
+def test_statements_of_scenarios_are_read(page: Path, kind: str, table: list[list[str]]) -> None:
     domain = serp.load_domain(ROOT / "domains" / "lunar-lander.pddl", observed=True)
-    lines = [code(row[0]) for row in table_after(page, f"scenarios: {kind}")]
+    lines = [code(row[0]) for row in table]
     text = "".join(
         f"scenario {number}\n{line}\nallows fall\n"
         if kind == "situation"

@@ -22,12 +22,12 @@ from serp.runs.recording_format import COLUMNS
 from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.tasks.registry import task_entries
 from serp.ui.root import COMMANDS, SECTIONS
-from tests.docs.pages import PAGES, ROOT, code, marks, prose, table_after
+from tests.docs.pages import PAGES, ROOT, code, prose, tables
 
 
 def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
-    page = ROOT / "docs" / "how-to" / "read-a-run.md"
-    row = {code(name): value for name, value in table_after(page, "row of: decisions.csv")}
+    (table,) = (each.values[2] for each in tables("row of"))
+    row = {code(name): value for name, value in table}
     assert tuple(row) == DECISIONS_COLUMNS
     assert {row["proposed_by"], row["executed_by"]} <= {*Actor}
     assert row["reason"] in {*Reason}
@@ -43,7 +43,7 @@ def texts_of(node: ast.expr) -> str:
 def test_messages_that_are_explained_are_those_of_the_code() -> None:
     page = (ROOT / "docs" / "how-to" / "troubleshooting.md").read_text(encoding="utf-8")
     quoted = re.findall(r"^\| `+ ?(.+?) ?`+ (?:\(.+\) )?\|", page, re.M)
-    assert len(quoted) == len(re.findall(r"^\| .*`.*\|$", page, re.M)) > 40
+    assert len(quoted) == len(re.findall(r"^\| .*`.*\|$", page, re.M)) > 30
     said = "\n".join(
         {
             texts_of(node)
@@ -93,8 +93,6 @@ LISTS: dict[str, Callable[[], set[str]]] = {
 }
 NOT_IN_EVERY_RUN = {
     "problem.pddl",
-    "planner-1.pddl",
-    "planner-1-problem.pddl",
     "evaluations/",
     "report.html",
     "tensorboard/",
@@ -102,13 +100,16 @@ NOT_IN_EVERY_RUN = {
 }
 
 
-@pytest.mark.parametrize(("page", "what"), marks("names of"))
+@pytest.mark.parametrize(("page", "what", "table"), tables("names of"))
 def test_lists_of_names_are_complete(
-    page: Path, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: Path,
+    what: str,
+    table: list[list[str]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    named = [name for row in table_after(page, f"names of: {what}") for name in
-             re.findall(r"`([^`(]+)[^`]*`", row[0])]  # fmt: skip
+    named = [name for row in table for name in re.findall(r"`([^`(]+)[^`]*`", row[0])]
     assert len(named) == len(set(named))
     expected = LISTS[what]()
     assert set(named) - expected <= NOT_IN_EVERY_RUN
@@ -126,14 +127,6 @@ def test_the_reference_has_every_public_name() -> None:
     text = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
     named = re.findall(r"^\.\. auto\w+:: serp\.(\w+)$", text, re.M)
     assert sorted(named) == sorted({*serp.__all__} - {"__version__"})
-
-
-def test_every_public_name_is_documented() -> None:
-    for name in {*serp.__all__} - {"__version__"}:
-        text = getattr(serp, name).__doc__
-        assert text, name
-        for dotted in re.findall(r"`(serp(?:\.\w+)+)`", text):
-            assert dotted in ENTRY_POINTS or dotted.split(".")[1] in serp.__all__, (name, dotted)
 
 
 def test_code_that_is_named_exists() -> None:

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
-import os
 import re
 import runpy
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
 import serp
-from serp.settings import LearnerSettings
 from serp.ui.root import serp as group
 from tests.docs.pages import EXAMPLES
 from tests.serp.runs.runs import without_pictures
@@ -38,25 +33,8 @@ def test_example_scripts_run(
     assert printed if not shown else printed == re.sub(r"^# ", "", shown[0], flags=re.M)
 
 
-@pytest.mark.parametrize(
-    ("library", "script"),
-    [
-        ("highway_env", "highway/highway.py"),
-        ("mlflow", "logging/mlflow_run.py"),
-        ("wandb", "logging/wandb_run.py"),
-    ],
-)
-def test_examples_of_other_libraries_run_where_these_are(
-    library: str, script: str, tmp_path: Path
-) -> None:
-    for file in (EXAMPLES / script).parent.glob("*.pddl"):
-        serp.load_domain(file)
-    if importlib.util.find_spec(library) is None:
-        pytest.skip(f"{library} is not installed")
-    subprocess.run(
-        [sys.executable, EXAMPLES / script],
-        cwd=tmp_path, env={**os.environ, "WANDB_MODE": "offline"}, check=True, timeout=300,
-    )  # fmt: skip
+def test_the_domain_file_of_a_library_that_is_not_installed_loads() -> None:
+    serp.load_domain(EXAMPLES / "highway" / "highway.pddl")
 
 
 def test_the_parts_of_the_hierarchical_task_fit_together() -> None:
@@ -90,29 +68,3 @@ def test_an_extension_is_found_by_its_entry_points(
         proposed = [row["proposed_by"] for row in csv.DictReader(file)]
     assert set(proposed[:40]) == {"planner"}
     assert set(proposed[41:]) <= {"learner", "exploration"}
-
-
-def test_the_learner_of_the_extension_learns_and_continues_exactly() -> None:
-    spec = importlib.util.spec_from_file_location("e", EXAMPLES / "extension" / "my_extension.py")
-    assert spec is not None and spec.loader is not None
-    extension = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(extension)
-
-    def walked(learner: Any, steps: int) -> list[int]:
-        """Walk along five cells, with a reward at the right end."""
-        at, chosen = 0, []
-        for _ in range(steps):
-            action = learner.propose(np.array([at]), None).action
-            to = max(0, at + (1 if action else -1))
-            learner.remember(np.array([at]), action, float(to == 4), np.array([to]), to == 4, False)
-            at = 0 if to == 4 else to
-            chosen.append(action)
-        return chosen
-
-    settings = LearnerSettings(epsilon_end=0.2, epsilon_steps=200)
-    learner = extension.Table(1, 2, settings, 0)
-    walked(learner, 400)
-    again = extension.Table(1, 2, settings, 9)
-    again.load_state_dict(*learner.state_dict())
-    assert walked(again, 50) == walked(learner, 50)
-    assert [learner.propose_greedily(np.array([at])).action for at in range(4)] == [1] * 4

@@ -75,15 +75,6 @@ def test_an_option_is_its_controls_one_after_the_other(name: str) -> None:
     assert (True, False) in ends or name == "Pendulum-v1"
 
 
-def test_its_pictures_are_those_of_all_steps() -> None:
-    drawn = MacroActions(gymnasium.make("Pendulum-v1", render_mode="rgb_array_list"), OPTIONS)
-    assert "rgb_array_list" in drawn.metadata["render_modes"]
-    drawn.reset(seed=0)
-    drawn.step(0)
-    assert len(drawn.render()) == 1 + 7  # type: ignore[arg-type]
-    drawn.close()
-
-
 def test_an_option_sees_how_the_episode_ends_and_is_closed() -> None:
     seen_last, closed = [], []
 

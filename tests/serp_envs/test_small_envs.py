@@ -4,79 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from serp_envs import Hill, Landing, SwingUp, hill, landing, swing_up
+from serp_envs import Landing, SwingUp, hill, landing, swing_up
 from serp_envs.landing import PAD, REACH, SOFT
 from tests.serp_envs.common import returns
-
-
-def fine(state: Any, slope: Callable[[np.ndarray], np.ndarray], seconds: float) -> np.ndarray:
-    """Integrate an equation of motion, positions and then velocities, in 1,000 steps."""
-    values = np.array(state)
-    for _ in range(1_000):
-        middle = values + seconds / 2_000 * slope(values)
-        values = values + seconds / 1_000 * slope(middle)
-    return values
-
-
-@given(x=st.floats(-1.5, 1.0), v=st.floats(-2.5, 2.5), force=st.sampled_from(hill.FORCES))
-def test_energy_on_the_hill_is_what_the_engine_gives(x: float, v: float, force: float) -> None:
-    def energy(motion: hill.Motion) -> float:
-        at = motion.position
-        slope = (hill.height(at + 1e-6) - hill.height(at - 1e-6)) / 2e-6
-        return 0.5 * motion.velocity**2 * (1.0 + slope**2) + hill.GRAVITY * hill.height(at)
-
-    before = hill.Motion(x, v)
-    after = hill.advance(before, force)
-    # Of the up to 20 J about; the curvature jumps at 0.
-    given = force * (after.position - x)
-    assert energy(after) - energy(before) == pytest.approx(given, abs=0.4)
-
-
-@given(angle=st.floats(-4, 4), speed=st.floats(-10, 10), torque=st.sampled_from(swing_up.TORQUES))
-def test_the_pendulum_moves_by_its_equation(angle: float, speed: float, torque: float) -> None:
-    def slope(now: np.ndarray) -> np.ndarray:
-        pull = swing_up.GRAVITY * math.sin(now[0]) + torque - swing_up.FRICTION * now[1]
-        return np.array([now[1], pull])
-
-    expected = fine((angle, speed), slope, swing_up.CONTROL_PERIOD)
-    after = swing_up.advance(swing_up.Motion(angle, speed), torque)
-    if abs(after.speed) < swing_up.TOP_SPEED:
-        assert after == pytest.approx(tuple(expected), abs=0.05)
-
-
-@given(
-    motion=st.tuples(st.floats(-10, 10), st.floats(0, 20), st.floats(-5, 5), st.floats(-6, 6)),
-    thrust=st.sampled_from(landing.THRUSTS),
-)
-def test_the_lander_moves_by_its_equation(
-    motion: tuple[float, float, float, float], thrust: tuple[float, float]
-) -> None:
-    def slope(now: np.ndarray) -> np.ndarray:
-        drag = landing.DRAG * math.hypot(now[2], now[3])
-        up = thrust[1] - landing.GRAVITY - drag * now[3]
-        return np.array([now[2], now[3], thrust[0] - drag * now[2], up])
-
-    expected = fine(motion, slope, landing.CONTROL_PERIOD)
-    after = landing.advance(landing.Motion(*motion), thrust)
-    assert after == pytest.approx(tuple(expected), abs=0.03)
-
-
-def test_the_car_starts_at_rest_in_the_valley_and_ends_at_the_top() -> None:
-    env = Hill()
-    for seed in range(50):
-        env.reset(seed=seed)
-        assert hill.START[0] <= env.motion.position <= hill.START[1]
-        assert env.motion.velocity == 0.0
-    for velocity, there in ((0.05, False), (1.0, True)):
-        env.motion = hill.Motion(hill.TOP - 0.01, velocity)
-        assert env.step(1)[1:] == (-1.0, there, False, {"at_top": there})
 
 
 def test_the_pendulum_starts_hanging_and_is_paid_for_its_height() -> None:

@@ -10,7 +10,7 @@ import pytest
 from serp.agent.causes import causes_of, observed_causes
 from serp.agent.counterfactuals import counterfactuals
 from serp.agent.explanation import Explanation, explain
-from serp.agent.sentences import between, lines_of
+from serp.agent.sentences import lines_of
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.transition_model import TransitionModel, Vector
@@ -175,15 +175,6 @@ def test_the_runner_up_is_the_best_other_action() -> None:
     assert {"value", "order", "rank"} <= seen
 
 
-def test_a_risk_that_decides_is_that_of_the_path(hall: TransitionModel) -> None:
-    state = np.array([1.0, 0.5])
-    predicted = one_step(hall, state)._replace(path_risk=np.array([0.1, 0.17]))
-    found = explain(hall, state, predicted, 0)
-    assert found.runner_up is not None and found.taken is not None
-    assert "whose path has more risk (17 % against 10 %)" in between(found.runner_up, "walk")
-    assert found.taken.remark.endswith("risk of its path 10 %")
-
-
 def test_an_action_that_only_puts_off_is_told_from_one_that_is_worth_less(
     hall: TransitionModel,
 ) -> None:
@@ -215,15 +206,3 @@ def test_the_smallest_change_that_tips_the_choice_is_found(hall: TransitionModel
     assert [change.becomes for change in whole.changes if change.fluent == "x"] == [0.0]
     assert found.changes[0].share == min(change.share for change in found.changes)
     assert "1 number" in found.searched and "1 predicate" in found.searched
-
-
-def test_no_change_is_told_with_which_all_would_be_over(hall: TransitionModel) -> None:
-    state = np.array([1.0, 0.5])
-    ranges = np.array([0.0, -5.0]), np.array([1.0, 5.0])
-    found = counterfactuals(
-        lambda s: int(s[1] >= 2.0), hall, state, ranges
-    ).changes  # the hole is there
-    assert [change.becomes for change in found] == [pytest.approx(2.25)]
-    assert (
-        counterfactuals(lambda s: int(s[1] > 3.5), hall, state, ranges).changes == ()
-    )  # it is outside

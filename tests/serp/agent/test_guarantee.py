@@ -49,7 +49,7 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
     """Under every strategy, whatever was learned of the world and of values."""
     met: Counter[str] = Counter()
 
-    @examples(2_000)
+    @examples(2_200)
     @given(
         strategy=st.sampled_from(strategy_names()),
         model=st.sampled_from((*MODELS, *RISKY)),

@@ -133,16 +133,6 @@ def test_learning_and_pretraining_start_when_the_settings_say() -> None:
 # --- what changes nothing ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("imitates", "action"), [(False, 0), (True, A), (True, -2)])
-def test_an_action_that_cannot_be_imitated_is_refused_and_changes_nothing(
-    imitates: bool, action: int
-) -> None:
-    agent, same = learner(imitates=imitates), learner(imitates=imitates)
-    with pytest.raises(ValueError, match="can be imitated"):
-        agent.remember(HERE, 0, 0.0, HERE, False, False, imitated=action)
-    assert_same_state(agent, same)
-
-
 # --- repeating and resuming ----------------------------------------------------------------------
 
 
@@ -231,12 +221,8 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: a["replay.action"].fill(A), "action has entries"),
         (lambda a, m: a["replay.forbidden"].fill(True), "forbids all actions"),
         (lambda a, m: a["replay.imitated"].fill(A), "imitated has entries"),
-        (lambda a, m: a["replay.imitated"].fill(-2), "imitated has entries"),
-        (lambda a, m: a.pop("replay.imitated"), "imitated is missing"),
-        (lambda a, m: m["replay"]["pending_imitated"].pop(), "pending_imitated"),
         (lambda a, m: m["replay"].update(pending_imitated=[A] * 2), "pending_imitated"),
         (lambda a, m: m["replay"].update(head=3), "the head is 3"),
-        (lambda a, m: m["replay"].update(head=99), "head"),
     ],
 )  # fmt: skip
 def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str) -> None:

@@ -50,8 +50,6 @@ def experience(agent: DQN, episodes: int, rng: np.random.Generator) -> None:
 
 RECIPES: dict[str, dict[str, Any]] = {
     "paper": {"target_polyak": None, "n_step": 1, "guarded_targets": False},
-    "target": {"target_polyak": 0.05, "n_step": 1},
-    "n-step": {"target_polyak": 0.05, "n_step": 3},
     "LayerNorm": {"target_polyak": 0.05, "layer_norm": True},
     "members": {"target_polyak": 0.05, "members": 3},
     "small memory": {"target_polyak": 0.05, "buffer_size": 60},

@@ -9,9 +9,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from serp.learning.network import QNetwork, Workspace
-from serp.learning.q_learning import QLearning
-from serp.settings import LearnerSettings
-from tests.serp.learning.learners import TARGETS
 from tests.serp.learning.torch_network import MeanModule, module_of
 
 
@@ -95,23 +92,3 @@ def test_start_is_that_of_torch_linear_in_distribution() -> None:
         assert np.abs(values).max() <= bound
         assert values.std() == pytest.approx(bound / np.sqrt(3), rel=0.1)
         assert abs(values.mean()) < bound / 10
-
-
-@pytest.mark.parametrize("kind", TARGETS)
-def test_the_target_network_follows_as_the_settings_say(kind: str) -> None:
-    settings = LearnerSettings(hidden=(8,), **TARGETS[kind])
-    learning = QLearning(3, 2, settings, np.random.default_rng(0))
-    online, target = learning.online, learning.target
-    assert (target is online) == (kind == "none")
-    np.testing.assert_array_equal(target.parameters, online.parameters)
-    for update in range(1, 15):
-        online.gradient.fill(0.1)
-        before = target.parameters.copy()
-        learning.step()
-        if kind == "copy":
-            expected = online.parameters if update % 7 == 0 else before
-        elif kind == "polyak":
-            expected = before + 0.05 * (online.parameters - before)
-        else:
-            expected = online.parameters
-        np.testing.assert_allclose(target.parameters, expected, rtol=1e-6)

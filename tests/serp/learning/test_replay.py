@@ -169,14 +169,3 @@ def test_draws_are_uniform_whole_samples_and_differ_between_members() -> None:
             assert sample == by_number[sample[0][0]]
     expected = 200 * 96 / len(counts)
     assert all(abs(count - expected) < 5 * expected**0.5 for count in counts.values())
-
-
-def test_what_does_not_fit_is_refused() -> None:
-    memory = buffer(SampleSpec(F, A))
-    with pytest.raises(ValueError, match="no sample"):
-        memory.sample()
-    with pytest.raises(ValueError, match=r"must have shape \(2,\)"):
-        memory.add(np.zeros(1), 0, 0.0, np.zeros(F), False, False)
-    for action in (-1, A):
-        with pytest.raises(ValueError, match=rf"must be in 0 \.\.\. 2, not {action}"):
-            memory.add(np.zeros(F), action, 0.0, np.zeros(F), False, False)

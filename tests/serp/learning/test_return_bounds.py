@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import math
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -38,8 +36,3 @@ def test_bounds_are_reached(discount: float, low: float, high: float, last: floa
     for_ever = [reward / (1 - discount) for reward in (low, high)]
     assert bounds.lower == pytest.approx(min(*for_ever, last))
     assert bounds.upper == pytest.approx(max(*for_ever, last))
-
-
-def test_unbounded_before_any_reward() -> None:
-    bounds = ReturnBounds(0.9)
-    assert (bounds.lower, bounds.upper) == (-math.inf, math.inf)

@@ -49,12 +49,6 @@ def test_the_goal_is_worth_more_than_a_hundred_steps_can_gain(metric: str, worth
     assert model_of(metric).replace(dt=0.5).theta[-1] == worth
 
 
-def test_the_worth_of_the_goal_follows_from_the_other_numbers() -> None:
-    model = model_of("minimize (cost)")
-    dearer = model.replace(theta=[10 * p.value for p in model.parameters])
-    assert (model.theta[-1], dearer.theta[-1]) == (1 + 100 * 48, 1 + 100 * 480)
-
-
 def test_a_metric_without_bounds_is_warned_of() -> None:
     heavy = DOMAIN.replace("idle :effect (and)", "idle :effect (increase (load) (cost))")
     heavy = heavy.replace("(toll ?x ?y)))", "(load)))")

@@ -7,7 +7,6 @@ import time
 import pytest
 
 from serp.model.domain import Domain
-from serp.model.transition_model import TransitionModel
 from serp.pddl.source import DomainError, Source
 from tests.generated import Texts, load_texts
 
@@ -72,72 +71,6 @@ def test_millions_of_instances_are_refused_at_once_with_the_reason(
     assert time.process_time() - started < 2.0  # 0.2 s on an idle machine
     assert says in caught.value.problem and advises in caught.value.advice
     assert caught.value.line == 1
-
-
-def test_static_facts_keep_large_domains_small() -> None:
-    many = with_objects(
-        "(:predicates (next ?a ?b) (at ?a)) (:action go :parameters (?a ?b ?c ?d)"
-        " :precondition (and (next ?a ?b) (next ?b ?c) (next ?c ?d) (at ?a))"
-        " :effect (and (at ?d) (not (at ?a))))",
-        100,
-        " ".join(f"(next o{k} o{k + 1})" for k in range(99)),
-    )
-    model = many.observed().model
-    assert len(model.actions) == 97
-    assert len(model.fluents) == 100
-
-
-DOMAIN = (
-    "(define (domain d) (:types room hall - place place) (:constants lobby - hall)"
-    " (:predicates (at ?p - place) (lit ?p - room) (open)) (:functions (size ?p - place))"
-    " (:action go :parameters (?p - place) :precondition (and (open) (> (size ?p) 2))"
-    "  :effect (at ?p)))"
-)
-
-
-def names(texts: Texts) -> tuple[list[str], list[str], TransitionModel]:
-    model = load_texts(texts).model
-    return [a.name for a in model.actions], [f.name for f in model.fluents], model
-
-
-def test_without_a_problem_the_constants_are_the_objects() -> None:
-    actions, fluents, model = names(Texts(DOMAIN, None))
-    assert actions == ["go lobby"]
-    assert fluents == ["at lobby", "open", "size lobby"]
-    assert model.initial_state is None
-
-
-def test_what_nothing_states_and_nothing_changes_is_false_unless_states_are_observed() -> None:
-    problem = "(define (problem p) (:domain d) (:objects r1 r2 - room) (:init (at r1)))"
-    actions, fluents, model = names(Texts(DOMAIN, problem))
-    sizes = ["size lobby", "size r1", "size r2"]  # numbers have no such value
-    assert (actions, fluents) == ([], sizes)  # without `open` nobody goes anywhere
-    assert model.ground.static == {"at r1": 1.0}
-    observed = load_texts(Texts(DOMAIN, problem)).observed().model
-    assert [a.name for a in observed.actions] == ["go lobby", "go r1", "go r2"]
-    assert [f.name for f in observed.fluents] == [
-        *("at lobby", "at r1", "at r2", "lit r1", "lit r2", "open", *sizes)
-    ]
-    assert observed.initial_state is None  # the sizes are left to the observation
-
-
-def test_what_is_stated_and_never_changed_is_static() -> None:
-    problem = (
-        "(define (problem p) (:domain d) (:objects r1 - room)"
-        " (:init (open) (= (size lobby) 1) (= (size r1) 3)))"
-    )
-    actions, fluents, model = names(Texts(DOMAIN, problem))
-    assert fluents == ["at lobby", "at r1"]
-    assert model.ground.static == {"open": 1.0, "size lobby": 1.0, "size r1": 3.0}
-    assert actions == ["go lobby", "go r1"]  # a number may be corrected, so it rules out nothing
-    assert model.initial_state is not None
-    assert [model.step(model.initial_state, k).applicable for k in (0, 1)] == [False, True]
-    roles = {(p.place.text, p.role) for p in model.parameters}
-    assert roles == {("1", "initial"), ("3", "initial"), ("2", "condition")}
-    larger = model.replace(
-        theta=[5.0 if p.place.text == "1" else p.value for p in model.parameters]
-    )
-    assert larger.step(model.initial_state, 0).applicable
 
 
 def test_parameters_carry_their_roles() -> None:

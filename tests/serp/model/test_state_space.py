@@ -39,9 +39,7 @@ def test_states_by_name_and_actions_by_name_or_position(small: TransitionModel) 
         ({"heat": 1.0, "lit": True, "het": 2.0}, "did you mean `heat`"),
         ({"heat": 1.0, "lit": True, "cost": 2.0}, "`cost` is fixed by the problem file"),
         ({"heat": float("nan"), "lit": True}, "fluent `heat` is nan"),
-        ({"heat": "1", "lit": True}, "fluent `heat` is not a number: '1'"),
         ({"heat": 1.0, "lit": 0.5}, "`lit` must be 0 or 1, not 0.5"),
-        ({1: 2.0}, "unknown fluent `1`"),
         (None, "a state must be a mapping fluent name → value"),
     ],
 )
@@ -55,9 +53,7 @@ def test_values_that_do_not_fit_are_refused(small: TransitionModel, values: Any,
     [
         (np.zeros(1), "2 numbers .* found 1: none for `heat`"),
         (np.zeros(3), "found 3: 1 more than the fl"),
-        (np.zeros(()), "found shape"),
         ("abc", "a state must consist of numbers"),
-        ([[1.0], [2.0, 3.0]], "a state must consist of numbers"),
     ],
 )
 def test_arrays_that_are_no_states_are_refused(
@@ -74,7 +70,6 @@ def test_arrays_that_are_no_states_are_refused(
         (np.zeros(2), "warn", "did you mean `warm`"),
         (np.zeros(2), 2, "action 2"),
         *((np.zeros(2), action, "name or a position") for action in (0.5, True)),
-        (np.zeros((2, 2)), "warn", "did you mean `warm`"),
         *((np.zeros((2, 2)), action, "actions must be in 0 ... 1") for action in (2, [0, 2])),
         *((np.zeros((2, 2)), a, "2 positions") for a in ([0, 1, 0], [0.0, 1.0])),
         (np.zeros((2, 3)), 0, "found 3 columns"),
@@ -100,9 +95,3 @@ def test_parameters_that_do_not_fit_are_refused(small: TransitionModel, theta: l
 def test_control_periods_that_make_no_sense_are_refused(small: TransitionModel, dt: Any) -> None:
     with pytest.raises(StateError, match="control period"):
         small.replace(dt=dt)
-
-
-def test_judging_an_action_that_does_not_exist_is_refused(small: TransitionModel) -> None:
-    for action in (-2, 2):
-        with pytest.raises(StateError, match=f"no action {action};"):
-            small.judge(np.zeros(2), action, np.zeros(2))

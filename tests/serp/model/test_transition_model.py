@@ -10,14 +10,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from serp.model.codegen import generate_code
-from serp.model.flags import APPLICABLE, UNDEFINED
+from serp.model.flags import UNDEFINED
 from serp.model.ground import REWARD_TARGET, UNSAFE_TARGET, SetBoolean, reads, writes
-from serp.model.instantiate import instantiate
 from serp.model.native import structure_digest
 from serp.model.transition_model import Outcome, StateError, TransitionModel, Vector
 from serp.pddl import syntax as x
-from serp.pddl.parser import parse_domain
-from serp.pddl.source import DomainError, Source
+from serp.pddl.source import DomainError
 from tests.generated import (
     Generated,
     Texts,
@@ -172,19 +170,3 @@ def test_a_number_of_a_file_is_a_parameter_with_its_place(
             left, right = replaced.step(state, action), rewritten.step(state, action)
             assert left.state.tobytes() == right.state.tobytes()
             assert left[1:] == right[1:]
-
-
-def test_a_large_domain_costs_what_is_used_of_it() -> None:
-    count = 3_000
-    objects = " ".join(f"o{k}" for k in range(count))
-    source = Source(
-        "large.pddl",
-        f"(define (domain d) (:types t) (:constants {objects} - t) (:predicates (on ?o - t))"
-        " (:action light :parameters (?o - t) :precondition (and) :effect (and (on ?o))))",
-    )
-    model = TransitionModel(instantiate(parse_domain(source), None))
-    state = np.zeros(count)
-    assert model.step(state, "light o7").state.nonzero()[0].tolist() == [7]
-    sites, flags = model.trace(state, 8)
-    assert flags & APPLICABLE and [site.what for site in sites] == ["effect"]
-    assert len(model._program.functions) == 3  # light o7, drift, settle

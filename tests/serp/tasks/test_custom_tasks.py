@@ -30,17 +30,13 @@ def test_a_task_itself_can_be_named(robot: Path) -> None:
     ("name", "text", "says"),
     [
         ("nowhere.py", "", "nowhere.py: there is no such file"),
-        ("nowhere:task", "", "there is no module `nowhere`, neither installed nor in "),
         ("my_robot", "", "expected FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"),
         ("my_robot.py:walkwey", "", "did you mean `walkway`?"),
         ("my_robot.py:serp", "", "`serp` is a module, not a serp.Task"),
         ("my_other.py", "x = 1\ny = nothing\n", r"my_other.py:2: NameError: name 'nothing'"),
-        ("my_other.py", "import absent_package\n", "my_other.py:1: ModuleNotFoundError"),
-        ("my_other.py", "x = 1\ny = (\n", r"my_other.py:2:5: '\(' was never closed"),
         ("my_other.py", "x = 1\n", "holds no serp.Task"),
         ("my_other.py:f", "def f():\n    return 1\n", "it returned int, not a serp.Task"),
         ("my_other.py:f", "def f():\n    return 1 / 0\n", "my_other.py:2: ZeroDivisionError"),
-        ("my_other.py:f", "def f(x):\n    return x\n", "TypeError: f\\(\\) missing 1 required"),
         ("json.py", "x = 1\n", "another module is called `json`"),
     ],
 )

@@ -142,17 +142,3 @@ def test_a_file_that_belongs_to_no_task_says_what_to_do(package: Path) -> None:
     (package / "zoo.pddl").write_text(CORRIDOR.replace("(domain corridor)", "(domain zoo)"))
     with pytest.raises(TaskError, match=r"zoo.*no task is installed for domain `zoo`.*serp.Task"):
         find_task("zoo.pddl")
-
-
-def test_a_variant_that_is_shipped_is_found_by_name_from_anywhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    task = find_task("cartpole-reversed")
-    assert (task.name, task.load().name) == ("cartpole", "cartpole-reversed")
-    file = find_domain_file("soccer-coarse")
-    assert file is not None
-    assert file.name == "soccer-coarse.pddl"
-    assert find_domain_file("cartpole") is None
-    with pytest.raises(TaskError, match="there is no task `cartpole-revrsed`"):
-        find_task("cartpole-revrsed")

@@ -88,15 +88,6 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
         assert [bound.model.step(state, "wait").unsafe for state in (shut, opened)] == [False, True]
 
 
-def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
-    assert corridor(tmp_path, dt=0.25).bind().model.dt == 0.25
-    assert corridor(tmp_path, dt=np.float32(0.25)).bind().model.dt == 0.25
-    assert corridor(tmp_path, dt=np.int64(2)).bind().model.dt == 2.0
-    for wrong in (0.0, -1, float("nan"), float("inf"), "a", None, True, [0.1]):
-        with pytest.raises(TaskError, match=r"corridor.*control period.*a number > 0, not "):
-            corridor(tmp_path, dt=wrong).bind()
-
-
 # What does not fit -------------------------------------------------------------------------------
 
 
@@ -116,23 +107,21 @@ def unplugged() -> gym.Env[Any, Any]:
     ("changes", "said"),
     [
         ({"name": 3}, "name must be a text, not 3"),
+        *(({"dt": dt}, "control period.*a number > 0, not ") for dt in (0.0, float("nan"), "a")),
         ({"ground": {"x": 0}}, "ground must be a function of an observation, not {'x': 0}"),
         ({"actions": ["left", "right"]}, "actions must be a mapping .*, not \\['left'"),
         ({"actions": {"lef": 0, "right": 1, "wait": 2}}, "no action `lef`; did you mean `left`"),
         ({"actions": {"left": 0, "right": 1}}, "no environment action for `wait`"),
         ({"domain": 3}, "domain must be a file or a loaded domain, not 3"),
         ({"domain": "nowhere.pddl"}, r"nowhere\.pddl"),
-        ({"problem": 3}, "problem must be a file or a loaded domain, not 3"),
         ({"make_env": dict}, "make_env returned dict"),
         ({"make_env": "CartPole-v1"}, "make_env must be a function.*not 'CartPole-v1'"),
         ({"make_env": unplugged}, r"corridor.*OSError: no robot on /dev/ttyUSB0"),
-        ({"make_env": Bare}, "discrete actions"),
         ({"make_env": Half}, "observations of None cannot be flattened"),
         (
             {"make_env": lambda: Odd(action_space=spaces.Box(-1.0, 1.0, (1,)))},
             r"corridor.*discrete actions.*Box.*MacroActions",
         ),
-        ({"make_env": lambda: Odd(observation_space="a space")}, "cannot be flattened"),
         # What the grounding leaves out is named before the environment is reset.
         (
             {"ground": lambda seen: {}, "make_env": lambda: Odd(reset=AssertionError)},
@@ -169,10 +158,7 @@ def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) 
     ("ground", "said"),
     [
         (lambda seen: {"x": float("nan")}, "`x` is nan"),
-        (lambda seen: {"x": "3.5"}, "`x` is not a number: '3.5'"),
         (lambda seen: np.array(["3.5"]), "a state must consist of numbers"),
-        (lambda seen: [0.0, 1.0], "found 2: 1 more than the fluents `x`"),
-        (lambda seen: None, "a state"),
         (lambda seen: [[1.0], [2.0, 3.0]], "a state must consist of numbers"),
         (lambda seen: [][3], "the grounding failed on .*IndexError"),
     ],
@@ -213,16 +199,12 @@ def test_an_observation_that_is_wrong_is_an_environment_failure(tmp_path: Path, 
     ("answer", "said"),
     [
         ((SEEN, np.nan, False, False, {}), "the reward is nan, not a finite number"),
-        ((SEEN, 10**400, False, False, {}), "the reward is inf, not a finite number"),
         ((SEEN, "1.5", False, False, {}), "the reward is '1.5' .str., not one number"),
-        ((SEEN, np.zeros(2), False, False, {}), "the reward is array.*not one number"),
         ((SEEN, Refusing(), False, False, {}), "the reward is .*Refusing.*not one number"),
         ((SEEN, 0.0, None, False, {}), "terminated is None .NoneType., not True or False"),
         ((SEEN, 0.0, False, "False", {}), "truncated is 'False' .str., not True or False"),
-        ((SEEN, 0.0, np.zeros(2, bool), False, {}), "terminated is array.*not True or False"),
         ((SEEN, 0.0, False, False, None), "info is None .NoneType., not a dictionary"),
         ((SEEN, 0.0, False, {}), "it returned 4 values, not the five values .observation, reward"),
-        ("done", "it returned 'done' .str., not the five values"),
     ],
 )
 def test_an_answer_of_another_kind_is_named_with_what_is_wanted(
@@ -260,15 +242,6 @@ def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_
             bound.observation({**good, **part})
 
 
-def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_path: Path) -> None:
-    buffer, info = np.zeros(2), {"game": 1}
-    bound = odd(tmp_path, step=(buffer, 0.0, False, False, info), reset=({"seen": buffer}, info))
-    (reset, first), (seen, *_, second) = bound.reset(), bound.step(0)
-    buffer[:], info["game"] = 7.0, 2
-    assert not seen.any() and not reset["seen"].any()
-    assert first["game"] == second["game"] == 1
-
-
 def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Path) -> None:
     bound = corridor(tmp_path, lambda: CableCut(Corridor(), at=2)).bind()
     bound.reset(seed=0)
@@ -283,3 +256,12 @@ def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Pa
 
     with pytest.raises(EnvironmentFailure, match="step with action left failed: SystemExit: 3"):
         corridor(tmp_path, Exits).bind().step(0)
+
+
+def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_path: Path) -> None:
+    buffer, info = np.zeros(2), {"game": 1}
+    bound = odd(tmp_path, step=(buffer, 0.0, False, False, info), reset=({"seen": buffer}, info))
+    (reset, first), (seen, *_, second) = bound.reset(), bound.step(0)
+    buffer[:], info["game"] = 7.0, 2
+    assert not seen.any() and not reset["seen"].any()
+    assert first["game"] == second["game"] == 1

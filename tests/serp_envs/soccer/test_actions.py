@@ -77,18 +77,6 @@ def test_seven_hits_in_ten_fell_the_opponent_and_two_the_charger_for_four_second
     assert abs(both - 0.14) < 4.0 * math.sqrt(0.14 * 0.86 / hits)
 
 
-def test_a_robot_that_fell_is_down_for_forty_ticks_and_nobody_hits_it_again() -> None:
-    world = facing(0.35, 0.0)
-    robot, opponent = world.robots
-    opponent.down_until = 40
-    for _ in range(40):
-        assert not charge(world)
-        robot.stop()  # stays where it can hit
-        opponent.stop()
-        world.advance()
-    assert charge(world)
-
-
 @pytest.mark.parametrize(("kind", "action"), [(SoccerDefender, 4), (CornerKickDefender, 5)])
 def test_the_info_counts_charges_and_hits_apart(kind: Callable[[], SoccerEnv], action: int) -> None:
     env = kind()
@@ -109,35 +97,3 @@ def test_the_info_counts_charges_and_hits_apart(kind: Callable[[], SoccerEnv], a
             assert env.reset()[1]["unsafe_choices"] == 0
             before = chosen = 0
     assert counted > 5
-
-
-def test_a_charge_kicks_the_ball_in_front_of_it_anywhere_near_its_line() -> None:
-    rng = np.random.default_rng(3)
-    directions, speeds = [], []
-    for _ in range(1000):
-        world = facing(1.0, 0.0, ball=(0.21, 0.0))
-        robot, opponent = world.robots
-        assert not actions.charge(world, robot, opponent, rng)
-        assert robot.kick_ready == world.tick + 6  # 0.6 s
-        directions.append(math.atan2(world.ball_vy, world.ball_vx))
-        speeds.append(math.hypot(world.ball_vx, world.ball_vy))
-    # Uniform within ± 0.8 rad and within ± 10 % of 0.6 m/s.
-    for values, middle, half in ((directions, 0.0, 0.8), (speeds, 0.6, 0.06)):
-        assert np.abs(np.array(values) - middle).max() <= half + 1e-9
-        assert np.abs(np.array(values) - middle).max() > 0.98 * half
-        assert abs(np.mean(values) - middle) < 4.0 * half / math.sqrt(3.0 * 1000)
-
-
-@pytest.mark.parametrize(
-    ("ball", "why"),
-    [
-        ((0.27, 0.0), "out of reach: 0.265 m"),
-        ((0.2 * math.cos(0.71), 0.2 * math.sin(0.71)), "beside it: more than 0.7 rad"),
-        ((-0.21, 0.0), "behind it"),
-    ],
-)
-def test_a_charge_kicks_no_ball_elsewhere(ball: tuple[float, float], why: str) -> None:
-    world = facing(1.0, 0.0, ball=ball)
-    assert not charge(world)
-    assert (world.ball_vx, world.ball_vy) == (0.0, 0.0), why
-    assert world.robots[0].kick_ready == 0

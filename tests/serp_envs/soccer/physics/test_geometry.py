@@ -9,15 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp_envs.soccer.physics.geometry import goal_coverage, wrap
-
-
-@given(st.floats(-3 * math.pi, 3 * math.pi))
-def test_wrapping_keeps_the_direction(angle: float) -> None:
-    wrapped = wrap(angle)
-    assert abs(wrapped) <= math.pi + 1e-12
-    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
-    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
+from serp_envs.soccer.physics.geometry import goal_coverage
 
 
 @settings(max_examples=60, deadline=None)
