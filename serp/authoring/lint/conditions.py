@@ -182,6 +182,7 @@ _CANNOT = {
 def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find comparisons that hold in every state, alone or with another one of the same `or`."""
     for what, schemas in _possible(subject):
+        # None where it does not hold in every instance.
         always: dict[tuple[Place, ...], DomainWarning | None] = {}
         for schema in schemas:
             if contradiction(schema.preconditions, subject.theta):
@@ -189,44 +190,52 @@ def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
             effects = dict.fromkeys(effect.condition for effect in schema.effects)
             for condition in (*schema.preconditions, *effects):
                 for test in _parts(condition):
-                    for places, warning in _tautologies(test, what, subject):
-                        # It has to hold in every instance.
-                        always[places] = always.get(places, warning) and warning
+                    if isinstance(test, g.Compare) and always.get((test.place,), True):
+                        always[(test.place,)] = _tautology(test, what, subject)
+                    elif isinstance(test, g.AnyOf):
+                        for pair in _candidates(test, subject):
+                            places = (pair[0].place, pair[1].place)
+                            if always.get(places, True):
+                                always[places] = _covering(*pair, what, subject.theta)
         yield from filter(None, always.values())
 
 
-def _tautologies(
-    test: g.Test, what: str, subject: LintSubject
-) -> Iterator[tuple[tuple[Place, ...], DomainWarning | None]]:
-    """Yield comparisons, and pairs of them in an `or`, with a warning of those that always hold."""
-    if isinstance(test, g.Compare):
-        always = not _depends_on_problem(test, subject.anywhere) and contradiction(
-            (g.Not(test, test.place),), subject.theta
-        )
-        text = f"`{test.place.text}` in {what} always holds"
-        yield (test.place,), DomainWarning(text, test.place) if always else None
-    elif isinstance(test, g.AnyOf):
-        comparisons = [
-            operand
-            for operand in test.operands[:_MOST_OPERANDS]
-            if isinstance(operand, g.Compare)
-            and operand.operator in _BEYOND
-            and not _depends_on_problem(operand, subject.anywhere)
-            and not any(operand.place.within(place) for place in subject.quantified)
-        ]
-        for first, second in combinations(comparisons, 2):
-            neither = [replace(one, operator=_BEYOND[one.operator]) for one in (first, second)]
-            pair = contradiction(neither, subject.theta)
-            warning: DomainWarning | None = None
-            if pair and pair[0] != pair[1]:
-                fix = _with_minus(second.place)
-                warning = DomainWarning(
-                    f"`{first.place.text}` or `{second.place.text}` always holds in {what}",
-                    second.place,
-                    advice="is a minus missing?" if fix else "",
-                    fix=fix,
-                )
-            yield (first.place, second.place), warning
+def _tautology(test: g.Compare, what: str, subject: LintSubject) -> DomainWarning | None:
+    always = not _depends_on_problem(test, subject.anywhere) and contradiction(
+        (g.Not(test, test.place),), subject.theta
+    )
+    text = f"`{test.place.text}` in {what} always holds"
+    return DomainWarning(text, test.place) if always else None
+
+
+def _candidates(test: g.AnyOf, subject: LintSubject) -> Iterator[tuple[g.Compare, g.Compare]]:
+    """Yield the pairs of comparisons in an `or` that no problem changes."""
+    comparisons = [
+        operand
+        for operand in test.operands[:_MOST_OPERANDS]
+        if isinstance(operand, g.Compare)
+        and operand.operator in _BEYOND
+        and not _depends_on_problem(operand, subject.anywhere)
+        and not any(operand.place.within(place) for place in subject.quantified)
+    ]
+    return combinations(comparisons, 2)
+
+
+def _covering(
+    first: g.Compare, second: g.Compare, what: str, theta: Sequence[float]
+) -> DomainWarning | None:
+    """Return a warning if one of two comparisons holds in every state."""
+    neither = [replace(one, operator=_BEYOND[one.operator]) for one in (first, second)]
+    pair = contradiction(neither, theta)
+    if not pair or pair[0] == pair[1]:
+        return None
+    fix = _with_minus(second.place)
+    return DomainWarning(
+        f"`{first.place.text}` or `{second.place.text}` always holds in {what}",
+        second.place,
+        advice="is a minus missing?" if fix else "",
+        fix=fix,
+    )
 
 
 def _parts(test: g.Test) -> Iterator[g.Test]:
@@ -271,14 +280,16 @@ def _contradictory(subject: LintSubject) -> Iterator[DomainWarning]:
 def _always_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
     for what, schemas in _possible(subject):
         kind, place = schemas[0].kind, schemas[0].place.opening
-        unsafe = [schema for schema in schemas if _unsafe(schema, subject.theta)]
-        if kind is Kind.ACTION and len(unsafe) == len(schemas):
+        theta = subject.theta
+        if kind is Kind.ACTION and all(_unsafe(action, theta) for action in schemas):
             yield DomainWarning(
                 f"{what} is unsafe wherever it can be applied: it is executed only where every "
                 "other action is unsafe too",
                 place,
             )
-        if kind is Kind.EVENT and any(_always_fires(event, subject.theta) for event in unsafe):
+        if kind is Kind.EVENT and any(
+            _always_fires(event, theta) and _unsafe(event, theta) for event in schemas
+        ):
             yield DomainWarning(f"{what} makes every action unsafe: it always fires", place)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from typing import NamedTuple
 
 from serp.authoring.lint.conditions import threshold
@@ -133,16 +134,21 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
     changes: dict[int, list[_Change]] = defaultdict(list)
     stops: dict[int, list[_Limit]] = defaultdict(list)
     waiting: list[_Limit] = []
+
+    @cache  # instances share many comparisons
+    def limit_of(comparison: g.Compare) -> _Limit | None:
+        limit = threshold(comparison, subject.theta)
+        return limit and _Limit(*limit, comparison.place)
+
     for schema in subject.anywhere.schemas:
         for test in (*schema.preconditions, *(effect.condition for effect in schema.effects)):
-            waiting += _limits(g.comparisons_of(test), subject.theta)
+            waiting += filter(None, map(limit_of, g.comparisons_of(test)))
         for effect in schema.effects:
             if not isinstance(effect, g.SetNumber) or effect.target < 0:
                 continue
             tests = (*schema.preconditions, *_conjuncts(effect.condition))
-            compared = [test for test in tests if isinstance(test, g.Compare)]
-            limits = [limit for limit in _limits(compared, subject.theta)
-                      if limit.fluent == effect.target]  # fmt: skip
+            compared = (limit_of(test) for test in tests if isinstance(test, g.Compare))
+            limits = [limit for limit in compared if limit and limit.fluent == effect.target]
             value = linear(effect.value, subject.theta)
             number = None if value.terms else float(value.constant)
             if effect.change is Change.ASSIGN and number in [limit.number for limit in limits]:
@@ -181,11 +187,6 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
                 change.place,
                 advice="is a sign, or the comparison, the wrong way round?",
             )
-
-
-def _limits(comparisons: Iterator[g.Compare] | list[g.Compare], theta: list[float]) -> list[_Limit]:
-    pairs = ((comparison, threshold(comparison, theta)) for comparison in comparisons)
-    return [_Limit(*limit, comparison.place) for comparison, limit in pairs if limit is not None]
 
 
 def _conjuncts(test: g.Test) -> tuple[g.Test, ...]:

@@ -71,9 +71,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         ("CartPole-v1", "push-cart-to-the-left", "pole-angular-velocity"),
         ("Acrobot-v1", "apply-minus-1-torque-to-the-actuated", "cosine-of-theta1"),
-        ("MountainCar-v0", "dont-accelerate", "position-of-the-car-along-the-x-axis"),
         ("Taxi-v4", "pickup-passenger", "observation"),
-        ("FrozenLake-v1", "move-up", "observation"),
         ("Blackjack-v1", "hit", "observation-2"),
     ],
 )
