@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -67,12 +66,3 @@ def test_pictures_are_written(run: Run, misled: Path) -> None:
     result = run("diagnose", str(misled), "--png=a.png", "--svg=a.svg")
     for file in ("a.png", "a.svg"):
         assert file in result.stderr and Path(file).exists()
-
-
-def test_a_picture_without_matplotlib_names_the_extra(
-    run: Run, misled: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "serp.runs.diagnosis.plots", raising=False)
-    refused = run("diagnose", str(misled), "--png", "a.png", expect=1)
-    assert "pip install 'serp[plots]'" in refused.stderr and not refused.stdout

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import click
 import pytest
 
 import serp
@@ -77,8 +76,3 @@ def test_wrong_fluents_are_named(known: Domain, text: str, message: str) -> None
     with pytest.raises(SerpError) as error:
         parse_state([text], known)
     assert message in str(error.value)
-
-
-def test_a_state_of_another_form_is_a_usage_error(known: Domain) -> None:
-    with pytest.raises(click.UsageError, match="fluent=value"):
-        parse_state(["x"], known)

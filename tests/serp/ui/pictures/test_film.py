@@ -12,15 +12,13 @@ from PIL import ImageColor
 
 from serp._util import figures
 from serp.agent.agent import Agent
-from serp.agent.decision import Actor
 from serp.agent.step_record import StepRecord
 from serp.runs.evaluation import evaluate, play
-from serp.ui.pictures.caption import Caption, CaptionBand, Mark
+from serp.ui.pictures.caption import CaptionBand, Mark
 from serp.ui.pictures.film import END, HOLD, FilmSettings, Frame, film, marks_of
 from tests.serp.ui.pictures.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent
 
 RED = ImageColor.getrgb(figures.REFUSED)
-LONG = "side-advance-very-far-to-the-left " * 20
 
 
 @pytest.fixture
@@ -127,16 +125,3 @@ def test_pictures_keep_within_their_limits(
     (whole,) = {frame.image.size for frame in frames}
     assert whole == (size[0], size[1] + CaptionBand(size[0]).size[1])
     assert whole[1] % 2 == 0
-
-
-# Captions ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("width", [64, 640, 1920])
-def test_captions_of_one_width_have_one_size(width: int) -> None:
-    band = CaptionBand(width)
-    for marks in ((), (Mark(LONG, LONG),) * 2, (Mark("a", ""),)):
-        strip = [(Actor.LEARNER, True)] * 1000
-        for text in ("", "home", LONG):
-            caption = Caption(Actor.PLANNER, text, (LONG, "step 1"), marks, strip, text)
-            assert band.draw(caption).size == band.size

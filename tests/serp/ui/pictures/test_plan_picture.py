@@ -77,15 +77,6 @@ def planned(text: str, folder: Path, state: list[float], depth: int) -> tuple[Pl
     return plan_in(load_domain(file), state, depth=depth)
 
 
-CLIFF = """
-(define (domain cliff)
-  (:predicates (unsafe) (terminal)) (:functions (x) (reward))
-  (:action jump :parameters () :precondition (and)
-    :effect (and (increase (x) 1.0) (increase (reward) 100.0) (unsafe)))
-  (:action walk :parameters () :precondition (and) :effect (and (increase (x) 1.0))))
-"""
-
-
 def layout_of(plan: Plan, planner: MonitorReplanner, rows: int = MAX_ROWS) -> PlanLayout:
     """The layout, after a check of what holds of every layout."""
     labels = {k: action.name for k, action in enumerate(planner.model.actions)}
@@ -155,17 +146,6 @@ def test_a_large_graph_is_shown_in_part_and_says_so(tmp_path: Path, rows: int) -
     data = plan_picture(plan, planner)
     written = " ".join(texts(ET.fromstring(data)))
     assert f" of {edges:,} edges" in written and len(data) < 60_000
-
-
-def test_nothing_behind_an_unsafe_edge_shines(tmp_path: Path) -> None:
-    plan, planner = planned(CLIFF, tmp_path, [0.0], 2)
-    layout_of(plan, planner)
-    blue = [
-        str(edge.findtext(f"{SVG}title")).partition(":")[0]
-        for edge in ET.fromstring(plan_svg(plan, planner)).findall(f"{SVG}g")
-        if "--good" in str(edge[1].get("style"))
-    ]
-    assert blue == ["walk", "walk"]  # and not that which follows a jump, worth 100
 
 
 def test_another_process_gives_equal_bytes() -> None:
