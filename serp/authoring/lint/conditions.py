@@ -185,48 +185,50 @@ def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
         # None where it does not hold in every instance.
         always: dict[tuple[Place, ...], DomainWarning | None] = {}
         for schema in schemas:
-            if contradiction(schema.preconditions, subject.theta):
-                continue
             effects = dict.fromkeys(effect.condition for effect in schema.effects)
-            for condition in (*schema.preconditions, *effects):
-                for test in _parts(condition):
-                    if isinstance(test, g.Compare) and always.get((test.place,), True):
-                        always[(test.place,)] = _tautology(test, what, subject)
-                    elif isinstance(test, g.AnyOf):
-                        for pair in _candidates(test, subject):
-                            places = (pair[0].place, pair[1].place)
-                            if always.get(places, True):
-                                always[places] = _covering(*pair, what, subject.theta)
+            undecided = [
+                (places, compared)
+                for condition in (*schema.preconditions, *effects)
+                for test in _parts(condition)
+                for compared in _candidates(test, subject)
+                if always.get(places := tuple(one.place for one in compared), True)
+            ]
+            if undecided and not contradiction(schema.preconditions, subject.theta):
+                for places, compared in undecided:
+                    warning = _tautology(compared, what, subject)
+                    always[places] = always.get(places, warning) and warning
         yield from filter(None, always.values())
 
 
-def _tautology(test: g.Compare, what: str, subject: LintSubject) -> DomainWarning | None:
-    always = not _depends_on_problem(test, subject.anywhere) and contradiction(
-        (g.Not(test, test.place),), subject.theta
-    )
-    text = f"`{test.place.text}` in {what} always holds"
-    return DomainWarning(text, test.place) if always else None
+def _candidates(test: g.Test, subject: LintSubject) -> Iterator[tuple[g.Compare, ...]]:
+    """Yield a comparison alone, and the pairs of those in an `or` that no problem changes."""
+    if isinstance(test, g.Compare):
+        yield (test,)
+    elif isinstance(test, g.AnyOf):
+        comparisons = [
+            operand
+            for operand in test.operands[:_MOST_OPERANDS]
+            if isinstance(operand, g.Compare)
+            and operand.operator in _BEYOND
+            and not _depends_on_problem(operand, subject.anywhere)
+            and not any(operand.place.within(place) for place in subject.quantified)
+        ]
+        yield from combinations(comparisons, 2)
 
 
-def _candidates(test: g.AnyOf, subject: LintSubject) -> Iterator[tuple[g.Compare, g.Compare]]:
-    """Yield the pairs of comparisons in an `or` that no problem changes."""
-    comparisons = [
-        operand
-        for operand in test.operands[:_MOST_OPERANDS]
-        if isinstance(operand, g.Compare)
-        and operand.operator in _BEYOND
-        and not _depends_on_problem(operand, subject.anywhere)
-        and not any(operand.place.within(place) for place in subject.quantified)
-    ]
-    return combinations(comparisons, 2)
-
-
-def _covering(
-    first: g.Compare, second: g.Compare, what: str, theta: Sequence[float]
+def _tautology(
+    compared: tuple[g.Compare, ...], what: str, subject: LintSubject
 ) -> DomainWarning | None:
-    """Return a warning if one of two comparisons holds in every state."""
-    neither = [replace(one, operator=_BEYOND[one.operator]) for one in (first, second)]
-    pair = contradiction(neither, theta)
+    """Return a warning if a comparison, or one of two, holds in every state."""
+    first, second = compared[0], compared[-1]
+    if len(compared) == 1:
+        always = not _depends_on_problem(first, subject.anywhere) and contradiction(
+            (g.Not(first, first.place),), subject.theta
+        )
+        text = f"`{first.place.text}` in {what} always holds"
+        return DomainWarning(text, first.place) if always else None
+    neither = [replace(one, operator=_BEYOND[one.operator]) for one in compared]
+    pair = contradiction(neither, subject.theta)
     if not pair or pair[0] == pair[1]:
         return None
     fix = _with_minus(second.place)

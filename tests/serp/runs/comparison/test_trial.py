@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import serp
 from serp.agent.agent import Agent
 from serp.agent.step_record import StepRecord
+from serp.agent.veto import NoVeto
 from serp.errors import Interrupted, RunError, TaskError
 from serp.runs.comparison.trial import (
     ExternalEnv,
@@ -92,7 +93,7 @@ def test_it_is_evaluated_at_fixed_points_and_opened_as_a_run(
     run = serp.load_run(todo.folder, walk(tmp_path))
     assert len(run.evaluate(episodes=3, quiet=True).returns) == 3
     if algorithm == "dqn":  # the learner always acts, and nothing is refused
-        assert isinstance(run.agent.arbiter.vetoes, serp.NoVeto)
+        assert isinstance(run.agent.arbiter.vetoes, NoVeto)
         assert run.metrics["planner_steps"].sum() == run.metrics["vetoes"].sum() == 0
 
 
