@@ -353,6 +353,7 @@ def write_mp4(path: Path, frames: Iterator[Frame]) -> None:
     output = ["-crf", "20", "-movflags", "+faststart", "-f", "mp4"]
     due, count = 0.0, 0
     try:
+        path.touch()  # else ffmpeg would fail later, and its pipe stay open
         writer = write_frames(
             f"file:{path}", first.image.size, fps=rate, codec="libx264", quality=None,
             macro_block_size=2, ffmpeg_log_level="error", output_params=output,
@@ -366,5 +367,5 @@ def write_mp4(path: Path, frames: Iterator[Frame]) -> None:
                     count += 1
     except (OSError, RuntimeError) as error:
         raise RunError(f"ffmpeg could not write {path}: {error}") from error
-    if not path.is_file():
+    if not path.stat().st_size:
         raise RunError(f"ffmpeg could not write {path}")
