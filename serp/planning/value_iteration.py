@@ -18,33 +18,26 @@ from serp.planning.preference import compiled_path_score, compiled_rank_of, comp
 _TINY = 1e-9
 
 
-@cached_njit(nogil=True, forceinline=True)
-def _following(graph, edge, node, column):
-    """Return the mean of a column `[N]` over the outcomes of an edge, and its chance to stay.
-
-    The outcome that leads back to `node` is left out of the mean; -2: none is.
-    """
-    mean, own = 0.0, 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        target = graph.target[k]
-        if target == node:
-            own += graph.chance[k]
-        elif target >= 0:
-            mean += graph.chance[k] * column[target]
-    return mean, own
-
-
+# The sum over outcomes is written out four times: a column as an argument of a loop costs a
+# reference count for every edge, and solving a graph takes ten times as long.
 @cached_njit(nogil=True, forceinline=True)
 def risk_of(graph, edge, discount):
     """Return the discounted risk of an edge and what follows it."""
-    danger = graph.step_risk[edge]
-    return danger + (1.0 - danger) * discount * _following(graph, edge, -2, graph.risk)[0]
+    danger, following = graph.step_risk[edge], 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        if graph.target[k] >= 0:
+            following += graph.chance[k] * graph.risk[graph.target[k]]
+    return danger + (1.0 - danger) * discount * following
 
 
 @cached_njit(nogil=True, forceinline=True)
 def value_of(graph, edge, discount):
     """Return the value of an edge and what follows it."""
-    return graph.reward[edge] + discount * _following(graph, edge, -2, graph.value)[0]
+    following = 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        if graph.target[k] >= 0:
+            following += graph.chance[k] * graph.value[graph.target[k]]
+    return graph.reward[edge] + discount * following
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -53,8 +46,13 @@ def lasting_risk(graph, edge, node, discount):
 
     The least risk is a fixed point of it, as it is of `risk_of`.
     """
-    danger = graph.step_risk[edge]
-    following, own = _following(graph, edge, node, graph.risk)
+    danger, following, own = graph.step_risk[edge], 0.0, 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target == node:
+            own += graph.chance[k]
+        elif target >= 0:
+            following += graph.chance[k] * graph.risk[target]
     rest = (1.0 - danger) * discount
     return (danger + rest * following) / max(1.0 - rest * own, _TINY)
 
@@ -67,7 +65,13 @@ def lasting_value(graph, edge, node, discount):
     any other; but to wait for nothing, at discount 1, would be worth what can be done afterwards,
     and so might be done for ever.
     """
-    following, own = _following(graph, edge, node, graph.value)
+    following, own = 0.0, 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target == node:
+            own += graph.chance[k]
+        elif target >= 0:
+            following += graph.chance[k] * graph.value[target]
     total = graph.reward[edge] + discount * following
     if discount * own < 1.0 - _TINY:
         return total / (1.0 - discount * own)
