@@ -8,7 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from serp._util.processes import one_thread
 from tests.serp.sample_tasks import CORRIDOR, ROBOT
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_blas_thread() -> Iterator[None]:
+    """As in a training: sums have the same bits whatever the number of cores."""
+    with one_thread():
+        yield
 
 
 @pytest.fixture
