@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import ItemsView, Mapping
 from typing import Annotated, Any, Final, Literal, Self
@@ -83,6 +84,17 @@ def from_json(value: Any) -> Any:
     if isinstance(value, str):
         return {word: number for number, word in _INFINITIES.items()}.get(value, value)
     return value
+
+
+def setting_value(text: str) -> Any:
+    """Return the value of a setting that a text gives: JSON where it is, `inf`, `none`, or text."""
+    text = text.strip()
+    words = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
+    try:
+        value = words[text] if text in words else json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _refusal(section: type[Section], error: ValidationError) -> str:

@@ -145,7 +145,7 @@ class DQN:
         return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * done
 
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q of every action, the mean of members and mirror images.
+        """Return Q of every action, the mean of the members.
 
         Args:
             x: One input ``[F]`` or a batch ``[B, F]``.

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import Saved
 from serp.agent.explanation import paths_by
+from serp.agent.veto import VetoPolicy
 from serp.errors import RunError
 from serp.model.domain import Domain, load_domain
-from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import FarSightPlanner
-from serp.planning.forecast import SAFE, Forecast
+from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
@@ -27,6 +27,7 @@ from serp.runs.folder import RunFolder
 from serp.runs.recording import Recording, StoredStep, open_recording
 from serp.runs.run import read_run_metadata, refuse_changes
 from serp.settings import PlannerSettings, Settings
+from serp.tasks.action_map import ActionMap
 
 
 class RunModel:
@@ -216,18 +217,11 @@ def refusal_of(run: RunModel, step: StoredStep) -> Callable[[Forecast], int] | N
 
     None where no proposal was refused, or the domain does not mention it.
     """
-    decision, settings = step.decision, run.settings.arbiter
+    decision = step.decision
     ground = int(decision.forecast.ground[decision.proposed]) if decision.vetoed else -1
     if ground < 0:
         return None
 
-    def refused(forecast: Forecast) -> int:
-        flags = int(forecast.flags[ground])
-        if not flags & APPLICABLE or flags & (UNSAFE | RISKY | UNDEFINED):
-            return 1
-        if settings.r_min is not None and forecast.reward[ground] < settings.r_min:
-            return 1
-        ahead = settings.veto_horizon == "lookahead" and int(forecast.safe_steps.max()) == SAFE
-        return int(ahead and int(forecast.safe_steps[ground]) != SAFE)
-
-    return refused
+    actions = ActionMap(run.model, len(run.model.actions))
+    vetoes = VetoPolicy(actions, run.settings.arbiter)
+    return lambda forecast: int(not vetoes.admissible(actions.project(forecast))[ground])

@@ -24,8 +24,7 @@ from pydantic.fields import FieldInfo
 
 from serp._util.text import did_you_mean
 from serp.errors import SettingsError
-from serp.runs.comparison.algorithms import setting_value
-from serp.settings import Changes, Settings
+from serp.settings import Changes, Settings, setting_value
 
 _FORMS: Final = "A..B, log:A..B or A,B,..."
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -74,6 +73,8 @@ def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
     Raises:
         UsageError: A text has another form, or a setting is given twice.
     """
+    from serp.settings import setting_value
+
     settings: dict[str, dict[str, Any]] = {}
     for text in assignments:
         target, equals, value = text.partition("=")
@@ -84,19 +85,8 @@ def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
             )
         if name in settings.setdefault(section, {}):
             raise click.UsageError(f"--set {section}.{name} is given twice")
-        settings[section][name] = _setting(value.strip())
+        settings[section][name] = setting_value(value)
     return settings
-
-
-def _setting(text: str) -> Any:
-    words = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
-    if text in words:
-        return words[text]
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError):
-        return text
-    return tuple(value) if isinstance(value, list) else value
 
 
 def parse_seeds(text: str | None) -> int | list[int] | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from serp._util.text import listed, plural, readable
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision, Reason
-from serp.agent.explanation import Explanation, compared, explain
+from serp.agent.explanation import Explanation, compared, explain, followed
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import between, lesser, lines_of
 from serp.agent.veto import VetoPolicy
@@ -84,15 +84,14 @@ class Decider:
 
     def path(self, state: Vector, action: int) -> list[int]:
         """Return where a ground action leads by the planner's choices, as far as its depth."""
-        path: list[int] = []
-        while action >= 0 and len(path) < self.settings.depth:
-            step = self.model.step(state, action)
-            if not step.applicable:
-                break
-            path.append(action)
-            state = step.state
-            action = -1 if step.terminal else self.executed(self.decide(state))
-        return path
+        steps = followed(
+            self.model,
+            lambda s: self.executed(self.decide(s)),
+            state,
+            action,
+            self.settings.depth,
+        )
+        return [executed for executed, _ in steps]
 
     def executed(self, decision: Decision) -> int:
         """Return the ground action that a decision executes; -1 if the model does not know it."""

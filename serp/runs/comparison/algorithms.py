@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import EntryPoint
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from serp._util.plugins import find, first_line, loading, offered
 from serp.errors import SettingsError
-from serp.settings import Changes, Settings, resolve
+from serp.settings import Changes, Settings, resolve, setting_value
 from serp.tasks.task import Task
 
 GROUP: Final = "serp.algorithms"
@@ -165,17 +164,6 @@ def _assigned(name: str, text: str) -> Changes:
             )
         changes.setdefault(section, {})[setting] = setting_value(value)
     return changes
-
-
-def setting_value(text: str) -> Any:
-    """Return the value of a setting that a text gives: JSON where it is, `inf`, `none`, or text."""
-    text = text.strip()
-    words = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
-    try:
-        value = words[text] if text in words else json.loads(text)
-    except (ValueError, RecursionError):
-        return text
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _merged(first: Changes, second: Changes) -> Changes:
