@@ -140,7 +140,7 @@ class Facts:
             self.values = {key_of(f.name, f.arguments, {}): n for f, n in problem.values}
         self._members: dict[Sequence[str], Collection[str]] = {}
         self.closed = supplied is None and problem is not None and problem.has_init
-        self.changed = _changed_names(domain)
+        self.changed = x.changed_names(domain.schemas)
         stated = {key[0] for key in itertools.chain(self.true, self.values)}
         declared = domain.declarations.values()
         if self.closed:
@@ -210,17 +210,6 @@ def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
             yield from conjuncts(operand)
     elif condition is not None:
         yield condition
-
-
-def _changed_names(domain: x.DomainSyntax) -> set[str]:
-    names: set[str] = set()
-    for schema in domain.schemas:
-        for effect in x.nested_effects(schema.effects):
-            if isinstance(effect, x.SetPredicate):
-                names.add(effect.atom.name)
-            elif isinstance(effect, x.ChangeFunction):
-                names.add(effect.function.name)
-    return names
 
 
 def reachable(facts: Facts) -> dict[str, list[Binding]]:
@@ -480,9 +469,8 @@ def _joined(parts: Iterable[Sequence[Key] | None], *, every: bool) -> Sequence[K
 def _calculates(schema: x.Schema) -> bool:
     """Whether the condition of an effect contains arithmetic, so that it may have no result."""
     return any(
-        isinstance(part, x.NumericComparison)
-        and any(isinstance(side, x.Arithmetic) for side in (part.left, part.right))
-        for effect in x.nested_effects(schema.effects)
+        isinstance(part, x.Arithmetic)
+        for effect in x.nodes_in(schema.effects)
         if isinstance(effect, x.When)
-        for part in x.nested_conditions(effect.condition)
+        for part in x.nodes_in(effect.condition)
     )
