@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 
-from serp.authoring.lint.findings import findings_of
 from serp.authoring.lint.conditions import contradiction
+from serp.authoring.lint.findings import findings_of
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import Vector
 from serp.pddl.source import Source
