@@ -20,7 +20,6 @@ from serp.pddl.expressions import (
 from serp.pddl.reader import Group, Node, Word, read_group
 from serp.pddl.scope import (
     INSTEAD,
-    REQUIREMENTS_INSTEAD,
     Scope,
     expect_group,
     expect_name,
@@ -95,7 +94,7 @@ def read_requirements(group: Group | None) -> frozenset[str]:
     for node in group.items[1:] if group is not None else ():
         if not isinstance(node, Word):
             raise DomainError("expected a requirement such as `:typing`", node.place)
-        if (instead := REQUIREMENTS_INSTEAD.get(node.text)) is not None:
+        if (instead := INSTEAD.get(node.text)) is not None:
             text = f"requirement `{node.text}` is not supported"
             node.place.warn(text, "unknown-requirement", advice=instead)
         elif node.text not in SUPPORTED_REQUIREMENTS:
@@ -184,13 +183,6 @@ def _declared(single: dict[str, Group], *, math: bool) -> Scope:
         with objects.place.recovering():
             constants = parse_objects(objects, parents)
     declarations = _all_declarations(single, parents)
-    for declaration in declarations.values() if math else ():
-        if declaration.numeric and declaration.name in x.MATH_FUNCTIONS:
-            declaration.place.warn(
-                f"`({declaration.name} ...)` means this function, not that of "
-                f"`{x.MATH_REQUIREMENT}`; rename it to use both",
-                "hidden-function",
-            )
     return Scope(parents, constants, declarations, {}, math=math)
 
 

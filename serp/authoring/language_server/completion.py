@@ -15,15 +15,14 @@ from serp.pddl.parser import (
     SCHEMA_SECTIONS,
     SUPPORTED_REQUIREMENTS,
 )
-from serp.pddl.scope import INSTEAD, REQUIREMENTS_INSTEAD
+from serp.pddl.scope import INSTEAD
 from serp.pddl.source import Place, Source, comment_of
 from serp.pddl.syntax import Change
 
-_REFUSED = {**INSTEAD, **REQUIREMENTS_INSTEAD}
 MEANINGS = {
     **{
         word: f"Not supported: {instead}."
-        for word, instead in _REFUSED.items()
+        for word, instead in INSTEAD.items()
         if word.startswith(":") or word in ("oneof", "probabilistic", "preference")
     },
     ":requirements": "What other PDDL tools have to support to read the file.",
