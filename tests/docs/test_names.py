@@ -94,6 +94,7 @@ LISTS: dict[str, Callable[[], set[str]]] = {
 NOT_IN_EVERY_RUN = {
     "problem.pddl",
     "evaluations/",
+    "film.mp4",
     "report.html",
     "tensorboard/",
     "checkpoint-damaged.safetensors",

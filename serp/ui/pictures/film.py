@@ -115,7 +115,7 @@ class FilmSettings:
         speed: Speed relative to real time, above 0.
         fps: Largest number of frames per second. Pictures beyond it are left out, except the first
             and last of an episode and the first after a veto.
-        width, height: Largest size of a picture without caption, pixels; None for no limit.
+        width: Largest width, pixels; None for no limit.
     """
 
     policy: Policy = "serp"
@@ -124,7 +124,6 @@ class FilmSettings:
     speed: float = 1.0
     fps: float = 50.0
     width: int | None = None
-    height: int | None = None
 
 
 class Frame(NamedTuple):
@@ -141,19 +140,6 @@ class Frame(NamedTuple):
     seconds: float
     caption: Caption
     step: StepRecord | None
-
-
-@contextlib.contextmanager
-def film_of_run(
-    run: Run, settings: FilmSettings, on_episode: OnEpisode | None = None
-) -> Iterator[Iterator[Frame]]:
-    """Yield the frames of a film of a run's policy; its steps are recorded as an evaluation."""
-    agent = run.agent
-    with (
-        run.environment(render_mode_of(run)) as task,
-        run.recorder(settings.policy, settings.seed) as recorder,
-    ):
-        yield film(agent, task, settings, on_episode, recorder)
 
 
 def film(
@@ -256,8 +242,7 @@ class _Frames:
     def _compose(self, picture: Picture, caption: Caption) -> Image.Image:
         image = Image.fromarray(picture)
         if self._band is None:
-            limits = (self._settings.width or math.inf, self._settings.height or math.inf)
-            scale = min(1.0, limits[0] / image.width, limits[1] / image.height)
+            scale = min(1.0, (self._settings.width or math.inf) / image.width)
             self._size = (_even(scale * image.width), _even(scale * image.height))
             self._band = CaptionBand(self._size[0])
         if image.size != self._size:
@@ -284,8 +269,13 @@ def write_film(
         SerpError: The task cannot be loaded or draws no pictures, or its environment failed.
     """
     write = write_gif if path.suffix.lower() == ".gif" else write_mp4
-    with replaced_durably(path) as aside, film_of_run(run, settings, on_episode) as frames:
-        write(aside, frames)
+    agent = run.agent
+    with (
+        replaced_durably(path) as aside,
+        run.environment(render_mode_of(run)) as task,
+        run.recorder(settings.policy, settings.seed) as recorder,
+    ):
+        write(aside, film(agent, task, settings, on_episode, recorder))
 
 
 def write_gif(path: Path, frames: Iterator[Frame]) -> None:
