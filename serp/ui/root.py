@@ -112,7 +112,7 @@ SECTIONS = {
             "format": "Lay domain files out regularly.",
             "lsp": "Check and complete domain files in an editor.",
             "plan": "Show one decision of the planner, as a table or a picture.",
-            "play": "Step through the world of a domain file, or train in it.",
+            "play": "Step through the world of a domain file.",
             "test": "Check that a domain file leads to what you expect.",
             "studio": "Edit a domain file in the browser and see what it means.",
         },

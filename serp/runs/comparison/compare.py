@@ -208,7 +208,7 @@ def _requested_task(
     if isinstance(task, Task):
         return task
     if isinstance(task, str):
-        return find_task(task, worlds=True)
+        return find_task(task)
     if task is not None:
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     if folder is None:

@@ -16,13 +16,13 @@ from typing import Any, Final, NamedTuple
 
 import matplotlib.style
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from serp._util.figures import INK, LINE, PALETTE, STYLE, label_ends, render
 from serp._util.files import cannot_write, make_inside, write_durably
+from serp._util.templates import render as render_template
 from serp._util.terminal import visible
 from serp._util.text import code, markdown_text, readable, table
 from serp.runs.comparison.algorithms import DQN, PLANNER
@@ -77,19 +77,6 @@ def write_report(
 # Pages -----------------------------------------------------------------------------------------
 
 
-def _rendered(template: str, **values: Any) -> str:
-    environment = Environment(
-        loader=PackageLoader("serp.runs.comparison"),
-        autoescape=select_autoescape(["html.j2"], default=False),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {"plain": markdown_text, "code": code, "number": readable}
-    return environment.get_template(template).render(values)
-
-
 def report_text(
     results: Results,
     jobs: Sequence[Job],
@@ -97,8 +84,10 @@ def report_text(
     drawn: Sequence[Picture],
 ) -> str:
     """Return the report as Markdown, which names its figures as `figures/<name>.svg`."""
-    return _rendered(
+    return render_template(
+        "serp.runs.comparison",
         "report.md.j2",
+        {"plain": markdown_text, "code": code, "number": readable},
         results=results,
         plan=results.plan,
         protocol=results.plan.protocol,
@@ -132,7 +121,9 @@ def html_page(markdown: str, title: str, pictures: Mapping[str, bytes]) -> str:
     body = reader.renderer.render(tokens, reader.options, {})
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
-    return _rendered("page.html.j2", title=visible(title), body=body, palette=PALETTE)
+    return render_template(
+        "serp.runs.comparison", "page.html.j2", title=visible(title), body=body, palette=PALETTE
+    )
 
 
 # Tables ----------------------------------------------------------------------------------------

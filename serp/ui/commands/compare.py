@@ -11,6 +11,7 @@ import click
 
 from serp.ui.asked import asked_task
 from serp.ui.options import (
+    domain_option,
     max_ground_schemas_option,
     own_task_name,
     own_task_option,
@@ -35,9 +36,7 @@ if TYPE_CHECKING:
         "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
     ),
 )
-@click.option("--domain", metavar="NAME|FILE",
-              help="Installed task, or a domain file of one; any other file is a world, as in "
-                   "serp play.")  # fmt: skip
+@domain_option
 @own_task_option
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
               help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
@@ -101,7 +100,7 @@ def command(
         rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]
         print_table(open_console(), ("algorithm", ""), rows)
         return None
-    task = asked_task(domain, max_ground_schemas, worlds=True)
+    task = asked_task(domain, max_ground_schemas)
     if task is None and options["out"] is None:
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx

@@ -1,33 +1,16 @@
-"""The panes beside the decision: scenarios, and a training in the background."""
+"""The pane of scenarios."""
 
 from __future__ import annotations
 
-import contextlib
-import json
 from html import escape
-from pathlib import Path
-from typing import Final
 
 from nicegui import run, ui
 
-from serp._util.text import plural
 from serp.authoring.scenarios.checking import Result
-from serp.errors import RunError, SerpError, with_notes
-from serp.runs.folder import METRICS
-from serp.runs.tables import read_metrics
-from serp.ui import report
-from serp.ui.report.recorded_steps import curve_arrays
+from serp.errors import SerpError, with_notes
 from serp.ui.studio.pages.editor import EditorPane
 from serp.ui.studio.pages.live import Live, busy, button
 from serp.ui.studio.session import SCENARIOS, Session
-
-_CHART: Final = """<script>const drawTraining = (() => {%s
-  return (run, arrays) => {
-    [meta, curves] = [run, arrays];
-    if (byId("curve")?.clientWidth) drawCurve(byId("curve"));
-  };
-})();</script>"""
-"""The report's script for its learning curve; out of sight nothing is drawn."""
 
 
 class ScenariosPane:
@@ -97,68 +80,3 @@ def _result(result: Result) -> str:
         for failure in result.failures
     )
     return f'<li class="{kind}"><b>{mark} {escape(result.scenario.title)}</b>{failures}</li>'
-
-
-class TrainingPane:
-    """Starts and stops a training, and draws its learning curve as the report does."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        folder = Path(report.__file__).with_name("page")
-        scripts = [(folder / f"{name}.js").read_text("utf-8") for name in ("data", "charts")]
-        ui.add_body_html(_CHART % "".join(scripts))
-        with ui.element("div").classes("serp-row"):
-            button("Train", self.begin)
-            self._stop = button("Stop", self.stop)
-            self._steps = ui.number("steps", value=20_000, min=100, precision=0)
-            self._seed = ui.number("seed", value=0, min=0, precision=0)
-            for number in (self._steps, self._seed):
-                number.props("dense").classes("serp-seed")
-        self._summary = ui.label().classes("serp-verdict").props('role="status"')
-        self._curve = ui.html('<div id="curve" data-label="Learning curve"></div>')
-        self._curve.classes("serp-curve")
-        self._hint = ui.html('<span id="curve-says"></span>').classes("serp-faint")
-        self._timer = ui.timer(1.5, self._look, active=session.training is not None)
-        self._stop.set_enabled(session.training is not None)
-
-    def begin(self) -> None:
-        """Begin a training on the saved file."""
-        running = self._session.training
-        if running is not None and running.state == "running":
-            ui.notify("A training is running. Stop it first.")
-            return
-        steps, seed = int(self._steps.value or 0), int(self._seed.value or 0)
-        try:
-            self._session.begin_training(max(100, steps), max(0, seed))
-        except SerpError as error:
-            ui.notify(str(error), type="warning", multi_line=True)
-            return
-        self._summary.set_text("Beginning …")
-        self._stop.set_enabled(True)
-        self._timer.activate()
-
-    def stop(self) -> None:
-        """Let the training finish its episode and save."""
-        if self._session.training is not None:
-            self._session.training.stop()
-            self._summary.set_text("Stopping: the episode is finished and saved.")
-
-    async def _look(self) -> None:
-        """Show what has been written so far."""
-        training = self._session.training
-        assert training is not None
-        state = training.state
-        done = "no episode yet"
-        # Files may not be there yet, or be in the middle of being written.
-        with contextlib.suppress(RunError, OSError):
-            metrics = await run.io_bound(read_metrics, training.run / METRICS)
-            arrays = {name: array.tolist() for name, array in curve_arrays(metrics, ()).items()}
-            if steps := arrays["curveAt"]:
-                count, rho = plural(len(metrics["return"]), "episode"), arrays["rho"][-1]
-                done = f"{count}, {steps[-1]:,} steps, ρ {rho:.2f}"
-                data = json.dumps({"envSteps": steps[-1]}), json.dumps(arrays)
-                self._curve.client.run_javascript(f"drawTraining({', '.join(data)})")
-        self._summary.set_text(f"{training.run.name}: {state}; {done}")
-        if state != "running":
-            self._timer.deactivate()
-            self._stop.set_enabled(False)

@@ -52,21 +52,20 @@ def test_keys_and_options_that_do_not_fit_are_refused(walk: Path) -> None:
         ("--keys=p=rest", "expected key=action"),
         ("--keys=x=reset", "expected key=action"),
         ("--noise=-1", "--noise must be greater than or equal to 0, not -1"),
-        ("--env-steps=5", "--env-steps is for a training: add --train"),
         ("--failure=.7 --slip=.6", "--failure and --slip are 0.7 and 0.6; an action fails, slips"),
     ):
         assert said in typed("", "walk.pddl", *wrong.split(), expect=2)
 
 
 def test_a_training_in_the_world_of_a_file_is_a_run_like_any_other(run: Run, walk: Path) -> None:
-    limits = ("--max-steps=5", "--env-steps=9")
-    arguments = ("--train", "--slip=0.1", *limits, "--planner=lookahead", "--quiet", *QUICK)
-    run("play", "walk.pddl", *arguments, "--out=run", "--state=walked=3")
+    arguments = ("--planner=lookahead", "--env-steps=9", "--quiet", "--out=run", *QUICK)
+    run("plan-and-learn", "--domain=walk.pddl", *arguments)
     walk.unlink()
     assert "mean return" in run("evaluate", "run", "--episodes=2").stdout
-    assert "(= (walked) 3.0)" in Path("run/problem.pddl").read_text()
     Path("dull.pddl").write_text("(define (domain dull) (:action a))")
-    assert "nothing about reward" in run("play", "dull.pddl", "--train", expect=1).stderr
+    Path("dull-problem.pddl").write_text("(define (problem p) (:domain dull) (:init))")
+    told = run("plan-and-learn", "--domain=dull.pddl", expect=1).stderr
+    assert "says nothing about reward" in told
 
 
 def test_a_file_that_belongs_to_no_task_is_a_world_to_compare_in(run: Run, walk: Path) -> None:
