@@ -21,13 +21,7 @@ GROUP: Final = "serp.algorithms"
 
 
 class ExternalAlgorithm(Protocol):
-    """A learner of another library, with its environment.
-
-    Attributes:
-        characteristics: Name → text, for the table of what differs.
-    """
-
-    characteristics: Mapping[str, str]
+    """A learner of another library, with its environment."""
 
     def learn(self, env_steps: int) -> None:
         """Train for this number of env steps."""

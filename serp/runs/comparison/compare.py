@@ -359,23 +359,13 @@ def _jobs(folder: Path, plan: ComparisonPlan, tasks: Mapping[str, Task]) -> list
     return jobs
 
 
-def _characteristics(jobs: Sequence[Job], bound: BoundTask) -> dict[str, dict[str, str]]:
-    """Return algorithm → name → text, for the table of what differs.
-
-    Each algorithm is made once, so that errors occur before any trial runs.
-    """
-    texts: dict[str, dict[str, str]] = {}
-    for job in jobs:
-        algorithm, seed = job.algorithm, job.trial.seed
-        if algorithm.name in texts:
-            continue
-        agent = Agent(bound, job.settings, seed)
-        texts[algorithm.name] = {"algorithm": algorithm.description}
-        if algorithm.make_external is not None:
-            env = ExternalEnv(bound, agent, seed)
-            external = make_external(algorithm, env, bound.name, seed)
-            texts[algorithm.name] |= external.characteristics
-    return texts
+def _check_algorithms(jobs: Sequence[Job], bound: BoundTask) -> None:
+    """Make each algorithm once, so that errors occur before any trial runs."""
+    for job in {job.trial.algorithm: job for job in jobs}.values():
+        agent = Agent(bound, job.settings, job.trial.seed)
+        if job.algorithm.make_external is not None:
+            env = ExternalEnv(bound, agent, job.trial.seed)
+            make_external(job.algorithm, env, bound.name, job.trial.seed)
 
 
 def _notes(records: Iterable[Record]) -> list[str]:
@@ -467,7 +457,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
         plan, tasks = _planned(folder, before, bound, request)
         texts = [_texts(folder, name, task.load()) for name, task in tasks.items()]
         jobs = _jobs(folder, plan, tasks)
-        characteristics = _characteristics(jobs, bound)
+        _check_algorithms(jobs, bound)
     with locked(folder, _PLAN):
         if read_plan(folder) != before:
             raise RunError(f"another process has changed {folder} just now. Try again.")
@@ -489,7 +479,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
             notes = _notes(results.records)
             for note in notes:
                 warnings.warn(note, Notice, stacklevel=2)
-            write_report(folder, results, jobs, characteristics, notes)
+            write_report(folder, results, jobs, notes)
     complete = len(results.records)
     if stopping.signal is not None and complete + len(failed) < len(jobs):
         raise Interrupted(

@@ -392,6 +392,8 @@ class Results:
         """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
         return estimate(self.known(algorithm, name, variant))
 
-    def difference(self, first: str, second: str, name: str) -> Estimate:
-        """Estimate by how much a measure of one algorithm exceeds another's on the base variant."""
-        return difference(self.known(first, name), self.known(second, name))
+    def difference(
+        self, first: str, second: str, name: str, variant: str | None = None
+    ) -> Estimate:
+        """Estimate by how much a measure of one on a variant exceeds another's on the base."""
+        return difference(self.known(first, name, variant), self.known(second, name))

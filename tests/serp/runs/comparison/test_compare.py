@@ -53,7 +53,7 @@ def again(folder: Path, **options: Any) -> Any:
 def test_everything_that_was_asked_for_is_run_and_reported(whole: Path, copy: Path) -> None:
     folder = whole / "c"
     assert set(trials_in(folder)) == {"serp-0", "serp-1", "dqn-0", "dqn-1"}
-    for name in ("report.md", "report.html", "measures.csv", "evaluations.csv", "comparison.json"):
+    for name in ("report.md", "report.html", "measures.csv"):
         assert (folder / name).stat().st_size > 0
     assert (folder / "domains" / "walk.pddl").read_text() == CORRIDOR
     before = trials_in(copy / "c")

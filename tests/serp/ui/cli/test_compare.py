@@ -50,7 +50,7 @@ def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
     assert "my comparison/report.html" in result.stdout
     assert "Few seeds (1): intervals are rough." in result.stdout
     assert "serp compare --out 'my comparison' --seeds 10" in result.stdout
-    for name in ("report.html", "report.md", "measures.csv", "comparison.json"):
+    for name in ("report.html", "report.md", "measures.csv"):
         assert (Path("my comparison") / name).stat().st_size > 0
     assert plan("my comparison")["protocol"]["env_steps"] == 60
 
