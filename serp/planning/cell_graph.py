@@ -251,8 +251,6 @@ def interpolate(arrays, division, found):
     graph.counters[_OUTCOMES] = outcome
 
 
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
 PRECISION = 1e-4
 """Iteration ends where no value changed by more than this fraction of the largest."""
 SWEEPS = 30

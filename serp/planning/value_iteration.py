@@ -112,8 +112,6 @@ def certain(graph, edge):
     return True
 
 
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
 _EXACT = 1e-9
 """Precision of the values of states: value iteration ends where none changed by more than this
 fraction of the largest."""
