@@ -38,7 +38,7 @@ def as_bytecode(model: TransitionModel, states: Vector, actions: list[int]) -> O
     """A batch of a model that is taken to be too large for machine code of its own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
-        assert not model.has_own_code
+        assert not model.program.has_own_code
         return model.step(states, actions)
 
 
