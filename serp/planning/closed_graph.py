@@ -182,10 +182,7 @@ _SMALLEST: Final = 256
 class ClosedGraph(ArrayGraph):
     """A planning graph in which all equal states are one node.
 
-    Args:
-        model: The transition model.
-        settings: Discount and accepted risk.
-        max_edges: Most edges.
+    It has at most `max_edges` edges.
     """
 
     def __init__(
@@ -259,7 +256,8 @@ class ClosedGraph(ArrayGraph):
 
     def _measure(self) -> None:
         """Find what follows from the solved graph: unit of the values, and depth."""
-        self._unit = solution.ALIKE * solution.largest_value(self._arrays_tuple)
+        values = self._arrays.value[: self.nodes]
+        self._unit = solution.ALIKE * float(np.abs(values).max(initial=0.0))
         self._depth = int(self._arrays.layer[: self.nodes].max(initial=0))
 
     def forecast(self, state: Vector) -> Forecast | None:
