@@ -12,7 +12,6 @@ from typing import Any, Literal, NamedTuple
 from serp._util.text import closest
 from serp.authoring.lint import ground_rules, syntax_rules
 from serp.authoring.lint.codes import CODES, ERRORS, NOTES
-from serp.authoring.lint.portability import beyond_pddl, outside_portable_subset
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
 from serp.pddl.parser import parse_domain, parse_problem
@@ -56,14 +55,14 @@ def _unsilenced(
     silences = [silence for source in sources for silence in _silences(source)]
     used: set[_Silence] = set()
     for warning in warnings:
-        source, line = sources[0], -1
+        file, line = sources[0].name, -1
         if warning.place is not None:
-            source, line = warning.place.source, warning.place.line
+            file, line = warning.place.source.name, warning.place.line
         matching = {
             silence
             for silence in silences
             if silence.code == warning.code
-            and silence.place.source is source
+            and silence.place.source.name == file
             and silence.line in (None, line)
         }
         used |= matching
@@ -220,7 +219,7 @@ def examine(
         errors = [*unreadable, *recovery.errors]
         warnings = [*_warnings(result, sources, partial=bool(errors), portable=portable)]
         if look is not None and result is not None and not errors:
-            warnings += [_moved(warning, sources) for warning in look(result)]
+            warnings += look(result)
         warnings = [*_unsilenced(warnings, sources, partial=bool(errors))]
         problems = [*_once(errors, "unsupported"), *_once(warnings, "not-portable")]
     order = {source.name: number for number, source in enumerate(sources)}
@@ -311,17 +310,5 @@ def _warnings(
         subject = LintSubject(domain)
         for rule in RULES:
             yield from rule.applied(subject, partial=partial)
-    for source in sources:
-        if not partial:
-            yield from outside_portable_subset(source)
-        if portable and domain is not None:
-            yield from beyond_pddl(source, domain.syntax.declarations)
-
-
-def _moved(warning: DomainWarning, sources: list[Source]) -> DomainWarning:
-    """Return a warning that points into these sources; it was found in others of the same text."""
-    place = warning.place
-    for source in sources if place is not None else ():
-        if place is not None and source.name == place.source.name:
-            return dataclasses.replace(warning, place=source.place(place.start, place.end))
-    return warning
+        if portable:
+            yield from syntax_rules.beyond_pddl(subject)
