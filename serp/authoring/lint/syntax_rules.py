@@ -6,7 +6,6 @@ from collections.abc import Hashable, Iterator
 
 from serp.authoring.lint.subject import LintSubject, rule
 from serp.pddl import syntax as x
-from serp.pddl.slips import PORTABLE
 from serp.pddl.source import DomainWarning, Edit, Fix
 
 _FLAGS = (x.REWARD, x.UNSAFE, x.TERMINAL)
@@ -208,13 +207,3 @@ def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
                 schema.place.opening,
                 advice="is one of them a copy that should have been changed?",
             )
-
-
-def beyond_pddl(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find the functions that the requirement `:math-functions` admits."""
-    problem = subject.domain.problem_syntax
-    parts = (problem.goal, problem.metric) if problem else ()
-    for part in x.nodes_in(subject.domain.syntax.schemas, *parts):
-        if isinstance(part, x.Arithmetic) and part.operator in PORTABLE:
-            text = f"`{part.operator}` is not PDDL; {PORTABLE[part.operator]}"
-            yield DomainWarning(text, part.place.opening, "not-portable")
