@@ -64,7 +64,7 @@ class ChosenPlanner:
         name: str,
         undisturbed: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
     ) -> None:
-        self.lookahead = MonitorReplanner.of(model, settings, time_budget=seconds)
+        self.lookahead = MonitorReplanner(model, settings, time_budget=seconds)
         self.model, self.settings = model, settings
         self._planner, self._seconds, self._name = planner, seconds, name
         self._undisturbed = undisturbed
