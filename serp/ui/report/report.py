@@ -154,6 +154,7 @@ class _Page:
     def _figures(self, summary: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
         """Return the headline figures of `summary.json`: name, value, more, whether it is bad."""
         returns, shares, steps = summary["return"], summary["shares"], summary["env_steps"]
+        acted = ", ".join(f"{name} {percent(share)}" for name, share in shares.items() if share)
         unsafe, came = summary["unsafe_executed"], summary["unsafe_observed"]
         recent, off = returns["last_20"] is not None, self.errors.mean
         learner = (shares["learner"] or 0.0) + (shares["exploration"] or 0.0)
@@ -164,8 +165,7 @@ class _Page:
             (f"Return, last {WINDOW} episodes" if recent else "Mean return",
              readable(returns["last_20"] if recent else returns["mean"]), planner or "", False),
             ("Decisions", f"{steps:,}", f"in {plural(summary['episodes'], 'episode')}", False),
-            ("By the learner", percent(learner) if steps else "–",
-             ", ".join(f"{name} {percent(share)}" for name, share in shares.items() if share), False),
+            ("By the learner", percent(learner) if steps else "–", acted, False),
             ("Proposals refused", f"{summary['vetoes']:,}",
              f"in {percent(summary['vetoes'] / steps)} of the steps" if steps else "", False),
             ("Unsafe actions executed", f"{unsafe:,}", safety, unsafe > 0),
