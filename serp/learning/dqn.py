@@ -25,6 +25,7 @@ from serp.errors import LearningFailure, RunError
 from serp.learning.network import MeanQ
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
+from serp.learning.reflection import Reflection
 from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
 from serp.settings import LearnerSettings
 
@@ -89,6 +90,7 @@ class DQN:
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
         imitates: Whether samples hold actions to be imitated.
+        reflection: A reflection that the task has; None for none.
 
     Attributes:
         imitates: As given.
@@ -105,6 +107,7 @@ class DQN:
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         imitates: bool = False,
+        reflection: Reflection | None = None,
     ) -> None:
         self.imitates = imitates
         self.imitation_weight = 0.0
@@ -114,10 +117,11 @@ class DQN:
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng)
+        self.replay = ReplayBuffer(spec, settings, sample_rng, reflection)
+        self._reflection = reflection
         self._bounds = ReturnBounds(settings.discount)
         self._explore_rng = explore_rng
-        self._mean_q = MeanQ(self.learning.online)
+        self._mean_q = MeanQ(self.learning.online, reflection)
         self.env_steps = 0
         self._learn_calls = 0
 
@@ -145,7 +149,7 @@ class DQN:
         return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * done
 
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q of every action, the mean of the members.
+        """Return Q of every action, the mean of the members and mirror images.
 
         Args:
             x: One input ``[F]`` or a batch ``[B, F]``.
@@ -257,7 +261,7 @@ class DQN:
 
     def as_onnx(self) -> bytes:
         """Return the network as ONNX; see `serp.learning.onnx_export.network_as_onnx`."""
-        return network_as_onnx(self.learning.online)
+        return network_as_onnx(self.learning.online, self._reflection)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from serp.learning import kernels
 from serp.learning.kernels import aligned_zeros
+from serp.learning.reflection import Reflection
 from serp.learning.replay import type_F32
 
 _NO_FLOOR = np.float32(-math.inf)
@@ -187,11 +188,12 @@ def _squeezed(array: type_F32) -> type_F32:
 
 
 class MeanQ:
-    """Computes Q of a network, the mean over its members."""
+    """Computes Q of a network, the mean over its members and mirror images."""
 
-    def __init__(self, network: QNetwork) -> None:
+    def __init__(self, network: QNetwork, reflection: Reflection | None = None) -> None:
         self._network = network
-        self._single = Workspace(network, 1)
+        self._reflection = reflection
+        self._single = Workspace(network, 2 if reflection else 1)
         self._many = Workspace(network, 0)
 
     def of(self, x: npt.NDArray[np.floating]) -> type_F32:
@@ -201,10 +203,14 @@ class MeanQ:
             raise ValueError(
                 f"an input must have shape ({size},) or (batch, {size}), not {x.shape}"
             )
-        rows = np.atleast_2d(x)
-        if len(rows) != 1 and self._many.batch != len(rows):
+        rows = np.atleast_2d(x).astype(np.float32, copy=False)
+        count = len(rows)
+        if self._reflection is not None:
+            rows = np.concatenate((rows, self._reflection.of_inputs(rows)))
+        if count != 1 and self._many.batch != len(rows):
             self._many = Workspace(self._network, len(rows))
-        work = self._single if len(rows) == 1 else self._many
-        of_each = self._network.forward(rows.astype(np.float32, copy=False), work)
+        of_each = self._network.forward(rows, self._single if count == 1 else self._many)
         q: type_F32 = of_each[0].copy() if self._network.members == 1 else of_each.mean(axis=0)
+        if self._reflection is not None:
+            q = (q[:count] + self._reflection.of_actions(q[count:])) * np.float32(0.5)
         return q if x.ndim == 2 else q[0]

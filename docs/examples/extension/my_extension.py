@@ -63,10 +63,11 @@ class Table:
         settings: Any,
         seed: Any,
         imitates: bool = False,
+        reflection: Any = None,
     ) -> None:
         self.input_size, self.action_count, self.settings = input_size, action_count, settings
         self.imitates = imitates
-        self.imitation_weight, self.lane, self.updates = 0.0, 0, 0
+        self.imitation_weight, self.env_index, self.updates = 0.0, 0, 0
         self._q: dict[tuple[float, ...], Any] = {}
         self._random = np.random.default_rng(seed)
         self._error: float | None = None
