@@ -22,8 +22,7 @@ from serp._util.text import percent, plural, readable
 from serp.errors import Notice, needs_extra
 from serp.pddl.source import Source
 from serp.runs.agreeing import RunModel
-from serp.runs.recording import Recording
-from serp.runs.recording_format import ACTORS, RECORDING
+from serp.runs.recording import ACTORS, RECORDING, Recording
 from serp.runs.report import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
 from serp.runs.run import Run

@@ -15,7 +15,7 @@ from serp.agent.decision import Reason
 from serp.agent.explanation import step_causes
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import TransitionModel, Vector
-from serp.runs.recording_format import REASONS
+from serp.runs.recording import REASONS
 from serp.runs.step_account import error_units, in_units, predicted_states
 from serp.ui.report.recorded_steps import RecordedSteps
 
