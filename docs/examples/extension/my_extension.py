@@ -54,6 +54,7 @@ class Table:
         settings: The learner's settings; it uses discount, ε and the scale of rewards.
         seed: Seed of its exploration.
         imitates: Whether steps come with an action to imitate; it does not imitate.
+        reflection: A reflection of the task; it uses none.
     """
 
     def __init__(
