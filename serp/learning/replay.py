@@ -274,7 +274,7 @@ class ReplayBuffer:
     def _mirror(self, reflection: Reflection) -> None:
         """Replace half of the samples drawn by their mirror images."""
         self._rng.random(out=self._uniform)
-        chosen = np.flatnonzero(self._uniform < 0.5)
+        chosen = np.flatnonzero(self._uniform >= 0.5)
         for name, drawn in self._drawn.items():
             if name.endswith("observation"):
                 drawn[chosen] = reflection.of_inputs(drawn[chosen])
