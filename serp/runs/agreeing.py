@@ -162,7 +162,7 @@ class AgreeingPlanner:
     def paths(self, state: Vector, seconds: float) -> list[list[int]]:
         """Return the ground actions, one a control period, of the best path by each action."""
         if self._far is None:
-            planner = MonitorReplanner.of(self.model, self._settings, time_budget=seconds)
+            planner = MonitorReplanner(self.model, self._settings, time_budget=seconds)
             return planner.plan(state).paths
         most = self._settings.depth
         return paths_by(self.model, lambda s: self.forecast(s).choice, state, most, seconds)

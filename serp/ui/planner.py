@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import click
 import numpy as np
-from click.core import ParameterSource
 
 from serp._util.text import plural, readable
 from serp.agent.counterfactuals import Counterfactuals, counterfactuals
@@ -23,6 +22,7 @@ from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
 from serp.runs.recording import HEADER, RECORDING
 from serp.settings import Settings
 from serp.ui.asked import MakePlanner, open_run
+from serp.ui.options import refuse_given
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,7 +64,7 @@ class ChosenPlanner:
         name: str,
         undisturbed: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
     ) -> None:
-        self.lookahead = MonitorReplanner.of(model, settings, time_budget=seconds)
+        self.lookahead = MonitorReplanner(model, settings, time_budget=seconds)
         self.model, self.settings = model, settings
         self._planner, self._seconds, self._name = planner, seconds, name
         self._undisturbed = undisturbed
@@ -189,20 +189,8 @@ class RunPlanner(ChosenPlanner):
 
 def asked_run(folder: Path, seconds: float) -> tuple[Domain, Task, MakePlanner]:
     """Return domain, task and planner of the run that `serp plan` is asked for."""
-    # What a run has of its own.
-    fixed = {
-        "name": "--domain",
-        "problem": "--problem",
-        "max_ground_schemas": "--max-ground-schemas",
-        "planner_name": "--planner",
-        "depth": "--depth",
-        "dt": "--dt",
-        "settings": "--set",
-    }
-    context = click.get_current_context()
-    for name, option in fixed.items():
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} cannot be given beside a run, which has its own")
+    own = ("name", "problem", "max_ground_schemas", "planner_name", "depth", "dt", "settings")
+    refuse_given(own, "cannot be given beside a run, which has its own")
     if not folder.is_dir():
         raise click.UsageError(
             f"there is no run {folder}; a task or a domain file is given as --domain {folder}"
