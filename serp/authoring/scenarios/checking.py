@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from serp._util.text import listed, plural, readable
 from serp.agent.arbiter import Arbiter
+from serp.agent.chosen_planner import followed
 from serp.agent.decision import Decision, Reason
-from serp.agent.explanation import Explanation, compared, explain, followed
+from serp.agent.explanation import Explanation, compared, explain
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import between, lesser, lines_of
 from serp.agent.veto import VetoPolicy

@@ -95,7 +95,9 @@ def _print(console: Console, run: RunModel, account: StepAccount) -> None:
     for line in who_acted(account):
         console.print(line)
     console.print("")
-    print_account(console, account.account, [], account.proposed if account.vetoed else "")
+    print_account(
+        console, account.account, [], account.proposed if account.step.decision.vetoed else ""
+    )
     if account.ahead_by:
         console.print(f"Later steps were planned again with {account.ahead_by}.")
     else:

@@ -41,11 +41,12 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
     reasons = set()
     for number, row in enumerate(rows):
         made = account_of_step(run, recording, FoundStep(number), search=False)
+        shown, decision = made.as_dict(), made.step.decision
         for name in ("proposed_by", "proposed", "executed", "executed_by", "reason"):
-            assert row[name] == str(getattr(made, name))
-        assert (int(row["episode"]), float(row["rho"])) == (made.episode, made.rho)
+            assert row[name] == shown[name]
+        assert (int(row["episode"]), float(row["rho"])) == (shown["episode"], shown["rho"])
         taken, forecast = made.account.taken, recording.step(number).decision.forecast
-        assert taken is not None and taken.name == made.executed
+        assert taken is not None and taken.name == shown["executed"]
         assert [each.best_return for each in made.account.alternatives] == forecast.value.tolist()
         amounts = [cause.amount or 0.0 for cause in taken.causes if cause.what == "reward"]
         assert sum(amounts) == pytest.approx(taken.reward or 0.0)
@@ -58,19 +59,19 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
             assert ("unsafe" in {cause.what for cause in made.observed}) == made.unsafe
         if made.predictions:
             (x,) = made.predictions
-            moved = MOVES.get(made.executed) if taken.applicable else None
+            moved = MOVES.get(taken.name) if taken.applicable else None
             assert x.predicted == (None if moved is None else x.before + moved)
             assert made.domain_reward is not None
             assert x.predicted is None or (x.error == 0.0) == (x.predicted == x.observed)
         lines = " ".join([*who_acted(made), *what_came(made)])
         if made.predictions and made.domain_reward is not None:
             assert ("than the file says" in lines) == (
-                made.reward != pytest.approx(made.domain_reward, rel=0.01)
+                shown["reward"] != pytest.approx(made.domain_reward, rel=0.01)
             )
-        assert made.executed in lines
-        if made.reason is Reason.UNSAFE:
+        assert taken.name in lines
+        if decision.reason is Reason.UNSAFE:
             assert f"proposed {made.proposed}" in lines and "event pit" in lines
-        reasons.add(made.reason)
+        reasons.add(decision.reason)
     assert {Reason.PLANNER_TURN, Reason.ACCEPTED, Reason.UNSAFE} <= reasons
 
 
@@ -79,7 +80,11 @@ def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     found = most_telling(recording)
     assert found.because == "the last refused proposal that was applicable"
     made = account_of_step(run, recording, found)
-    assert made.vetoed and made.other_vetoes is not None and made.other_choices is not None
+    assert (
+        made.step.decision.vetoed
+        and made.other_vetoes is not None
+        and made.other_choices is not None
+    )
     (flip,) = made.other_vetoes.changes
     state = recording.step(found.step).state
     ground = run.model.action_index(made.proposed)
