@@ -8,9 +8,8 @@ the same choice in this state, see `serp.runs.agreeing`. Where none does, it is 
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from serp.agent.causes import Cause, observed_causes
 from serp.agent.counterfactuals import Counterfactuals
 from serp.agent.decision import Reason
 from serp.agent.explanation import Explanation, explain
-from serp.errors import RunError
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.runs.agreeing import RunModel, agreeing_planner, other_vetoes_of
@@ -116,21 +114,11 @@ def in_units(differences: Vector, units: Vector) -> Vector:
     return errors
 
 
-_TIME: Final = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d+)?)")
-_LARGEST: Final = 1e12
+def most_telling(recording: Recording) -> tuple[int, str]:
+    """Return the step of the newest veto, and why it is shown.
 
-
-class FoundStep(NamedTuple):
-    """A step of a recording, and why it is shown; empty where it was asked for."""
-
-    step: int
-    because: str = ""
-
-
-def most_telling(recording: Recording) -> FoundStep:
-    """Return the step of the newest veto; without one the newest unsafe step, else the last one.
-
-    A veto for harm, risk or reward tells more than one of a proposal that is not applicable.
+    Without a veto it is the newest unsafe step, else the last one. A veto for harm, risk or reward
+    tells more than one of a proposal that is not applicable.
 
     Raises:
         RunError: There is no step yet.
@@ -144,41 +132,10 @@ def most_telling(recording: Recording) -> FoundStep:
         ("refused proposal", refused),
     ):
         if steps.any():
-            return FoundStep(int(np.flatnonzero(steps)[-1]), f"the last {what}")
+            return int(np.flatnonzero(steps)[-1]), f"the last {what}"
     if not len(recording):
         recording.step(0)  # raises
-    return FoundStep(len(recording) - 1, "the last step: nothing was refused, and nothing unsafe")
-
-
-def seconds_of(text: str) -> float:
-    """Return a time in seconds: `12.5`, `3:12`, `1:03:12`.
-
-    Raises:
-        RunError: It is no time.
-    """
-    match = _TIME.fullmatch(text.strip())
-    if match is None:
-        raise RunError(f"`{text}` is no time; write minutes:seconds, such as 3:12 or 1:03:12.5")
-    hours, minutes, seconds = (float(part or 0) for part in match.groups())
-    return min(_LARGEST, 3600 * hours + 60 * minutes + seconds)
-
-
-def step_at(recording: Recording, episode: int, seconds: float) -> FoundStep:
-    """Return the step of an episode in which a time falls, counted from the episode's beginning.
-
-    Raises:
-        RunError: There is no such episode, or it has ended by then.
-    """
-    period = recording.layout.control_period
-    number = int(seconds / period + 1e-9) + 1
-    recording.find(episode, 1)  # or there is no such episode
-    count = len(recording.episodes[episode])
-    if number > count:
-        raise RunError(
-            f"episode {episode:,} ends after {clock(count * period)} ({count:,} steps of "
-            f"{period:g} s)."
-        )
-    return FoundStep(recording.find(episode, number))
+    return len(recording) - 1, "the last step: nothing was refused, and nothing unsafe"
 
 
 def clock(seconds: float) -> str:
@@ -261,24 +218,25 @@ _BY: Final = ("executed_by", "proposed_by", "reason")
 
 
 def account_of_step(
-    run: RunModel, recording: Recording, found: FoundStep, *, search: bool = True
+    run: RunModel, recording: Recording, step: int, because: str = "", *, search: bool = True
 ) -> StepAccount:
     """Return the account of a recorded step.
 
     Args:
         run: The run.
         recording: The recording, of the run or of an evaluation of it.
-        found: The step.
+        step: Its position in the recording.
+        because: Why it is shown; empty where it was asked for.
         search: Whether it is searched what would have had to differ, which takes up to 8 s in large
             domains.
 
     Raises:
         RunError: There is no such step, or its recording is damaged.
     """
-    step = recording.step(found.step)
-    decision, state = step.decision, step.state
+    stored = recording.step(step)
+    decision, state = stored.decision, stored.state
     ground: list[int] = decision.forecast.ground.tolist()
-    planner = agreeing_planner(run, step)
+    planner = agreeing_planner(run, stored)
     model = run.adapted or run.model  # risks that were learned are traced in it
     paths = other_choices = other_vetoes = None
     if planner is not None:
@@ -288,22 +246,22 @@ def account_of_step(
         if search:
             within = recording.ranges, recording.whole
             other_choices = planner.other_choices(state, *within)
-            other_vetoes = other_vetoes_of(run, step, planner, *within)
+            other_vetoes = other_vetoes_of(run, stored, planner, *within)
     account = explain(
         model, state, decision.forecast, decision.action,
         names=recording.layout.actions, ground=ground, paths=paths,
         discount=run.settings.planner.discount,
     )  # fmt: skip
-    observed, domain_reward, unsafe = _judged(run, step, ground[decision.action])
+    observed, domain_reward, unsafe = _judged(run, stored, ground[decision.action])
     return StepAccount(
-        step=step,
-        time=clock((step.number - 1) * recording.layout.control_period),
-        because=found.because,
+        step=stored,
+        time=clock((stored.number - 1) * recording.layout.control_period),
+        because=because,
         account=account,
         ahead_by="" if planner is None else planner.name,
         other_choices=other_choices,
         other_vetoes=other_vetoes,
-        predictions=tuple(predictions_of(run, recording, step)),
+        predictions=tuple(predictions_of(run, recording, stored)),
         domain_reward=domain_reward,
         observed=tuple(observed),
         unsafe=unsafe,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from serp.authoring.scenarios.checking import Result
-from serp.authoring.scenarios.files import ScenarioFile, add_situation, recorded_values
+from serp.authoring.scenarios.files import ScenarioFile, add_situation
 from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.settings import resolve
@@ -27,7 +27,7 @@ class EditedScenarios:
 
     def run(self) -> list[Result]:
         """Check all scenarios as `serp test` does; this may take some seconds."""
-        return list(self._file().run(recorded_values))
+        return list(self._file().run())
 
     def with_state(self, title: str, shown: ShownState) -> str:
         """Return the text with one more scenario: what holds in a state."""

@@ -11,14 +11,7 @@ import pytest
 from serp.agent.decision import Reason
 from serp.errors import RunError
 from serp.runs.agreeing import RunModel
-from serp.runs.step_account import (
-    FoundStep,
-    account_of_step,
-    clock,
-    most_telling,
-    seconds_of,
-    step_at,
-)
+from serp.runs.step_account import account_of_step, clock, most_telling
 from serp.runs.step_sentences import what_came, what_would_differ, who_acted
 from tests.serp.runs.runs import train
 from tests.serp.sample_tasks import corridor
@@ -40,7 +33,7 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
     assert len(rows) == len(recording)
     reasons = set()
     for number, row in enumerate(rows):
-        made = account_of_step(run, recording, FoundStep(number), search=False)
+        made = account_of_step(run, recording, number, search=False)
         shown, decision = made.as_dict(), made.step.decision
         for name in ("proposed_by", "proposed", "executed", "executed_by", "reason"):
             assert row[name] == shown[name]
@@ -77,16 +70,16 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
 
 def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     recording = run.recording()
-    found = most_telling(recording)
-    assert found.because == "the last refused proposal that was applicable"
-    made = account_of_step(run, recording, found)
+    step, because = most_telling(recording)
+    assert because == "the last refused proposal that was applicable"
+    made = account_of_step(run, recording, step)
     assert (
         made.step.decision.vetoed
         and made.other_vetoes is not None
         and made.other_choices is not None
     )
     (flip,) = made.other_vetoes.changes
-    state = recording.step(found.step).state
+    state = recording.step(step).state
     ground = run.model.action_index(made.proposed)
     nearer = flip.becomes + float(np.sign(state[0] - flip.becomes))  # x is a whole number
     for value, refused in ((flip.becomes, False), (nearer, True)):
@@ -95,22 +88,6 @@ def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     assert abs(flip.becomes - state[0]) <= np.ptp(recording.ranges)
     assert f"{made.proposed} would not have been refused" in what_would_differ(made)[0]
     assert "Planned again with the file as written" in what_would_differ(made)[-1]
-
-
-def test_times_are_those_of_the_steps_of_an_episode(run: RunModel) -> None:
-    recording = run.recording()
-    for number in range(1, len(recording.episodes[1]) + 1):
-        period = recording.layout.control_period
-        found = step_at(recording, 1, seconds_of(clock((number - 1) * period)))
-        assert recording.step(found.step).number == number
-    assert [seconds_of(text) for text in ("12.5", "3:12", "1:03:12")] == [12.5, 192.0, 3792.0]
-    assert [clock(t) for t in (0.0, 12.46, 192.5, 3792.0)] == [
-        "0:00", "0:12.46", "3:12.5", "1:03:12"
-    ]  # fmt: skip
-    with pytest.raises(RunError, match="episode 1 ends after"):
-        step_at(recording, 1, 1e9)
-    with pytest.raises(RunError, match="is no time"):
-        seconds_of("noon")
 
 
 def test_a_recording_of_another_domain_is_refused(run: RunModel, tmp_path: Path) -> None:
@@ -122,3 +99,8 @@ def test_a_recording_of_another_domain_is_refused(run: RunModel, tmp_path: Path)
             run.recording()
     finally:
         header.write_text(text)
+
+
+def test_times_are_read_as_on_a_clock() -> None:
+    times = {0.0: "0:00", 12.46: "0:12.46", 192.5: "3:12.5", 3792.0: "1:03:12"}
+    assert {time: clock(time) for time in times} == times
