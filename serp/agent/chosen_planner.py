@@ -50,7 +50,7 @@ class ChosenPlanner:
         name: str,
         undisturbed: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
     ) -> None:
-        self.lookahead = MonitorReplanner.of(model, settings, time_budget=seconds)
+        self.lookahead = MonitorReplanner(model, settings, time_budget=seconds)
         self.model, self.settings, self.name = model, settings, name
         self._planner, self._seconds, self._undisturbed = planner, seconds, undisturbed
 

@@ -21,8 +21,7 @@ from serp.agent.explanation import Explanation, explain
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.runs.agreeing import RunModel, agreeing_planner, other_vetoes_of
-from serp.runs.recording import VETO_COLUMNS, Recording, StoredStep, vetoed
-from serp.runs.recording_format import REASONS
+from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
 
 _ROUNDING: Final = 1e-6
 """Error, in units, up to which a prediction is right."""
@@ -53,8 +52,6 @@ class PredictedFluent:
 
 def predictions_of(run: RunModel, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
     """Return what was predicted for a step and what came of it, the largest error first."""
-    if step.next_state is None:
-        return []
     before, after = run.model.values(step.state), run.model.values(step.next_state)
     ground = int(step.decision.forecast.ground[step.decision.action])
     written, learned = (
@@ -270,8 +267,6 @@ def account_of_step(
 
 def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
     """Return causes, reward and flag of what was observed, by the file as written."""
-    if step.next_state is None:
-        return [], None, step.unsafe
     try:
         causes, judged = observed_causes(run.model, step.state, ground, step.next_state)
     except StateError:

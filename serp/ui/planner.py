@@ -11,7 +11,7 @@ from click.core import ParameterSource
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.errors import SerpError
-from serp.runs.recording_format import HEADER, RECORDING
+from serp.runs.recording import HEADER, RECORDING
 from serp.settings import Settings
 from serp.ui.asked import MakePlanner, open_run
 

@@ -132,7 +132,7 @@ SECTIONS = {
             "why": "Explain a recorded step of a run, in the words of its file.",
             "report": "Write what happened in a run as one page for the browser.",
             "evaluate": "Measure a trained policy.",
-            "watch": "Show a trained policy in a window or as a film.",
+            "watch": "Film a trained policy.",
             "diagnose": "Report what is wrong or missing in a run's domain file.",
             "repair": "Write a run's domain file, corrected by what it observed.",
             "export": "Write a trained policy for a robot.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sys
 from pathlib import Path
@@ -9,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp._util.terminal import visible
 from serp.ui.options import max_ground_schemas_option, own_task_option, settings_option
 from serp.ui.output import examples
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     "play",
     epilog=examples(
         "serp play delivery.pddl",
-        "serp play cartpole --state pole-angle=0.1 --keys left=push-left,right=push-right",
+        "serp play cartpole --state pole-angle=0.1",
         "serp play delivery.pddl --slip 0.1 --noise 0.05 --seed 3",
         "echo 'p 5' | serp play delivery.pddl",
     ),
@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 @click.option("--planner", metavar="NAME", help="Who is asked by `?` and `p`.  "
                                                 "[default: that of the preset]")  # fmt: skip
 @settings_option
-@click.option("--keys", metavar="KEY=ACTION,...", help="Keys of actions; KEY is a character, or "
-                                                       "up, down, left, right, space.")  # fmt: skip
 def command(
     name: str,
     problem: Path | None,
@@ -58,14 +56,13 @@ def command(
     dt: float | None,
     planner: str | None,
     settings: dict[str, dict[str, Any]],
-    keys: str | None,
     **disturbances: Any,
 ) -> None:
     """Play the world of a domain file: no environment is needed, and no Python.
 
-    On a terminal a key is an action; what each step changed is shown, and the line of the file
-    behind it. `?` asks the planner, `p` lets it act, `u` undoes a step, `:` takes a whole line, `h`
-    shows all commands. Elsewhere commands are read from standard input, one a line.
+    What each step changed is shown, and the line of the file behind it. A line is a command: the
+    number or name of an action; `?` asks the planner, `p` lets it act, `u` undoes a step, `h` shows
+    all commands. On a terminal an empty line repeats the last one.
 
     The planner knows the file. The world may slip and be noisy beside that, so that you see what
     a plan and its vetoes stand.
@@ -79,7 +76,7 @@ def command(
     from serp.tasks.task import WorldOptions
     from serp.ui.asked import asked_domain, asked_own_task, parse_state
     from serp.ui.output import open_console
-    from serp.ui.player import Player, Playground, action_keys
+    from serp.ui.player import Player, Playground
 
     try:
         world = WorldOptions(**disturbances)
@@ -104,8 +101,7 @@ def command(
             assignments = (text,)
     begun = parse_state(assignments, domain)
     game = Game(starting(domain, begun) if begun else domain, world, dt=dt, seed=seed)
-    actions = [action.name for action in game.model.actions]
-    player = Player(played, game, begun, console, action_keys(actions, keys))
+    player = Player(played, game, begun, console)
     disturbed = "".join(f", {what} {size:g}" for what, size in disturbances.items() if size)
     console.print(
         f"the world of {game.moment.domain.source.name}, control period {dt:g}{disturbed}"
@@ -113,12 +109,12 @@ def command(
     player.print_state()
     player.print_actions()
     if by_hand:
-        _by_keys(player)
+        _prompted(player)
     else:
-        _by_lines(player)
+        _scripted(player)
 
 
-def _by_lines(player: Player) -> None:
+def _scripted(player: Player) -> None:
     """Read commands from standard input, one a line; a mistake ends the game."""
     from serp.errors import SerpError
 
@@ -127,33 +123,25 @@ def _by_lines(player: Player) -> None:
             if not player.do(line):
                 return
         except (SerpError, click.UsageError) as error:
-            raise SerpError(f"line {number}: {_message(error)}") from error
+            raise SerpError(f"line {number}: {error}") from error
 
 
-def _by_keys(player: Player) -> None:
-    """Read keys from the terminal, return repeats the last one; a mistake does not end the game."""
+def _prompted(player: Player) -> None:
+    """Ask for commands on the terminal; a mistake does not end the game."""
     from serp.errors import SerpError
-    from serp.ui.player import typed_keys
     from serp.ui.root import say
 
-    click.secho("? plan  p planner  u undo  r restart  s state  : a line  h help  q quit", dim=True)
-    last, keys = "", typed_keys()
+    with contextlib.suppress(ImportError):
+        import readline  # noqa: F401  (lines can be edited, and called back)
+    click.secho("? plan  p planner  u undo  r restart  s state  h help  q quit", dim=True)
+    line = ""
     while True:
-        click.secho(f"{player.possible()} > ", nl=False, bold=True)
         try:
-            key = next(keys)
-            line = last if key == "enter" else key
-            if not line.startswith(":"):
-                click.echo(visible(line))
-            last = line
+            line = input(f"{player.possible()} > ") or line
             if not player.do(line):
                 return
         except EOFError:
             click.echo()
             return
         except (SerpError, click.UsageError) as error:
-            say(_message(error))
-
-
-def _message(error: Exception) -> str:
-    return error.message if isinstance(error, click.UsageError) else str(error)
+            say(str(error))
