@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from click.core import ParameterSource
 
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.registry import make_planner, refuse_unknown_names
@@ -14,6 +13,7 @@ from serp.errors import SerpError
 from serp.runs.recording import HEADER, RECORDING
 from serp.settings import Settings
 from serp.ui.asked import MakePlanner, open_run
+from serp.ui.options import refuse_given
 
 if TYPE_CHECKING:
     from serp.agent.counterfactuals import Counterfactuals
@@ -65,20 +65,8 @@ class RunPlanner(ChosenPlanner):
 
 def asked_run(folder: Path, seconds: float) -> tuple[Domain, Task, MakePlanner]:
     """Return domain, task and planner of the run that `serp plan` is asked for."""
-    # What a run has of its own.
-    fixed = {
-        "name": "--domain",
-        "problem": "--problem",
-        "max_ground_schemas": "--max-ground-schemas",
-        "planner_name": "--planner",
-        "depth": "--depth",
-        "dt": "--dt",
-        "settings": "--set",
-    }
-    context = click.get_current_context()
-    for name, option in fixed.items():
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} cannot be given beside a run, which has its own")
+    own = ("name", "problem", "max_ground_schemas", "planner_name", "depth", "dt", "settings")
+    refuse_given(own, "cannot be given beside a run, which has its own")
     if not folder.is_dir():
         raise click.UsageError(
             f"there is no run {folder}; a task or a domain file is given as --domain {folder}"
