@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 from serp._util.terminal import visible
 from serp._util.text import did_you_mean, plural, readable
 from serp.agent.causes import Cause
-from serp.agent.refusals import schema_of
 from serp.agent.sentences import line_of_cause
 from serp.errors import SerpError
 from serp.model.domain import Domain
@@ -23,9 +22,9 @@ from serp.ui.output import print_table
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.authoring.play import FluentChange, Game, GameStep
     from serp.planning.replanner import Plan
-    from serp.ui.planner import ChosenPlanner
 
 
 HELP: Final = (
@@ -283,7 +282,7 @@ def _reason(cause: Cause, *, with_amount: bool) -> str:
     amount = f"{_signed(cause.amount or 0.0)} " if with_amount else ""
     comment = f": {cause.comment}" if cause.comment else ""
     line = "" if cause.place is None else f" (line {cause.place.line})"
-    return f"{amount}by {schema_of(cause)}{line}{comment}"
+    return f"{amount}by {cause.schema}{line}{comment}"
 
 
 def _signed(amount: float) -> str:
