@@ -236,7 +236,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy:
         ({"algorithms": ["dqn@odd"]}, SettingsError, "`dqn` uses no domain file"),
         ({"algorithms": ["mrp@a/broken.pddl"]}, DomainError, "broken.pddl"),
         ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, the environment 4"),
-        ({"out": "a\0b"}, SettingsError, "out must be the name of a folder"),
+        ({"out": 3}, SettingsError, "compare.out"),
         ({"out": "a"}, RunError, "a is not empty"),
     ],
 )  # fmt: skip
