@@ -302,7 +302,7 @@ class GuardedEnv(ArbitratedEnv):
                     Path(out), bound, resolved,
                     preset=preset, seed=seed, budget=Budget(), begun=begun,
                 )  # fmt: skip
-                self._log = RunLog(self._folder, bound, resolved.training)
+                self._log = RunLog(self._folder, bound)
         except BaseException:
             bound.close()
             raise

@@ -95,7 +95,6 @@ NOT_IN_EVERY_RUN = {
     "problem.pddl",
     "evaluations/",
     "report.html",
-    "tensorboard/",
     "checkpoint-damaged.safetensors",
 }
 
