@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
@@ -33,30 +34,26 @@ MIN_VISITS = 4
 """In training, a planner prefers actions that were observed fewer times."""
 
 
-class ExplorationBonus:
-    """Makes a planner prefer actions with fewer visits than `min_visits`; 0: no preference.
+def exploration_bonus(visits: NDArray[np.int64], min_visits: int, forecast: Forecast) -> Forecast:
+    """Return a forecast whose choice is the least visited action that is safe.
 
-    `visits` `[A]` counts how often each ground action was observed; its owner updates it.
+    Args:
+        visits: `[A]` how often each ground action was observed.
+        min_visits: Actions with fewer visits are preferred; 0: none.
+        forecast: The forecast, which is returned where no action is preferred.
     """
-
-    def __init__(self, visits: NDArray[np.int64], min_visits: int) -> None:
-        self._visits = visits
-        self._min_visits = min_visits
-
-    def __call__(self, forecast: Forecast) -> Forecast:
-        """Return a forecast whose choice is the least visited action that is safe."""
-        if self._visits.min(initial=self._min_visits) >= self._min_visits:
-            return forecast
-        candidates = free_of_risk(forecast.flags)
-        lasting = candidates & (forecast.safe_steps == SAFE)
-        if lasting.any():
-            candidates = lasting
-        # If all known actions become unsafe, an unknown one is the better choice.
-        candidates &= self._visits < self._min_visits
-        if not candidates.any():
-            return forecast
-        least = np.where(candidates, self._visits, np.iinfo(np.int64).max)
-        return forecast._replace(choice=int(least.argmin()))
+    if visits.min(initial=min_visits) >= min_visits:
+        return forecast
+    candidates = free_of_risk(forecast.flags)
+    lasting = candidates & (forecast.safe_steps == SAFE)
+    if lasting.any():
+        candidates = lasting
+    # If all known actions become unsafe, an unknown one is the better choice.
+    candidates &= visits < min_visits
+    if not candidates.any():
+        return forecast
+    least = np.where(candidates, visits, np.iinfo(np.int64).max)
+    return forecast._replace(choice=int(least.argmin()))
 
 
 _FOR_LEARNER = (
@@ -116,7 +113,8 @@ class Agent:
             settings.arbiter,
             strategy,
             vetoes=VetoPolicy(actions, settings.arbiter, settings.planner.depth),
-            exploration_bonus=ExplorationBonus(
+            exploration_bonus=functools.partial(
+                exploration_bonus,
                 self.adaptation.visits,
                 MIN_VISITS if model is not task.model else 0,
             ),

@@ -125,7 +125,7 @@ class _Search:
         settings = algorithm.settings(self._task, self.request.settings)
         return [
             Job(
-                Trial(algorithm.name, self.name, seed), algorithm, self._task, settings,
+                Trial(algorithm.name, seed), algorithm, self._task, settings,
                 self._protocol, folder.absolute() / "trials" / f"{number}-{seed}",
             )
             for seed in self.request.seeds

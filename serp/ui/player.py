@@ -6,17 +6,15 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from serp._util.terminal import visible
 from serp._util.text import did_you_mean, plural, readable
 from serp.agent.causes import Cause
-from serp.agent.refusals import schema_of
-from serp.agent.registry import refuse_unknown_names
 from serp.agent.sentences import line_of_cause
 from serp.errors import SerpError
 from serp.model.domain import Domain
-from serp.settings import Settings, resolve
+from serp.settings import Settings
 from serp.tasks.task import Task
 from serp.ui.asked import parse_state
 from serp.ui.output import print_table
@@ -24,9 +22,9 @@ from serp.ui.output import print_table
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.authoring.play import FluentChange, Game, GameStep
     from serp.planning.replanner import Plan
-    from serp.ui.planner import ChosenPlanner
 
 
 HELP: Final = (
@@ -56,26 +54,15 @@ class Playground:
         domain: The domain.
         task: The installed task that it belongs to; None for none.
         dt: Control period.
-        changes: Section → setting → value.
+        settings: The settings that a training would have.
         own_file: False for the file of an installed task, beside which nothing is written.
     """
 
     domain: Domain
     task: Task | None
     dt: float
-    changes: Mapping[str, Mapping[str, Any]]
+    settings: Settings
     own_file: bool
-
-    def settings(self) -> Settings:
-        """Return the settings that a training would have.
-
-        Raises:
-            SettingsError: There is no such setting or planner.
-        """
-        of_task = None if self.task is None else self.task.settings
-        resolved = resolve("default", of_task, self.changes)
-        refuse_unknown_names(resolved, self.task.planners if self.task else {})
-        return resolved
 
     def planner(self, domain: Domain) -> ChosenPlanner:
         """Return the planner that a training would have in a world."""
@@ -83,7 +70,7 @@ class Playground:
         from serp.ui.planner import chosen_planner
 
         model = domain.model.replace(dt=self.dt)
-        return chosen_planner(model, self.settings().planner, self.task, 10.0)
+        return chosen_planner(model, self.settings.planner, self.task, 10.0)
 
     def save(self, title: str, game: Game, begun: Mapping[str, float]) -> str:
         """Write the situation of a game as a scenario, with what holds there; return a message.
@@ -107,7 +94,7 @@ class Playground:
         source = Source.read(file) if file.exists() else Source(str(file), "")
         known = {**begun, **moment.changed, **game.values}
         opened = ScenarioFile.open(
-            source, self.domain.observed(known), self.settings(), self.dt, self.task
+            source, self.domain.observed(known), self.settings, self.dt, self.task
         )
         start = opened.decider.start
         values = {name: float(known.get(name, value)) for name, value in start.items()}
@@ -307,7 +294,7 @@ def _reason(cause: Cause, *, with_amount: bool) -> str:
     amount = f"{_signed(cause.amount or 0.0)} " if with_amount else ""
     comment = f": {cause.comment}" if cause.comment else ""
     line = "" if cause.place is None else f" (line {cause.place.line})"
-    return f"{amount}by {schema_of(cause)}{line}{comment}"
+    return f"{amount}by {cause.schema}{line}{comment}"
 
 
 def _signed(amount: float) -> str:

@@ -243,7 +243,7 @@ class Flow:
 
     def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
         """Return the predictions with parameters `[P]`, `[N, F]`; NaN without a next state."""
-        if self._processes and self._whole.has_own_code and self._whole.compiled:
+        if self._processes and self._whole.program.has_own_code and self._whole.program.compiled:
             return _flowed(self._whole.replace(theta=theta), states, actions)
         return predictions(self._bare.replace(theta=theta), states, actions)
 
@@ -288,7 +288,7 @@ def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.
 
     A model that is not compiled yet runs in CPython, with the same results.
     """
-    if model.compiled:
+    if model.program.compiled:
         predicted, flags = _run(model.native_step(), model, states, actions)
     else:
         steps = zip(states.tolist(), actions.tolist(), strict=True)
@@ -301,7 +301,7 @@ def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.
 
 def _flowed(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
     """Return the predictions of a model without its events, `[N, F]`; NaN where none."""
-    predicted, flags = _run(model.native_flow(), model, states, actions)
+    predicted, flags = _run(model.program.native("flow"), model, states, actions)
     # As in a whole step, there is no result where the reward is not finite.
     fine = (flags & APPLICABLE != 0) & np.isfinite(predicted[:, -1])
     return np.where(fine[:, None], predicted[:, :-1], np.nan)

@@ -25,7 +25,7 @@ from serp._util.files import cannot_write, make_inside, write_durably
 from serp._util.templates import render as render_template
 from serp._util.terminal import visible
 from serp._util.text import code, markdown_text, readable, table
-from serp.runs.comparison.algorithms import DQN, PLANNER
+from serp.runs.comparison.algorithms import PLANNER
 from serp.runs.comparison.statistics import (
     RESAMPLES,
     Curves,
@@ -104,7 +104,6 @@ def report_text(
         overview=table(*_in_markdown(*overview(results))),
         values=partial(values_table, results),
         differences=differences_table(results),
-        variants=variants_table(results),
     )
 
 
@@ -137,10 +136,10 @@ def estimate_text(found: Estimate) -> str:
     return readable(found.value) + ends
 
 
-def _cell(results: Results, algorithm: str, name: str, variant: str | None = None) -> str:
+def _cell(results: Results, algorithm: str, name: str) -> str:
     """Return a measure with its interval, and how often a threshold was never reached."""
-    text = estimate_text(results.estimate(algorithm, name, variant))
-    values = results.values(algorithm, name, variant)
+    text = estimate_text(results.estimate(algorithm, name))
+    values = results.values(algorithm, name)
     never = int(np.isposinf(values).sum())
     return f"{text}, never in {never} of {len(values)}" if never else text
 
@@ -156,11 +155,9 @@ def overview(results: Results) -> tuple[list[str], list[list[str]]]:
 
 
 def _in_markdown(
-    head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1
+    head: Sequence[str], rows: Iterable[Sequence[str]]
 ) -> tuple[list[str], list[list[str]]]:
-    return [*map(markdown_text, head)], [
-        [*map(markdown_text, row[:left]), *row[left:]] for row in rows
-    ]
+    return [*map(markdown_text, head)], [[markdown_text(row[0]), *row[1:]] for row in rows]
 
 
 def values_table(results: Results, name: str) -> str:
@@ -212,30 +209,6 @@ def settings_table(results: Results, jobs: Sequence[Job]) -> str:
             cells = (text.get(key, NOTHING) for text in texts.values())
             rows.append([*map(markdown_text, (key, *cells))])
     return table(["what", *map(markdown_text, texts)], rows, left=len(texts) + 1)
-
-
-def variants_table(results: Results) -> str:
-    """Return a row a domain file and algorithm, with the difference to the learner alone.
-
-    Empty if there is only one file.
-    """
-    if len(results.plan.variants) < 2:
-        return ""
-    names = ("training_area", "first_50", "final_learner", "final_policy")
-    rows = [
-        [
-            variant,
-            algorithm,
-            *(_cell(results, algorithm, name, variant) for name in names),
-            estimate_text(results.difference(algorithm, DQN, "first_50", variant)),
-        ]
-        for variant in results.plan.variants
-        for algorithm in results.on(variant)
-        if results.of(algorithm, results.plan.variants[1])
-    ]
-    titles = {measure.name: measure.title for measure in results.measures}
-    head = ["domain file", "algorithm", *(titles[n] for n in names), f"first 50: less {DQN}"]
-    return table(*_in_markdown(head, rows, 2), left=2) if rows else ""
 
 
 # Figures ---------------------------------------------------------------------------------------

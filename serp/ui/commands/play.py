@@ -69,8 +69,10 @@ def command(
 
     `serp plan-and-learn --domain FILE` lets a learner practise in this world.
     """
+    from serp.agent.registry import refuse_unknown_names
     from serp.authoring.play import Game
     from serp.errors import SettingsError
+    from serp.settings import resolve
     from serp.tasks.file_world import starting
     from serp.tasks.registry import find_domain_file
     from serp.tasks.task import WorldOptions
@@ -88,8 +90,9 @@ def command(
     if planner is not None:
         settings.setdefault("planner", {})["name"] = planner
     dt = dt or (1.0 if task is None else task.dt)
-    played = Playground(domain, task, dt, settings, own_file=file is not None)
-    played.settings()  # what is wrong with them is told at once
+    resolved = resolve("default", None if task is None else task.settings, settings)
+    refuse_unknown_names(resolved, {} if task is None else task.planners)
+    played = Playground(domain, task, dt, resolved, own_file=file is not None)
     console, by_hand = open_console(), sys.stdin.isatty()
     if not assignments and (domain.problem_syntax is None or not domain.problem_syntax.has_init):
         console.print(

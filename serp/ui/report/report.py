@@ -172,38 +172,29 @@ def _data(content: Content) -> tuple[dict[str, Any], str]:
 
 def _figures(content: Content, summary: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the headline figures, of which the same are in `summary.json`."""
-    returns, shares = summary["return"], summary["shares"]
-    last = returns["last_20"] if returns["last_20"] is not None else returns["mean"]
-    compared = "" if content.baseline is None else (
-        f"the planner alone: {readable(content.baseline['mean'])}"
-    )  # fmt: skip
-    steps, unsafe = summary["env_steps"], summary["unsafe_executed"]
-    safety = f"{plural(summary['no_safe_action'], 'step')} without a safe action"
-    came = summary["unsafe_observed"]
-    if came is not None:
-        safety += f", {plural(came, 'step')} observed unsafe"
-    acted = [f"{name} {percent(share)}" for name, share in shares.items() if share]
+    returns, shares, steps = summary["return"], summary["shares"], summary["env_steps"]
+    unsafe, came = summary["unsafe_executed"], summary["unsafe_observed"]
+    recent, off = returns["last_20"] is not None, content.errors.mean
     learner = (shares["learner"] or 0.0) + (shares["exploration"] or 0.0)
-    off = content.errors.mean
-    return [
-        {
-            "what": f"Return, last {WINDOW} episodes"
-            if returns["last_20"] is not None else "Mean return",
-            "value": readable(last),
-            "more": compared,
-        },
-        {"what": "Decisions", "value": f"{steps:,}",
-         "more": f"in {plural(summary['episodes'], 'episode')}"},
-        {"what": "By the learner", "value": percent(learner) if steps else "–",
-         "more": ", ".join(acted)},
-        {"what": "Proposals refused", "value": f"{summary['vetoes']:,}",
-         "more": f"in {percent(summary['vetoes'] / steps)} of the steps" if steps else ""},
-        {"what": "Unsafe actions executed", "value": f"{unsafe:,}",
-         "more": safety,
-         "bad": unsafe > 0},
-        {"what": "The file is off by", "value": "–" if off is None else readable(round(off, 2)),
-         "more": "× the usual change of a fluent, one step ahead"},
+    planner = content.baseline and f"the planner alone: {readable(content.baseline['mean'])}"
+    safety = f"{plural(summary['no_safe_action'], 'step')} without a safe action"
+    safety += f", {plural(came, 'step')} observed unsafe" if came is not None else ""
+    figures = [
+        (f"Return, last {WINDOW} episodes" if recent else "Mean return",
+         readable(returns["last_20"] if recent else returns["mean"]), planner or ""),
+        ("Decisions", f"{steps:,}", f"in {plural(summary['episodes'], 'episode')}"),
+        ("By the learner", percent(learner) if steps else "–",
+         ", ".join(f"{name} {percent(share)}" for name, share in shares.items() if share)),
+        ("Proposals refused", f"{summary['vetoes']:,}",
+         f"in {percent(summary['vetoes'] / steps)} of the steps" if steps else ""),
+        ("Unsafe actions executed", f"{unsafe:,}", safety),
+        ("The file is off by", "–" if off is None else readable(round(off, 2)),
+         "× the usual change of a fluent, one step ahead"),
     ]  # fmt: skip
+    return [
+        {"what": what, "value": value, "more": more, "bad": what.startswith("Unsafe") and unsafe}
+        for what, value, more in figures
+    ]
 
 
 def _prevented(content: Content) -> list[dict[str, Any]]:

@@ -20,7 +20,6 @@ from serp.tasks.registry import find_domain_file, load_task, task_entries, task_
 from serp.tasks.task import Task
 from serp.ui.studio.document import Document, save_together
 from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
-from serp.ui.studio.scenarios import EditedScenarios
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
 DOMAIN, PROBLEM, SCENARIOS = "domain", "problem", "scenarios"
@@ -158,8 +157,9 @@ class Session:
         seen = {} if self.played is None else self.played.ranges()
         if self.recorded is not None:
             seen = self.recorded.ranges
-        draw = None if self.task is None else self.task.draw
-        return Request(self.version, self.surroundings, self.shown, seen, draw)
+        document = self.documents[SCENARIOS]
+        scenarios = Source(str(document.path), document.text)
+        return Request(self.version, self.surroundings, self.shown, seen, self.task, scenarios)
 
     def set_fluent(self, name: str, value: float | bool) -> None:
         """Change one fluent of the state."""
@@ -215,15 +215,6 @@ class Session:
         self.played = self.recorded.episode(episode)
         self.show_step(number)
         return True
-
-    # Scenarios, the end ------------------------------------------------------------------------
-
-    @property
-    def scenarios(self) -> EditedScenarios:
-        """The scenarios, and what they are about, as they are edited."""
-        document = self.documents[SCENARIOS]
-        source = Source(str(document.path), document.text)
-        return EditedScenarios(source, self.version, self.surroundings, self.task)
 
     def close(self) -> list[str]:
         """Keep unsaved texts; return what became of each."""

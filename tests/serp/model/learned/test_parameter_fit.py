@@ -86,7 +86,7 @@ def test_a_compiled_model_predicts_the_same() -> None:
     states[0], states[1] = np.nan, -9.0  # no number; a precondition that fails
     by_python = Flow(model).predict(states, actions, model.theta)
     whole = predictions(model, states, actions)
-    assert not model.compiled
+    assert not model.program.compiled
     model.native_step()
     native = Flow(model).predict(states, actions, model.theta)
     assert native.tobytes() == by_python.tobytes()

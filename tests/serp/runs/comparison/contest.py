@@ -83,7 +83,7 @@ def job(
     """A trial with a folder."""
     found = find_algorithm(algorithm)
     settings = found.settings(task, {})
-    return Job(Trial(algorithm, "walk", seed), found, task.loaded(), settings, protocol, folder)
+    return Job(Trial(algorithm, seed), found, task.loaded(), settings, protocol, folder)
 
 
 def small(

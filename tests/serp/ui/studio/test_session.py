@@ -255,13 +255,13 @@ def test_a_websocket_of_another_page_is_refused(
 
 def test_a_state_becomes_a_scenario_that_holds_until_the_file_changes(session: Session) -> None:
     session.shown = ShownState({"heat": 70.0, "on": True})
-    text = session.scenarios.with_state("it is\nhot", session.shown)
+    text = session.request().with_scenario("it is\nhot")
     assert "scenario it is hot\n" in text and "refuses press because unsafe" in text
     session.edit("scenarios", text)
-    (result,) = session.scenarios.run()
+    (result,) = session.request().run_scenarios()
     assert result.passed
     session.edit("domain", SWITCH.replace("75.0", "95.0"))
-    (result,) = session.scenarios.run()
+    (result,) = session.request().run_scenarios()
     assert [failure.expected for failure in result.failures] == ["refuses press because unsafe"]
     session.save()
     assert session.documents["scenarios"].path.read_text() == text

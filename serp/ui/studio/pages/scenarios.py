@@ -27,15 +27,15 @@ class ScenariosPane:
 
     async def run(self) -> None:
         """Run the scenarios on the texts of this moment."""
-        scenarios = self._session.scenarios
-        if not scenarios.source.text.strip():
+        request = self._session.request()
+        if not request.scenarios.text.strip():
             self._summary.set_text(
                 "There are no scenarios yet. Choose a state, write a title, and add it."
             )
             return
         with busy(self._run):
             try:
-                results = await run.io_bound(scenarios.run)
+                results = await run.io_bound(request.run_scenarios)
             except SerpError as error:
                 self._summary.set_text(with_notes(error))
                 self._list.set_content("")
@@ -55,7 +55,7 @@ class ScenariosPane:
         before = session.documents[SCENARIOS].text
         with busy(self._add):
             try:
-                text = await run.io_bound(session.scenarios.with_state, title, session.shown)
+                text = await run.io_bound(session.request().with_scenario, title)
             except SerpError as error:
                 ui.notify(with_notes(error), type="negative", multi_line=True)
                 return
