@@ -69,7 +69,7 @@ def test_a_run_whose_terminal_is_closed_goes_on_as_if_nothing_had_been(
     done, whole = rows("closed", "metrics"), rows("whole", "metrics")
     assert 2 <= len(done) < 150
     assert done == whole[: len(done)]
-    assert Path("closed", "report.md").exists()
+    assert Path("closed", "summary.json").exists()
     serp("plan-and-learn", "--resume=closed")
     assert rows("closed", "metrics") == whole
     assert rows("closed", "decisions") == rows("whole", "decisions")

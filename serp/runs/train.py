@@ -27,7 +27,7 @@ from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError
 from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
-from serp.runs.folder import METRICS, RunFolder, default_path, is_trace, refuse_occupied
+from serp.runs.folder import METRICS, RunFolder, default_path, refuse_occupied
 from serp.runs.progress import Progress, show_compiling
 from serp.runs.run import (
     Run,
@@ -55,7 +55,7 @@ _ECHO: Final = 1.0
 shells and schedulers send it to the process and to its group."""
 
 
-_CHECKPOINT_SECONDS: Final = 15.0
+CHECKPOINT_SECONDS: Final = 15.0
 """Longest time between two checkpoints; they are written between episodes."""
 
 
@@ -228,7 +228,7 @@ def train(
             trainer.log.flush()
         folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
         cost = trainer.wall_time - begun
-        return trainer.wall_time + min(_CHECKPOINT_SECONDS, 50 * cost)
+        return trainer.wall_time + min(CHECKPOINT_SECONDS, 50 * cost)
 
     with _advice_to_resume(folder), stop_between_episodes() as stopping:
 
@@ -273,7 +273,8 @@ def train(
         from serp.runs.report import write_results
 
         account = account_of(trainer.agent)
-        write_results(folder, compile_seconds=trainer.compile_seconds, account=account)
+        vetoes = trainer.tally.vetoes_by_reason()
+        write_results(folder, vetoes, trainer.compile_seconds, account)
         if callbacks.failure is not None:
             raise callbacks.failure
         if stopping.signal is not None and not budget.spent_by(trainer):
@@ -349,7 +350,7 @@ def plan_and_learn(
     resolved = resolve(preset, task.settings, settings)
     refuse_unknown_names(resolved, task.planners)
     if out is not None:
-        refuse_occupied(Path(out), is_trace)
+        refuse_occupied(Path(out))
     with task.bind() as bound:
         path = Path(out) if out is not None else default_path(bound.name, begun)
 

@@ -315,7 +315,7 @@ def _train_external(
         if made < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
-        write_results(folder, account=account_of(agent))
+        write_results(folder, {}, account=account_of(agent))
 
 
 class _Evaluations:

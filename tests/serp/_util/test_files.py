@@ -27,7 +27,7 @@ READ = [
     PREVIOUS,
     LOCK,
 ]
-WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{NEWEST}.aside", f"{PREVIOUS}.aside", "report.md"]
+WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{NEWEST}.aside", f"{PREVIOUS}.aside"]
 KINDS = {
     "link": lambda path, target: path.symlink_to(target),
     "relative link": lambda path, target: path.symlink_to(f"../{target.name}"),
@@ -49,7 +49,6 @@ def use(path):
         run.decisions.append((0,) * len(DECISIONS_COLUMNS))
         run.save_checkpoint({"x": np.arange(3)}, {})
         run.write(SUMMARY, '{"episodes": 1}')
-        run.write("report.md", "what came of it")
         run.read_summary()
         read_metrics(path / METRICS)
 
