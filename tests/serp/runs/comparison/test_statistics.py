@@ -11,12 +11,10 @@ from hypothesis import strategies as st
 
 from serp.runs.comparison.statistics import (
     MEASURES,
-    Curves,
     Results,
     difference,
     estimate,
     evaluation_curves,
-    interquartile_mean,
     measure,
     training_curves,
 )
@@ -85,13 +83,6 @@ def test_a_difference_turns_its_sign_with_its_sides(
     assert (one.low is None) == (min(len(first), len(second)) < 2)
 
 
-def test_coverage_of_the_interval() -> None:
-    """Of many samples about 95 % have an interval that holds the truth (a bit less for twenty)."""
-    rng = np.random.default_rng(0)
-    found = [estimate(rng.normal(3, 1, 20)) for _ in range(100)]
-    assert 0.85 < np.mean([(e.low or 0) <= 3 <= (e.high or 0) for e in found]) < 1
-
-
 def test_degenerate_samples_have_a_defined_answer() -> None:
     assert np.isnan(estimate([]).value) and estimate([])[1:] == (None, None)
     assert estimate([7.0]) == (7.0, None, None)
@@ -99,14 +90,6 @@ def test_degenerate_samples_have_a_defined_answer() -> None:
     assert estimate([np.nan, 2.0, 2.0]) == (2.0, 2.0, 2.0)
     assert difference([1.0, 2.0], [5.0]) == (-3.5, None, None)
     assert np.isnan(difference([1.0, 2.0], []).value)
-
-
-def test_bands_lie_around_their_centre_and_that_of_one_seed_is_its_curve() -> None:
-    curves = np.random.default_rng(1).normal(size=(8, 5)).cumsum(axis=1)
-    centre, low, high = Curves(np.arange(5.0), curves).band()
-    assert (low <= centre).all() and (centre <= high).all()
-    assert centre == pytest.approx(interquartile_mean(curves.T))
-    assert all((edge == curves[0]).all() for edge in Curves(np.arange(5.0), curves[:1]).band())
 
 
 def test_curves_are_those_of_the_trials() -> None:

@@ -44,14 +44,6 @@ def session(tmp_path: Path) -> Session:
     return open_session(str(file), tmp_path)
 
 
-def test_scenarios_open_their_domain_and_a_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "switch.pddl").write_text(SWITCH)
-    opened = open_session(str(tmp_path / "switch.scenarios"), tmp_path)
-    assert opened.documents["domain"].path == tmp_path / "switch.pddl"
-    with pytest.raises(SerpError, match="a folder, but not that of a run"):
-        open_session(str(tmp_path), tmp_path)
-
-
 def test_a_view_says_what_the_planner_of_the_text_decides(session: Session) -> None:
     session.shown = ShownState({"heat": 20.0, "on": True, "no such fluent": 1.0})
     view = session.request().view()
