@@ -27,7 +27,6 @@ def changes(strategy: str) -> dict[str, dict[str, Any]]:
         "guide": {"strategy": strategy},
         "arbiter": {"rho": 0.2, "rho_increment": 0.1, "rho_unit": "episode"},
         "learner": {"epsilon_end": 0.2},
-        "training": {"checkpoint_seconds": 1_000.0},
     }
 
 
