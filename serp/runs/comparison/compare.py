@@ -142,7 +142,7 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
         RunError: It cannot be created, holds other files, or another process writes it.
     """
     if not (folder / mark).is_file():
-        make_empty(folder, lambda name: False)
+        make_empty(folder)
     lock = RunLock(folder)
     try:
         yield

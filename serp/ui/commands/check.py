@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         "serp check domains/cartpole.pddl",
         "serp check cartpole",
         "serp check domains/*.pddl",
-        "serp check domain.pddl p01.pddl --portable",
+        "serp check domain.pddl p01.pddl",
         "serp check --task my_robot.py",
         "serp check robot.pddl --fix",
         "serp check domains/*.pddl --json > findings.json",
@@ -43,13 +43,11 @@ if TYPE_CHECKING:
 @click.option("--fix", is_flag=True,
               help="Correct what can only be meant one way; print the changes.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print findings as JSON.")
-@click.option("--portable", is_flag=True, help="Name functions that PDDL does not have.")
 @max_ground_schemas_option
 def command(
     domains: tuple[str, ...],
     fix: bool,
     as_json: bool,
-    portable: bool,
     max_ground_schemas: int | None,
 ) -> int:
     """Check domain and problem files: print all mistakes with their places, and a summary.
@@ -75,8 +73,7 @@ def command(
             raise click.UsageError("--fix needs files that are given by their paths")
         _fix(checks)
     checked = (
-        _CheckedDomain.of(pair, own, portable=portable, max_ground_schemas=max_ground_schemas)
-        for pair in checks
+        _CheckedDomain.of(pair, own, max_ground_schemas=max_ground_schemas) for pair in checks
     )
     if not as_json:
         return _print(checked)
@@ -111,7 +108,6 @@ class _CheckedDomain:
         pair: DomainFiles,
         own: Task | None,
         *,
-        portable: bool,
         max_ground_schemas: int | None,
     ) -> _CheckedDomain:
         """Check a domain, and the task that it belongs to."""
@@ -125,7 +121,6 @@ class _CheckedDomain:
                 domain.source,
                 domain.problem_source,
                 max_ground_schemas=domain.max_ground_schemas,
-                portable=portable,
                 look=lambda _: check._look(domain, task, asked=own is not None or not pair.domain),
             ).findings
         except DomainError as error:
@@ -193,7 +188,8 @@ def _load(
             code="unreadable-file",
         )
     try:
-        return asked_domain(pair.name, pair.domain, pair.problem, max_ground_schemas, own)
+        name = None if pair.domain is None and own is not None else str(pair.domain or pair.name)
+        return asked_domain(name, pair.problem, max_ground_schemas)
     except TaskError:
         if pair.domain is None or own is not None:
             raise

@@ -102,7 +102,7 @@ def test_trials_that_fail_are_reported_and_others_go_on(
         ("learner.gradient_clip", "none,10", CategoricalDistribution(["null", "10.0"])),
         ("learner.hidden", "[64,64],[8]", CategoricalDistribution(["[64, 64]", "[8]"])),
         ("arbiter.veto_horizon", None, CategoricalDistribution(['"step"', '"lookahead"'])),
-        ("training.tensorboard", "", CategoricalDistribution(["false", "true"])),
+        ("learner.layer_norm", "", CategoricalDistribution(["false", "true"])),
     ],
 )
 def test_types_and_values_follow_from_the_settings(name: str, given: Any, expected: Any) -> None:

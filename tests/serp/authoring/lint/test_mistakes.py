@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from serp.authoring.lint.codes import CODES, ERRORS
-from serp.authoring.lint.findings import Finding, examine, findings_of
+from serp.authoring.lint.findings import CODES, ERRORS, Finding, examine, findings_of
 from serp.authoring.lint.task_ranges import out_of_range
 from serp.model.domain import Domain
 from serp.pddl.parser import parse_domain, parse_problem

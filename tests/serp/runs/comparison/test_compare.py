@@ -88,7 +88,7 @@ def test_a_domain_file_is_another_algorithm_and_the_plan_keeps_its_text(copy: Pa
 
 def test_settings_are_the_same_when_it_is_continued(tmp_path: Path) -> None:
     """Infinite and listed ones, and those of one algorithm alone, too."""
-    changes = {"training": {"checkpoint_seconds": float("inf")}, "learner": {"hidden": [8, 8]}}
+    changes = {"learner": {"hidden": [8, 8]}}
     asked: dict[str, Any] = {
         "settings": changes, "algorithms": ["dqn", "dqn:learner.epsilon_start=0.0"]
     }  # fmt: skip

@@ -15,7 +15,6 @@ from tests.serp.runs.runs import without_pictures
 QUICK = {
     "planner": {"depth": 1},
     "learner": {"members": 1},
-    "training": {"checkpoint_seconds": 0},
 }
 
 
