@@ -12,6 +12,7 @@ from serp._util.text import plural, readable
 from serp.agent.counterfactuals import Counterfactuals, counterfactuals
 from serp.agent.explanation import Explanation, explain
 from serp.agent.protocols import Planner
+from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import TO_THE_UNKNOWN
 from serp.model.transition_model import Outcome, TransitionModel, Vector
 from serp.planning.edges import Bound
@@ -19,7 +20,8 @@ from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
-from serp.settings import PlannerSettings
+from serp.settings import PlannerSettings, Settings
+from serp.tasks.task import Task
 
 
 class ChosenPlanner:
@@ -53,6 +55,20 @@ class ChosenPlanner:
         self.lookahead = MonitorReplanner(model, settings, time_budget=seconds)
         self.model, self.settings, self.name = model, settings, name
         self._planner, self._seconds, self._undisturbed = planner, seconds, undisturbed
+
+    @classmethod
+    def of_settings(
+        cls, model: TransitionModel, settings: PlannerSettings, task: Task | None, seconds: float
+    ) -> ChosenPlanner:
+        """Return the planner that settings name, of a task's own planners or the installed ones.
+
+        Raises:
+            SettingsError: There is no such planner.
+        """
+        own = {} if task is None else task.planners
+        refuse_unknown_names(Settings(planner=settings), own)
+        planner = make_planner(model, settings, own)
+        return cls(planner, model, settings, seconds, f"The planner {settings.name}")
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the planner's own forecast for a state `[F]`."""

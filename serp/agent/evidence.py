@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from scipy import special
@@ -86,7 +85,6 @@ class Evidence(Strategy):
         self._worst, self._best = math.inf, -math.inf
         self._steps = 0
         self._rho = 0.0
-        self._random = np.random.default_rng(seed)
 
     @property
     def rho(self) -> float:
@@ -180,10 +178,9 @@ class Evidence(Strategy):
         """Draw who leads the next episode."""
         self._leads[self.env_index] = bool(self._random.random() < self._rho)
 
-    def forked(self, seed: np.random.SeedSequence) -> Evidence:
+    def forked(self, seed: np.random.SeedSequence) -> Self:
         """Return a copy that draws its own acting policy."""
-        forked = copy.copy(self)
-        forked._random = np.random.default_rng(seed)
+        forked = super().forked(seed)
         forked._leads = self._leads.copy()
         forked._draw()
         return forked

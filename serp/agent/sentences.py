@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -34,18 +35,17 @@ def line_of_cause(cause: Cause) -> str:
     return _line([[cause]])
 
 
-def lines_of(alternative: Alternative) -> list[str]:
-    """Return what is behind an alternative, now and ahead, a line for each schema of the file."""
-    return [
-        *lines_of_causes((*alternative.causes, *alternative.ahead)),
-        *beyond_of(alternative),
-    ]
+def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
+    """Return what is behind an alternative, now and ahead, a line for each schema of the file.
 
-
-def beyond_of(alternative: Alternative) -> list[str]:
-    """Return the line about what of a best return is not listed, if there is anything."""
-    beyond = alternative.beyond
-    return [f"{_signed(beyond)} estimated after these steps, discounted."] if beyond else []
+    Of more than `most` lines the last one says how many more there are.
+    """
+    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
+    if most is not None and len(lines) > most:
+        lines[most:] = [f"… and {len(lines) - most} more (--json has all)"]
+    if alternative.beyond:
+        lines.append(f"{_signed(alternative.beyond)} estimated after these steps, discounted.")
+    return lines
 
 
 def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
@@ -67,16 +67,8 @@ def between(runner_up: RunnerUp, name: str) -> str:
     other = runner_up.name
     if runner_up.ahead:
         return f"Next best: {other}, {lesser(runner_up)}."
-    if runner_up.by == "order":
-        return f"To the planner {other} is worth the same and comes first in the file."
-    better = {
-        "value": f"its return is larger by {readable(abs(runner_up.gap))}",
-        "delay": "it is worth as much, and does not put that off",
-        "rank": "it is safer one step ahead",
-        "risk": f"its path has less risk{_risks(runner_up)}",
-        "safe steps": "its path stays safe for longer",
-    }[runner_up.by]
-    return f"By the planner's values {other} comes before {name}: {better}."
+    turned = replace(runner_up, path_risks=runner_up.path_risks[::-1])
+    return f"By the planner's values {other} comes before {name}, {lesser(turned)}."
 
 
 def lesser(other: RunnerUp) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -102,6 +102,7 @@ class Strategy(Declared):
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
+        self._random = np.random.default_rng(seed)
         self.env_index = 0
 
     @property
@@ -137,13 +138,15 @@ class Strategy(Declared):
         """Return the trained policy's proposal, without exploration or random draws."""
         return learner.propose_greedily()
 
-    def forked(self, seed: np.random.SeedSequence) -> Strategy:
+    def forked(self, seed: np.random.SeedSequence) -> Self:
         """Return an independent copy for the beginning of an episode.
 
         Args:
             seed: Seed of the copy's random draws.
         """
-        return copy.copy(self)
+        forked = copy.copy(self)
+        forked._random = np.random.default_rng(seed)
+        return forked
 
     def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's action that the learner is to imitate in a state; -1: none."""
@@ -167,7 +170,6 @@ class Mixture(Strategy):
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
         self._rho = settings.arbiter.rho
-        self._random = np.random.default_rng(seed)
 
     @property
     def rho(self) -> float:
@@ -180,12 +182,6 @@ class Mixture(Strategy):
         if self._rho >= 1.0:
             return self.choice
         return f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
-
-    def forked(self, seed: np.random.SeedSequence) -> Mixture:
-        """Return a copy with its own random draws."""
-        forked = copy.copy(self)
-        forked._random = np.random.default_rng(seed)
-        return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""

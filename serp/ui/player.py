@@ -173,10 +173,10 @@ class Player:
     def _planner_of(self, domain: Domain) -> ChosenPlanner:
         """Return the planner that a training would have in a world."""
         # Imported when the planner is asked, because this imports numba.
-        from serp.ui.planner import chosen_planner
+        from serp.agent.chosen_planner import ChosenPlanner
 
         model = domain.model.replace(dt=self.dt)
-        return chosen_planner(model, self.settings.planner, self.task, 10.0)
+        return ChosenPlanner.of_settings(model, self.settings.planner, self.task, 10.0)
 
     def _save(self, title: str) -> str:
         """Write the situation as a scenario, with what holds there; return a message.

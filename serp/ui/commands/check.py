@@ -188,7 +188,8 @@ def _load(
             code="unreadable-file",
         )
     try:
-        return asked_domain(pair.name, pair.domain, pair.problem, max_ground_schemas, own)
+        name = None if pair.domain is None and own is not None else str(pair.domain or pair.name)
+        return asked_domain(name, pair.problem, max_ground_schemas)
     except TaskError:
         if pair.domain is None or own is not None:
             raise
