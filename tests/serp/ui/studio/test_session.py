@@ -245,10 +245,8 @@ def test_a_websocket_of_another_page_is_refused(
 # Scenarios, trainings -----------------------------------------------------------------------------
 
 
-def test_a_state_becomes_a_scenario_that_holds_until_the_file_changes(session: Session) -> None:
-    session.shown = ShownState({"heat": 70.0, "on": True})
-    text = session.request().with_scenario("it is\nhot")
-    assert "scenario it is hot\n" in text and "refuses press because unsafe" in text
+def test_scenarios_are_run_on_the_text_as_it_is_edited(session: Session) -> None:
+    text = "scenario hot\n(heat) = 70\n(on)\nrefuses press because unsafe\n"
     session.edit("scenarios", text)
     (result,) = session.request().run_scenarios()
     assert result.passed
