@@ -272,15 +272,6 @@ class TrainingSettings(Section):
     episode_steps: PositiveCount = 10_000
     """Steps after which an episode is truncated that the environment does not end. Runs are saved
     and stopped only between episodes."""
-    checkpoint_seconds: Annotated[float, Field(ge=0)] = 15.0
-    """Longest time between two checkpoints. They are written between episodes, more often where
-    writing takes little time."""
-    record: bool = True
-    """Whether to record every step: state, decision, and all that was predicted. `serp why` needs
-    it."""
-    tensorboard: bool = False
-    """Whether to write the metrics of every episode as TensorBoard events, too (extra
-    `tensorboard`)."""
 
 
 Changes = Mapping[str, Mapping[str, Any]]

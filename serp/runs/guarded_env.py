@@ -23,7 +23,7 @@ from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
 from serp.agent.protocols import Mask, Proposer
 from serp.agent.registry import refuse_unknown_names
-from serp.agent.step_record import EpisodeTotals, StepRecord
+from serp.agent.step_record import DecisionCounts, EpisodeTotals, StepRecord
 from serp.errors import Notice, SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
@@ -302,13 +302,14 @@ class GuardedEnv(ArbitratedEnv):
                     Path(out), bound, resolved,
                     preset=preset, seed=seed, budget=Budget(), begun=begun,
                 )  # fmt: skip
-                self._log = RunLog(self._folder, bound, resolved.training)
+                self._log = RunLog(self._folder, bound)
         except BaseException:
             bound.close()
             raise
         self._unit = UnitCounter(resolved.arbiter.rho_unit)
         self._evaluation: contextlib.ExitStack | None = None
         self.env_steps = self.episode = 0
+        self._tally = DecisionCounts()
         self._initial = resolved.training.random_steps > 0
 
     def reset(
@@ -331,6 +332,7 @@ class GuardedEnv(ArbitratedEnv):
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Adapt the model, count, log, and return the task's info with the decision."""
         agent = self._agent
+        self._tally.count(step.decision)
         if self._log is not None:
             self._log.step(step, env_step=self.env_steps, episode=self.episode + 1)
         with blas_on_one_thread():
@@ -406,7 +408,7 @@ class GuardedEnv(ArbitratedEnv):
                 self._log.flush()
                 seconds = compile_seconds() - self._compiled
                 account = account_of(self._agent)
-                write_results(self._folder, compile_seconds=seconds, account=account)
+                write_results(self._folder, self._tally.vetoes_by_reason(), seconds, account)
             self._folder = self._log = None
         super().close()
 

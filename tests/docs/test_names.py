@@ -96,7 +96,6 @@ NOT_IN_EVERY_RUN = {
     "evaluations/",
     "film.mp4",
     "report.html",
-    "tensorboard/",
     "checkpoint-damaged.safetensors",
 }
 

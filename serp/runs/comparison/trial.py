@@ -14,7 +14,6 @@ import io
 import json
 import re
 import shutil
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +27,11 @@ from serp._util.compilation import working_time
 from serp._util.files import read_regular, write_durably
 from serp._util.numbers import real
 from serp._util.processes import one_thread
-from serp._util.terminal import visible
 from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
 from serp.agent.protocols import Learner
 from serp.agent.step_record import OnStep, StepRecord
-from serp.errors import Interrupted, Notice, RunError, SerpError, TaskError
+from serp.errors import Interrupted, RunError, SerpError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
@@ -42,9 +40,7 @@ from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.report import write_results
 from serp.runs.rollout import (
-    SLOW_STEP_SECONDS,
     Rollout,
-    Watchdog,
     evaluation_seed,
     training_seed,
 )
@@ -199,7 +195,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
                     f"{job.folder} went on without the evaluations of this comparison, or one of "
                     "them failed. Remove it to run the trial from the beginning."
                 )
-            callbacks = Callbacks({"on_step": after_step, "on_episode": after_episode})
+            callbacks = Callbacks(after_step, after_episode)
             train(folder, trainer, budget, callbacks, quiet=True)
 
 
@@ -298,7 +294,7 @@ def _train_external(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
         budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
     )  # fmt: skip
-    log = RunLog(folder, bound, settings.training)
+    log = RunLog(folder, bound)
     clock = working_time()
 
     def after_step(step: StepRecord) -> None:
@@ -323,17 +319,13 @@ def _train_external(
             clock += working_time() - begun
 
     env.on_step = after_step
-    with folder, log, Watchdog(bound, SLOW_STEP_SECONDS, lambda: made + 1, _warn):
+    with folder, log:
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
         if made < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
-        write_results(folder, account=account_of(agent))
-
-
-def _warn(line: str) -> None:
-    warnings.warn(visible(line), Notice, stacklevel=2)
+        write_results(folder, {}, account=account_of(agent))
 
 
 class _Evaluations:

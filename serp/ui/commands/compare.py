@@ -70,7 +70,6 @@ if TYPE_CHECKING:
                    "here]")  # fmt: skip
 @max_ground_schemas_option
 @click.option("--quiet", is_flag=True, help="No display; print the folder alone.")
-@click.option("--list", "listing", is_flag=True, help="List the algorithms.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -80,7 +79,6 @@ def command(
     seeds: str | None,
     assignments: tuple[str, ...],
     max_ground_schemas: int | None,
-    listing: bool,
     **options: Any,
 ) -> int | None:
     """Train several algorithms on one task, with the same budget, seeds, reward and observation.
@@ -89,13 +87,6 @@ def command(
     run folder. With the same --out only what is missing is run: more algorithms or seeds, or the
     rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
-    if listing:
-        from serp.runs.comparison.algorithms import OWN, algorithm_entries
-
-        rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
-        rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]
-        print_table(open_console(), ("algorithm", ""), rows)
-        return None
     task = asked_task(domain, max_ground_schemas)
     if task is None and options["out"] is None:
         raise click.UsageError(

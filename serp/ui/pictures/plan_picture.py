@@ -340,7 +340,7 @@ def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Plannin
         lines.append(_text(x + _SAMPLE, y + 4.5, text))
         x += _SAMPLE + _CHARACTER * (len(text) + 2)
     y += _LINE / 2
-    for text in _foot(len(drawing.layout.branches), plan, planner, wide):
+    for text in _foot(len(drawing.layout.branches), plan, wide):
         y += _LINE
         lines.append(_text(0, y, text))
     page = [
@@ -414,7 +414,7 @@ def _head(plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
     return lines + _wrapped("Best path: ", " → ".join(step.action for step in plan.path), wide, 2)
 
 
-def _foot(drawn: int, plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
+def _foot(drawn: int, plan: Plan, wide: int) -> list[str]:
     sentences = []
     if plan.path:
         kind = kind_of_return(plan.bound.partial)
@@ -423,13 +423,7 @@ def _foot(drawn: int, plan: Plan, planner: MonitorReplanner, wide: int) -> list[
     edges = plan.graph.number_of_edges()
     if drawn < edges:
         sentences.append(f"{drawn:,} of {edges:,} edges are drawn, the best ones of each layer.")
-    refused = [
-        action.name
-        for action, applicable in zip(planner.model.actions, plan.forecast.applicable, strict=True)
-        if not applicable
-    ]
-    lines = textwrap.wrap(" ".join(sentences), wide)
-    return lines + _wrapped("Not applicable here: ", ", ".join(refused), wide, 2)
+    return textwrap.wrap(" ".join(sentences), wide)
 
 
 def _wrapped(before: str, text: str, wide: int, most: int) -> list[str]:

@@ -18,7 +18,7 @@ from serp.runs.run import read_run_metadata
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
-from serp.ui.studio.document import Document, save_together
+from serp.ui.studio.document import Document
 from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
@@ -127,6 +127,9 @@ class Session:
     def save(self, *, anyway: bool = False) -> list[Path]:
         """Save the documents that were changed; return their files.
 
+        Domain and problem move into the working folder together: commands look for the problem
+        beside the domain.
+
         Args:
             anyway: Whether to replace what other programs have written.
 
@@ -135,10 +138,15 @@ class Session:
             SerpError: A file cannot be written.
         """
         domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
-        saved = save_together(domain, problem, anyway=anyway)
-        if self.documents[SCENARIOS].changed:
-            saved.append(self.documents[SCENARIOS].save(anyway=anyway))
-        return saved
+        beside = problem_beside(domain.path).resolve()
+        moving = domain.changed or (
+            problem is not None and (problem.changed or problem.path.resolve() != beside)
+        )
+        return [
+            document.save(anyway=anyway)
+            for which, document in self.documents.items()
+            if document.changed or (moving and document.elsewhere and which != SCENARIOS)
+        ]
 
     def reload(self) -> None:
         """Take the texts that are on the disk; what was edited is lost."""

@@ -88,8 +88,7 @@ def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place()
     changes: dict[str, dict[str, Any]] = {
         "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
         "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
-        "learner": {"hidden": np.array([8, 8]), "members": np.uint8(2)},
-        "training": {"record": np.True_},
+        "learner": {"hidden": np.array([8, 8]), "members": np.uint8(2), "layer_norm": np.True_},
     }
     settings = Settings().replace(changes)
     assert settings.learner.hidden == (8, 8)

@@ -80,7 +80,7 @@ def test_a_signal_ends_the_run_with_the_episode(
     done = rows("r", "metrics")
     assert 1 <= len(done) < 4
     assert done == rows(trained, "metrics")[: len(done)]
-    assert Path("r/report.md").exists()
+    assert Path("r/summary.json").exists()
 
 
 def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(
