@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -14,15 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.errors import Interrupted, RunError, SerpError, SettingsError, TaskError
+from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.pddl.source import DomainError
 from serp.runs.comparison.compare import compare
 from serp.runs.comparison.trial import file_name
 from tests.serp.runs.comparison.contest import (
     Pothole,
-    Walk,
     everything,
-    found_in,
     small,
     trials_in,
     walk,
@@ -153,26 +149,6 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(
     assert everything(tmp_path / "c") == everything(whole / "c")
 
 
-def test_ctrl_c_stops_after_the_episode_and_the_trial_goes_on_there(
-    tmp_path: Path, whole: Path
-) -> None:
-    pressed: list[int] = []
-
-    class Pressed(Walk):
-        def step(self, action: int) -> Any:
-            pressed.append(1)
-            if len(pressed) == 30:
-                os.kill(os.getpid(), signal.SIGINT)
-            return super().step(action)
-
-    with pytest.raises(Interrupted, match="stopped with 0 of 4 trials complete"):
-        small(walk(tmp_path, Pressed), tmp_path / "c")
-    rows, *_ = found_in(tmp_path / "c" / "trials" / "serp-0")
-    assert 0 < len(rows) < len(found_in(whole / "c" / "trials" / "serp-0")[0])
-    small(walk(tmp_path), tmp_path / "c")
-    assert everything(tmp_path / "c") == everything(whole / "c")
-
-
 # What is refused ----------------------------------------------------------------------------------
 
 
@@ -236,7 +212,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy:
         ({"algorithms": ["dqn@odd"]}, SettingsError, "`dqn` uses no domain file"),
         ({"algorithms": ["mrp@a/broken.pddl"]}, DomainError, "broken.pddl"),
         ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, the environment 4"),
-        ({"out": "a\0b"}, SettingsError, "out must be the name of a folder"),
+        ({"out": 3}, SettingsError, "compare.out"),
         ({"out": "a"}, RunError, "a is not empty"),
     ],
 )  # fmt: skip

@@ -7,7 +7,6 @@ import functools
 import numpy as np
 import pytest
 
-from serp.model.learned.transitions import TransitionMemory
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.findings import Findings, MissingEffect
 from tests.serp.model.learned.rolls import (
@@ -149,24 +148,6 @@ def test_a_line_through_a_few_large_changes_is_no_effect() -> None:
 def test_a_line_is_found_where_neither_constant_nor_slope_explains_anything_alone() -> None:
     found = walked("", "(increase (gap) (- (* 3 (room)) 16.5))", least=5.0)
     assert terms(found, "walk", "gap") == pytest.approx({(): -16.5, ("room",): 3.0}, rel=0.01)
-
-
-def test_values_that_only_a_fault_can_be_move_nothing() -> None:
-    seen, _ = balance(cartpole().source.text, 0, 500, 0.2)
-    model = cartpole("cartpole-empty").model.replace(dt=DT)
-    faulty = TransitionMemory(700, 4, 9)
-    for k, row in enumerate(zip(seen.states, seen.actions, seen.next_states, strict=True)):
-        state, action, after = row
-        faulty.add(state, int(action), after, False)
-        if k in (200, 400):
-            faulty.add(
-                state, int(action), after + np.array([0.0, 0.0, 10.0 ** (k / 2), 0.0]), False
-            )
-    found, expected = findings(model, faulty), of_cartpole("cartpole-empty", 0.2)
-    assert found.samples == 500
-    for missing in expected.missing:
-        told = terms(expected, missing.schema, missing.fluent)
-        assert terms(found, missing.schema, missing.fluent) == pytest.approx(told, rel=0.01)
 
 
 # Chance ----------------------------------------------------------------------------------------

