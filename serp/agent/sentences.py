@@ -32,7 +32,7 @@ def kind_of_return(partial: bool) -> str:
 
 def line_of_cause(cause: Cause) -> str:
     """Return a cause as a line."""
-    return _line([[cause]])
+    return line_of_run([[cause]])
 
 
 def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
@@ -49,17 +49,31 @@ def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
 
 
 def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
-    """Return causes as lines.
+    """Return causes as lines, see `runs_of`."""
+    return [line_of_run(run) for run in runs_of(causes)]
 
-    What a schema brings in one control period is one line, and so is what it brings in several
-    periods in succession.
+
+def runs_of(causes: Iterable[Cause]) -> list[list[list[Cause]]]:
+    """Return causes in runs of control periods, those that begin first first.
+
+    A run has, of each period in succession, what a schema brings in it, which is the same in all of
+    them. The first period is a run of its own: it is what the action itself brings.
     """
-    by_schema: dict[tuple[str, str], dict[int, list[Cause]]] = {}
+    periods: dict[tuple[str, str, int], list[Cause]] = {}
     for cause in causes:
-        periods = by_schema.setdefault((cause.origin, cause.name), {})
-        periods.setdefault(cause.after, []).append(cause)
-    runs = [run for periods in by_schema.values() for run in _runs(periods)]
-    return [_line(run) for run in sorted(runs, key=lambda run: run[0][0].after)]
+        periods.setdefault((cause.origin, cause.name, cause.after), []).append(cause)
+    by_schema: dict[tuple[str, str], list[list[list[Cause]]]] = {}
+    for (origin, name, after), unordered in sorted(periods.items(), key=lambda item: item[0][2]):
+        brought = sorted(unordered, key=lambda cause: _ORDER.index(cause.what))
+        runs = by_schema.setdefault((origin, name), [])
+        before = runs[-1][-1] if runs else []
+        same = [(c.what, c.text) for c in before] == [(c.what, c.text) for c in brought]
+        if same and before[0].after == after - 1 > 0:
+            runs[-1].append(brought)
+        else:
+            runs.append([brought])
+    every = [run for runs in by_schema.values() for run in runs]
+    return sorted(every, key=lambda run: run[0][0].after)
 
 
 def between(runner_up: RunnerUp, name: str) -> str:
@@ -141,24 +155,7 @@ def _change(change: Counterfactual) -> str:
     return f"With {change.fluent} {side} {then} instead of {now}"
 
 
-def _runs(periods: dict[int, list[Cause]]) -> list[list[list[Cause]]]:
-    """Return the causes of a schema in runs of control periods in succession with the same ones.
-
-    The first period is a run of its own: it is what the action itself brings.
-    """
-    runs: list[list[list[Cause]]] = []
-    for after, unordered in sorted(periods.items()):
-        causes = sorted(unordered, key=lambda cause: _ORDER.index(cause.what))
-        before = runs[-1][-1] if runs else []
-        same = [(c.what, c.text) for c in before] == [(c.what, c.text) for c in causes]
-        if same and before[0].after == after - 1 > 0:
-            runs[-1].append(causes)
-        else:
-            runs.append([causes])
-    return runs
-
-
-def _line(run: Sequence[Sequence[Cause]]) -> str:
+def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     """Return the line of what a schema brings in some control periods in succession."""
     causes, after = run[0], run[0][0].after
     when = f"in step {after + 1}: " if after else ""

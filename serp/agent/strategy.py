@@ -17,13 +17,7 @@ from serp.tasks.action_map import ActionForecast
 
 
 class Worth(NamedTuple):
-    """What the expected return of one acting policy is believed to be.
-
-    Attributes:
-        mean: Mean of the belief.
-        deviation: Its standard deviation.
-        episodes: Episodes in which it acted.
-    """
+    """Mean and standard deviation of what an acting policy's return is believed to be."""
 
     mean: float
     deviation: float
@@ -55,27 +49,22 @@ class PolicyEvidence(NamedTuple):
         }
 
     def __str__(self) -> str:
-        parts = [
-            f"the {name} has not led an episode"
-            if worth is None
-            else f"an episode that the {name} leads is worth {worth} "
-            f"({plural(worth.episodes, 'episode')})"
-            for name, worth in (("planner", self.planner), ("learner", self.learner))
-        ]
-        better = f"the learner is better with a probability of {percent(self.learner_better)}"
-        return "; ".join([*parts, better])
+        parts = []
+        for name, worth in (("planner", self.planner), ("learner", self.learner)):
+            if worth is None:
+                parts.append(f"the {name} has not led an episode")
+            else:
+                led = plural(worth.episodes, "episode")
+                parts.append(f"an episode that the {name} leads is worth {worth} ({led})")
+        better = percent(self.learner_better)
+        return "; ".join([*parts, f"the learner is better with a probability of {better}"])
 
 
 Seed = int | np.random.SeedSequence
 
 
 class Situation(NamedTuple):
-    """What a strategy knows of the current state.
-
-    Attributes:
-        forecast: The planner's forecast.
-        admissible: `[E]` actions that no veto refuses.
-    """
+    """The planner's forecast for the current state, and `[E]` what no veto refuses."""
 
     forecast: ActionForecast
     admissible: Mask
@@ -139,11 +128,7 @@ class Strategy(Declared):
         return learner.propose_greedily()
 
     def forked(self, seed: np.random.SeedSequence) -> Self:
-        """Return an independent copy for the beginning of an episode.
-
-        Args:
-            seed: Seed of the copy's random draws.
-        """
+        """Return an independent copy, with its own random draws, where an episode begins."""
         forked = copy.copy(self)
         forked._random = np.random.default_rng(seed)
         return forked

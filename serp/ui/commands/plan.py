@@ -22,9 +22,7 @@ from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.agent.chosen_planner import ChosenPlanner
-    from serp.agent.counterfactuals import Counterfactuals
     from serp.model.domain import Domain
-    from serp.model.transition_model import Vector
     from serp.runs.run import Run
     from serp.settings import Changes
     from serp.tasks.task import Task
@@ -112,7 +110,9 @@ def command(
     planner = make_planner(domain)
     plan = planner.plan(state)
     account = planner.explain(state, plan)
-    changes = None if loaded is None else _other_choices(loaded, planner, state)
+    changes = None
+    if loaded is not None and len(recording := loaded.recording()):
+        changes = planner.other_choices(state, recording.ranges, recording.whole)
     title = f"{domain.name}, {origin}"
     if as_json:
         about = {"domain": domain.name, "state_from": origin, **describe(planner, account, plan)}
@@ -165,16 +165,6 @@ def _planner_of(run: Run) -> MakePlanner:
         return ChosenPlanner(planner, model, settings, _SECONDS, name, agent.undisturbed)
 
     return make_planner
-
-
-def _other_choices(run: Run, planner: ChosenPlanner, state: Vector) -> Counterfactuals | None:
-    """Search other choices within the values that a run has recorded; None without a recording."""
-    from serp.runs.recording import HEADER, RECORDING
-
-    if not (run.path / RECORDING / HEADER).is_file() or not len(run.recording()):
-        return None
-    recording = run.recording()
-    return planner.other_choices(state, recording.ranges, recording.whole)
 
 
 def _planning(
