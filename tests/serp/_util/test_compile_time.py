@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numba import cfunc, njit, types
 
-from serp._util.compilation import compile_seconds, compiled_functions, working_time
+from serp._util.compilation import compile_seconds, working_time
 from serp.runs.progress import show_compiling
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
@@ -41,10 +41,9 @@ def compile_something() -> float:
 
 
 def test_a_clock_of_work_stands_still_while_something_is_compiled() -> None:
-    loops, seconds, work = compiled_functions(), compile_seconds(), working_time()
+    seconds, work = compile_seconds(), working_time()
     took = compile_something()
     counted = compile_seconds() - seconds
-    assert compiled_functions() - loops == 2  # what is compiled for another one is part of it
     assert 0.7 * took < counted <= took
     assert working_time() - work < 0.5 * took
 
@@ -56,9 +55,7 @@ def test_compilation_is_shown_where_there_is_any() -> None:
     with show_compiling(stream=shown):
         compile_something()
     assert (quiet.getvalue(), idle.getvalue()) == ("", "")
-    text = shown.getvalue()
-    assert "Compiling, once" in text
-    assert "Compiled 2 loops in " in text.splitlines()[-1]
+    assert shown.getvalue().count("Compiling, once") == 1
 
 
 @pytest.mark.parametrize(
