@@ -135,17 +135,10 @@ class _Asked:
 
 
 class _Turn(NamedTuple):
-    """Whose turn it is in a state.
-
-    Attributes:
-        decision: The decision if the learner's action does not count.
-        asked: Whether the strategy wants the learner's action.
-        masks: `[E]` actions that will be executed if they are proposed.
-    """
+    """The decision in a state if the learner's action does not count, and whether it counts."""
 
     decision: Decision
     asked: bool
-    masks: NDArray[np.bool_]
 
 
 class ArbitratedEnv(TaskEnv):
@@ -185,7 +178,11 @@ class ArbitratedEnv(TaskEnv):
         Raises:
             gymnasium.error.ResetNeeded: No episode is running.
         """
-        return self._whose_turn(self.running).masks.copy()
+        decision, asked = self._whose_turn(self.running)
+        masks = decision.admissible
+        if not (asked and masks.any()):
+            masks = np.arange(len(masks)) == decision.action
+        return masks.copy()
 
     @property
     def last_decision(self) -> Decision | None:
@@ -198,9 +195,9 @@ class ArbitratedEnv(TaskEnv):
 
     def decide(self, rollout: Rollout, action: int) -> Decision:
         """Return the decision for a proposal."""
-        turn = self._whose_turn(rollout)
-        decision, self._turn = turn.decision, None
-        if turn.asked:
+        decision, asked = self._whose_turn(rollout)
+        self._turn = None
+        if asked:
             proposal = Proposal(action, False, None)
             decision = self._agent.arbiter.exchange(decision, proposal)
         self._last = decision, rollout.state
@@ -210,10 +207,7 @@ class ArbitratedEnv(TaskEnv):
         if self._turn is None:
             learner = _Asked()
             decision = self.ask(rollout.state, learner)
-            masks = decision.admissible
-            if not (learner.asked and masks.any()):
-                masks = np.arange(len(masks)) == decision.action
-            self._turn = _Turn(decision, learner.asked, masks)
+            self._turn = _Turn(decision, learner.asked)
         return self._turn
 
     def next_seed(self, seed: int | None) -> int:

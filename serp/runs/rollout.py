@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
@@ -41,20 +41,6 @@ def _seed(seed: int, use: int, episode: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(use, episode)).generate_state(1)[0])
 
 
-class Playable(Protocol):
-    """The part of a task that a rollout uses; `BoundTask` and `RemoteTask` have it."""
-
-    @property
-    def env(self) -> Any:
-        """The environment, for a grounding that takes it."""
-
-    def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; return observation and info."""
-
-    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Execute an action; return observation, reward, terminated, truncated and info."""
-
-
 class Rollout:
     """A running episode of a task, right after the reset of its environment.
 
@@ -71,7 +57,7 @@ class Rollout:
 
     def __init__(
         self,
-        task: Playable,
+        task: BoundTask | RemoteTask,
         perceive: Perceive,
         *,
         seed: int,

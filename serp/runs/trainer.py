@@ -40,17 +40,6 @@ class Budget(Section):
     units: Limit = None
     """Number of complete units of `arbiter.rho_unit`, such as games; None for no limit."""
 
-    @classmethod
-    def from_dict(cls, values: Any) -> Budget:
-        """Return the budget that `as_dict` wrote.
-
-        Raises:
-            SettingsError: It is not a budget.
-        """
-        if not isinstance(values, Mapping):
-            raise SettingsError(f"{values!r} is not a budget")
-        return cls(**values)
-
     @property
     def limits(self) -> dict[str, int]:
         """The limits that there are, by name."""

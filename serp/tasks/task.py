@@ -100,15 +100,14 @@ def describe_source(source: Source, *, in_file: bool, world: bool = False) -> st
 
     `in_file` says whether the domain file gives rewards, `world` whether it is the environment.
     """
-    if world and source == "environment" and in_file:
-        return "the rewards of the domain file, for what really happened"
-    match source:
-        case "domain":
-            return "the rewards of the domain file"
-        case "sum":
-            return "the environment's reward plus those of the domain file"
+    if source == "domain":
+        return "the rewards of the domain file"
+    if source == "sum":
+        return "the environment's reward plus those of the domain file"
     if not in_file:
         return "the environment's reward; the domain file gives none"
+    if world:
+        return "the rewards of the domain file, for what really happened"
     return (
         "the environment's reward; the planner plans with those of the domain file "
         "(training.reward=sum or domain: the learner learns from these, too)"
@@ -142,19 +141,6 @@ class WorldOptions(Section):
                 "slips or is carried out, so together they must be at most 1"
             )
         return self
-
-    @classmethod
-    def from_dict(cls, values: Any) -> WorldOptions | None:
-        """Return the options that `as_dict` wrote; None for None.
-
-        Raises:
-            SettingsError: They are no options.
-        """
-        if values is None:
-            return None
-        if not isinstance(values, Mapping):
-            raise SettingsError(f"{values!r} does not describe a world")
-        return cls(**values)
 
     @classmethod
     def section(cls) -> str:

@@ -72,9 +72,7 @@ def command(
         if not any(Path(name).suffix == ".pddl" or Path(name).is_file() for name in domains):
             raise click.UsageError("--fix needs files that are given by their paths")
         _fix(checks)
-    checked = (
-        _CheckedDomain.of(pair, own, max_ground_schemas=max_ground_schemas) for pair in checks
-    )
+    checked = (_checked(pair, own, max_ground_schemas) for pair in checks)
     if not as_json:
         return _print(checked)
     results = [*checked]
@@ -102,59 +100,6 @@ class _CheckedDomain:
     summary: list[str] = field(default_factory=list)
     failure: str = ""
 
-    @classmethod
-    def of(
-        cls,
-        pair: DomainFiles,
-        own: Task | None,
-        *,
-        max_ground_schemas: int | None,
-    ) -> _CheckedDomain:
-        """Check a domain, and the task that it belongs to."""
-        from serp.authoring.lint.findings import Finding, examine
-        from serp.pddl.source import DomainError
-
-        check = cls(pair.name)
-        try:
-            domain, task = _load(pair, own, max_ground_schemas)
-            check.findings = examine(
-                domain.source,
-                domain.problem_source,
-                max_ground_schemas=domain.max_ground_schemas,
-                look=lambda _: check._look(domain, task, asked=own is not None or not pair.domain),
-            ).findings
-        except DomainError as error:
-            if pair.domain is not None:
-                limit = max_ground_schemas
-                found = examine(pair.domain, pair.problem, max_ground_schemas=limit)
-                check.findings = found.findings
-            check.findings = check.findings or [Finding.of(error)]
-        except SerpError as error:
-            check.failure = str(error)
-        return check
-
-    def _look(self, domain: Domain, task: Task | None, *, asked: bool) -> Iterator[DomainWarning]:
-        """Sum a domain up, and yield warnings about its task.
-
-        A task that does not fit is an error if the user asked for it, else a warning.
-        """
-        self.summary += _summary(domain)
-        if task is None:
-            return
-        from serp.authoring.lint.task_ranges import out_of_range
-        from serp.pddl.source import DomainWarning
-
-        try:
-            with task.bind() as bound:
-                yield from out_of_range(bound)
-        except SerpError as error:
-            if asked:
-                raise
-            yield DomainWarning(str(error), code="task-mismatch")
-            return
-        fits = f"task {task.name}: environment, grounding and actions fit together"
-        self.summary += [fits, learned_from(domain, task)]
-
     @property
     def wrong(self) -> bool:
         """Whether there is an error, or the domain could not be checked."""
@@ -170,6 +115,56 @@ class _CheckedDomain:
                  for severity in ("error", "warning", "note") if counts[severity]]  # fmt: skip
         right = [] if counts["error"] or counts["warning"] else ["right"]
         return ", ".join(right + parts)
+
+
+def _checked(pair: DomainFiles, own: Task | None, limit: int | None) -> _CheckedDomain:
+    """Check a domain, and the task that it belongs to."""
+    from serp.authoring.lint.findings import Finding, examine
+    from serp.pddl.source import DomainError
+
+    check = _CheckedDomain(pair.name)
+    asked = own is not None or pair.domain is None
+    try:
+        domain, task = _load(pair, own, limit)
+        check.findings = examine(
+            domain.source,
+            domain.problem_source,
+            max_ground_schemas=domain.max_ground_schemas,
+            look=lambda _: _look(check, domain, task, asked=asked),
+        ).findings
+    except DomainError as error:
+        if pair.domain is not None:
+            found = examine(pair.domain, pair.problem, max_ground_schemas=limit)
+            check.findings = found.findings
+        check.findings = check.findings or [Finding.of(error)]
+    except SerpError as error:
+        check.failure = str(error)
+    return check
+
+
+def _look(
+    check: _CheckedDomain, domain: Domain, task: Task | None, *, asked: bool
+) -> Iterator[DomainWarning]:
+    """Sum a domain up, and yield warnings about its task.
+
+    A task that does not fit is an error if the user asked for it, else a warning.
+    """
+    from serp.authoring.lint.task_ranges import out_of_range
+    from serp.pddl.source import DomainWarning
+
+    check.summary += _summary(domain)
+    if task is None:
+        return
+    try:
+        with task.bind() as bound:
+            yield from out_of_range(bound)
+    except SerpError as error:
+        if asked:
+            raise
+        yield DomainWarning(str(error), code="task-mismatch")
+        return
+    fits = f"task {task.name}: environment, grounding and actions fit together"
+    check.summary += [fits, learned_from(domain, task)]
 
 
 def _load(
@@ -218,11 +213,8 @@ def _summary(domain: Domain) -> Iterator[str]:
 
     def changing(target: int) -> list[str]:
         """Return the schemas that change a target, as one text; none if there are none."""
-        names = list(dict.fromkeys(
-            f"{s.kind.value} {s.schema}"
-            for s in ground.schemas
-            if any(effect.target == target for effect in s.effects)
-        ))  # fmt: skip
+        changed = (s for s in ground.schemas if any(e.target == target for e in s.effects))
+        names = list(dict.fromkeys(f"{s.kind.value} {s.schema}" for s in changed))
         more = f" and {len(names) - named:,} more" if len(names) > named else ""
         return [", ".join(names[:named]) + more] if names else []
 

@@ -283,9 +283,8 @@ class _Drawing:
     def _curve(self, start: float, row: float, layer: int, end: str, style: str) -> str:
         x, y0, y1 = self._columns[layer], _y(start), _y(row)
         middle, turned = x + _TURN / 2, x + _TURN
-        path = (
-            f"M{x:.1f} {y0:.1f}C{middle:.1f} {y0:.1f} {middle:.1f} {y1:.1f} {turned:.1f} {y1:.1f}"
-        )
+        curve = f"C{middle:.1f} {y0:.1f} {middle:.1f} {y1:.1f} {turned:.1f} {y1:.1f}"
+        path = f"M{x:.1f} {y0:.1f}{curve}"
         return f'<path d="{path}{end}" {style}/>'
 
     def _text(self, x: float, y: float, text: str, shade: str, *, bold: bool = False) -> str:

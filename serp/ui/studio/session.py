@@ -94,11 +94,9 @@ class Session:
 
     def document_of(self, place: Place | None) -> str | None:
         """Return the key of the document that a place is in; None for none."""
-        if place is not None:
-            for which, document in self.documents.items():
-                if str(document.path) == place.source.name:
-                    return which
-        return None
+        name = None if place is None else place.source.name
+        documents = self.documents.items()
+        return next((which for which, document in documents if str(document.path) == name), None)
 
     def mend(self, finding: Finding) -> bool:
         """Make the change that mends a finding; return whether its text is still the same."""

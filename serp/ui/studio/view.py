@@ -131,8 +131,7 @@ def controls(model: TransitionModel, state: Vector, seen: Ranges) -> list[Contro
     """
     compared = _thresholds(model)
     settable = []
-    for fluent in model.fluents:
-        value = float(state[fluent.index])
+    for fluent, value in zip(model.fluents, state.tolist(), strict=True):
         known = (0.0, value, *compared.get(fluent.index, ()))
         limits = _slider(known, seen.get(fluent.name, ()))
         settable.append(Control(fluent.name, fluent.numeric, value, *limits))
