@@ -23,24 +23,6 @@ _MINOR = 0.05
 """Error, in usual changes, up to which a fluent is as predicted."""
 _SAME_REWARD = 0.01
 """Difference of two rewards, as a share, up to which they are the same."""
-_WHO = {
-    Actor.PLANNER: "The planner",
-    Actor.LEARNER: "The learner",
-    Actor.EXPLORATION: "Exploration, at random,",
-    Actor.FALLBACK: "The fallback",
-}
-_REFUSED = {
-    Reason.NOT_APPLICABLE: "It was refused as not applicable",
-    Reason.UNDEFINED: "It was refused because it has no defined result",
-    Reason.UNSAFE: "It was refused as unsafe",
-    Reason.TOO_RISKY: "It was refused as too risky",
-    Reason.UNSAFE_AHEAD: "It was refused because something unsafe would become unavoidable",
-    Reason.LOW_REWARD: "It was refused because its predicted reward is below R_min",
-    Reason.UNMODELLED: "It was refused because the domain does not mention it",
-    Reason.NO_SAFE_ACTION: "Every action was predicted unsafe",
-    Reason.LEAST_RISK: "Every action was predicted too risky",
-    Reason.NO_APPLICABLE_ACTION: "No action of the domain was applicable",
-}
 _OF_ALL = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
 
 
@@ -83,6 +65,7 @@ def who_decided(
     proposal. ρ is NaN if it need not be told. `why` follows a refusal, see `why_refused`.
     """
     (proposal, proposer), (action, actor) = proposed, executed
+    who = "Exploration, at random," if proposer is Actor.EXPLORATION else f"The {proposer}"
     if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
         rarely = ", for it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
         lines = [f"It was the planner's turn: {action} was executed{rarely}."]
@@ -90,12 +73,13 @@ def who_decided(
         lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
         if indifferent:
             lead = ", for all plans were worth the same to the planner"
-        lines = [f"{_WHO[proposer]} chose {action}{lead}. Nothing refused it."]
+        lines = [f"{who} chose {action}{lead}. Nothing refused it."]
     else:
-        lines = [f"{_WHO[proposer]} proposed {proposal}."] if proposal else []
+        lines = [f"{who} proposed {proposal}."] if proposal else []
         if reason in _OF_ALL and why and proposal:  # what is behind it is its alone
             why = f"; {proposal}{why}"
-        lines.append(f"{_REFUSED[reason]}{why}.")
+        problem = str(reason).capitalize() if reason in _OF_ALL else f"Refused: {reason}"
+        lines.append(f"{problem}{why}.")
         whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
         lines.append(
             f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
