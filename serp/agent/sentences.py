@@ -49,7 +49,7 @@ def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
     if most is not None and len(lines) > most:
         lines[most:] = [f"… and {len(lines) - most} more (--json has all)"]
     if alternative.beyond:
-        lines.append(f"{_signed(alternative.beyond)} estimated after these steps, discounted.")
+        lines.append(f"{signed(alternative.beyond)} estimated after these steps, discounted.")
     return lines
 
 
@@ -213,7 +213,7 @@ def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
 def _change(change: Counterfactual) -> str:
     """Return the condition of a change: `With x at least 0.31 instead of 0.28`."""
     if isinstance(change.becomes, bool):
-        return f"If {change.fluent} were {str(change.becomes).lower()}"
+        return f"If {change.fluent} were {readable(change.becomes)}"
     now, then = readable(float(change.value)), readable(change.becomes)
     if float(change.value).is_integer() and change.becomes.is_integer():
         return f"With {change.fluent} = {then} instead of {now}"
@@ -247,7 +247,7 @@ _ORDER: Final = (*_BROUGHT, "failed", "conflict", "undefined")
 def _what(cause: Cause, amount: float | None) -> str:
     match cause.what:
         case "reward":
-            return _signed(amount)
+            return signed(amount)
         case "unsafe":
             return "unsafe"
         case "risk":
@@ -276,6 +276,7 @@ def _where(causes: Sequence[Cause]) -> str:
     return f"{text}. [{'; '.join(details)}]"
 
 
-def _signed(amount: float | None) -> str:
+def signed(amount: float | None) -> str:
+    """Return an amount with its sign: `+0.5`, `−1`."""
     text = readable(amount)
     return text if text.startswith(("−", "–")) else f"+{text}"

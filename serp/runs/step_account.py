@@ -323,14 +323,16 @@ def what_would_differ(account: StepAccount) -> list[str]:
 
 def prediction_line(each: PredictedFluent) -> str:
     """Return an error of a prediction as a line."""
-    line = f"{each.fluent}: {_shown(each.predicted)} predicted, {_shown(each.observed)} observed"
+    line = (
+        f"{each.fluent}: {readable(each.predicted)} predicted, {readable(each.observed)} observed"
+    )
     if math.isinf(each.error):
         line += "; it never changed before"
     elif not isinstance(each.observed, bool):
         line += f", error: {percent(abs(each.error))} of a typical change"
     if each.learned is not None:
-        line += f"; {_shown(each.learned)} by what the run has learned"
-    return line + f" (before: {_shown(each.before)})"
+        line += f"; {readable(each.learned)} by what the run has learned"
+    return line + f" (before: {readable(each.before)})"
 
 
 def what_came(account: StepAccount) -> list[str]:
@@ -361,7 +363,3 @@ def what_came(account: StepAccount) -> list[str]:
         more = "more" if gap > 0 else "less"
         lines.append(f"The environment gave {readable(abs(gap))} {more} than the file says.")
     return lines
-
-
-def _shown(value: float | bool | None) -> str:
-    return str(value).lower() if isinstance(value, bool) else readable(value)
