@@ -95,8 +95,14 @@ class ChosenPlanner:
         return self.forecast(state).choice
 
     def _followed(self, state: Vector, action: int) -> Iterator[tuple[int, Outcome]]:
+        """Yield what the planner does by the model from an action on, and what that leads to."""
         plan = self._planner.plan if isinstance(self._planner, PlanFollower) else ()
-        return followed(self.model, self._choose, state, action, len(plan) or self.settings.depth)
+        for _ in range(len(plan) or self.settings.depth):
+            step = self.model.step(state, action) if action >= 0 else None
+            if step is None or not step.applicable:
+                return
+            yield action, step
+            action, state = -1 if step.terminal else self._choose(step.state), step.state
 
     @staticmethod
     def decided_by_graph(plan: Plan) -> bool:
@@ -165,27 +171,3 @@ class ChosenPlanner:
             Bound.NODES: " The limits on nodes and edges ended the lookahead.",
         }.get(plan.bound, "")
         return f"{self.name} looked ahead {plural(plan.depth, 'action')}{states}, {discount}.{why}"
-
-
-def followed(
-    model: TransitionModel,
-    choose: Callable[[Vector], int],
-    state: Vector,
-    action: int,
-    most: int,
-) -> Iterator[tuple[int, Outcome]]:
-    """Yield what a planner does by the model from an action on: actions and what they lead to.
-
-    Args:
-        model: The model.
-        choose: State → position of the planner's action there; -1 for none.
-        state: `[F]`, in which the first action is executed.
-        action: The first ground action; -1 for none.
-        most: Most steps.
-    """
-    for _ in range(most):
-        step = model.step(state, action) if action >= 0 else None
-        if step is None or not step.applicable:
-            return
-        yield action, step
-        action, state = -1 if step.terminal else choose(step.state), step.state
