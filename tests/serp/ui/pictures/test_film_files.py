@@ -28,7 +28,7 @@ from serp.ui.pictures.film import (
     write_mp4,
 )
 from tests.serp.sample_tasks import CableCut, Corridor
-from tests.serp.ui.pictures.scene import HEIGHT, WIDTH, Drawn, Ticking, bound, drawn
+from tests.serp.ui.pictures.scene import Drawn, Ticking, bound, drawn
 
 RED = np.array(ImageColor.getrgb(figures.REFUSED))
 SETTINGS = FilmSettings(episodes=2)
@@ -115,19 +115,9 @@ def run_of(recorded: Path, folder: Path, make_env: Any) -> Run:
     return load_run(recorded, drawn(folder, make_env))
 
 
-def test_an_environment_with_several_pictures_a_step_gives_all(
-    recorded: Path, tmp_path: Path
-) -> None:
+def test_the_render_mode_with_the_most_pictures_is_chosen(recorded: Path, tmp_path: Path) -> None:
     assert render_mode_of(run_of(recorded, tmp_path, Drawn)) == "rgb_array"
     assert render_mode_of(run_of(recorded, tmp_path, Ticking)) == "rgb_array_list"
-    task = bound(tmp_path, Ticking)
-    camera = Camera(task)
-    task.reset(seed=1)
-    assert len(camera.take()) == 1
-    task.step(1)
-    task.step(1)
-    pictures = camera.take()
-    assert [picture.shape for picture in pictures] == [(HEIGHT, WIDTH, 3)] * 8
 
 
 def test_environments_that_cannot_draw_are_told_how(recorded: Path, tmp_path: Path) -> None:
