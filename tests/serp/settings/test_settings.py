@@ -57,12 +57,6 @@ def test_a_value_outside_its_range_is_refused_by_name_and_value(name: str) -> No
         assert message.endswith(f"not {value!r}") or isinstance(value, np.ndarray | list | tuple)
 
 
-def test_every_setting_has_a_description() -> None:
-    for section, values in Settings():
-        for setting, field in type(values).model_fields.items():
-            assert field.description, f"{section}.{setting} has no description"
-
-
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
