@@ -160,9 +160,9 @@ class Facts:
         """Return the objects of any of the types, in the order of the files."""
         found = self._members.get(types)
         if found is None:
-            is_a, objects = self.domain.is_a, self.objects.values()
-            names = (o.name for o in objects if any(is_a(o.type, t) for t in types))
-            found = self._members[types] = dict.fromkeys(names)
+            parents, objects = self.domain.parents, self.objects.values()
+            fits = {o.type: any(x.is_subtype(o.type, t, parents) for t in types) for o in objects}
+            found = self._members[types] = dict.fromkeys(o.name for o in objects if fits[o.type])
         return found
 
     def keys_of(self, declaration: x.Declaration) -> Iterator[Key]:

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from serp.model.transition_model import Vector
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task, load_task, task_entries
 from serp.tasks.task import BoundTask
+from serp.ui.root import serp
 
 FOLDER = Path(__file__).resolve().parents[2] / "domains"
 VARIANTS = sorted(
@@ -77,6 +79,12 @@ def test_serp_learns_with_every_shipped_file(name: str) -> None:
     with find_task(str(FOLDER / f"{name}.pddl") if name in VARIANTS else name).bind() as task:
         trainer = Trainer(task, resolve("default", task.task.settings), seed=1)
         assert trainer.run_episode().length >= 1
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.scenarios")))
+def test_the_planner_does_what_the_scenarios_want(name: str) -> None:
+    result = CliRunner().invoke(serp, ["test", str(FOLDER / f"{name}.pddl")])
+    assert result.exit_code == 0, result.output
 
 
 @pytest.mark.parametrize("name", VARIANTS)

@@ -120,15 +120,6 @@ def corner() -> BoundTask:
     return corner_kick.task().bind()
 
 
-def soccer_observation(robot: Point, opponent: Point, to_goal: float = 2.0) -> Vector:
-    """An observation, from places in metres: the ball is at (0, 0), the goal along x."""
-    vector = np.zeros(16)
-    vector[0:4] = np.array((*robot, *opponent)) / 0.5
-    vector[[6, 8]] = -1.0
-    vector[10] = to_goal / 3.0
-    return vector
-
-
 def test_grounding_agrees_with_the_poses_of_info(pitch: BoundTask) -> None:
     names = [f.name for f in pitch.model.fluents]
     raw, info = pitch.reset(seed=9)
@@ -153,41 +144,6 @@ def test_grounding_agrees_with_the_poses_of_info(pitch: BoundTask) -> None:
             raw, info = pitch.reset()
 
 
-@pytest.mark.parametrize(
-    ("robot", "opponent", "to_goal", "action"),
-    [
-        ((0.25, 0.0), (-0.2, 0.15), 2.0, "side-advance left"),  # in reach, opponent to the right
-        ((0.25, 0.0), (-0.2, -0.15), 2.0, "side-advance right"),
-        ((0.25, 0.0), (-0.65, 0.0), 3.5, "frontal-contrast"),  # alone with the ball
-        ((0.25, 0.0), (-0.3, 0.0), 2.0, "cover-goal"),  # barred on both sides
-        ((0.6, 0.1), (-0.45, 0.0), 2.0, "cover-goal"),  # too far away, and it will shoot
-    ],
-)
-def test_the_planner_does_what_a_coach_would(
-    pitch: BoundTask, robot: Point, opponent: Point, to_goal: float, action: str
-) -> None:
-    state = defender.ground(soccer_observation(robot, opponent, to_goal))
-    assert pitch.actions.name(planner_of(pitch).plan(state).action) == action
-
-
-def corner_observation(
-    robot: Point,
-    opponent: Point,
-    ball: Point,
-    velocity: Point = (0.0, 0.0),
-    *,
-    taken: bool = True,
-    wind_up: float = 0.0,
-) -> Vector:
-    """An observation, from places in metres: the goal is at (0, 0), x up the pitch."""
-    vector = np.zeros(17)
-    vector[0:6] = np.array((*robot, *opponent, *ball)) / 2.0
-    vector[6:8] = velocity
-    vector[[8, 10]] = -1.0
-    vector[12:14] = taken, wind_up
-    return vector
-
-
 def test_the_ball_is_met_where_the_environment_sends_the_robots(corner: BoundTask) -> None:
     scenario = corner.env.unwrapped.scenario
     assert isinstance(scenario, CornerKick)
@@ -207,27 +163,3 @@ def test_the_ball_is_met_where_the_environment_sends_the_robots(corner: BoundTas
         if terminated or truncated:
             corner.reset()
     assert rolling > 100
-
-
-@pytest.mark.parametrize(
-    ("places", "options", "action"),
-    [
-        # The opponent stands free, the ball lies at the corner.
-        (((0.6, -0.5), (1.2, 0.6), (0.05, 2.95)), {"taken": False}, "mark-attacker"),
-        # The ball comes across, slower and slower, and will lie a step away.
-        (((0.6, 0.0), (1.8, 0.0), (0.6, 1.2), (0.0, -0.6)), {}, "intercept"),
-        # It lies in reach, the goal behind the robot.
-        (((0.5, 0.0), (1.3, 0.0), (0.75, 0.0)), {}, "clear"),
-        # The opponent will shoot before the robot is there, and the goal is open.
-        (((0.5, 0.2), (1.45, 0.0), (1.2, 0.0)), {}, "mark-attacker"),
-        # The ball is in reach, but from here the robot would kick it into its own goal.
-        (((1.0, 0.0), (2.5, 1.5), (0.75, 0.0)), {}, "mark-attacker"),
-    ],
-)
-def test_the_planner_defends_a_corner_as_a_coach_would(
-    corner: BoundTask, places: tuple[Point, ...], options: dict[str, Any], action: str
-) -> None:
-    state = corner_kick.ground(corner_observation(*places, **options))
-    forecast = planner_of(corner).plan(state).forecast
-    best = np.isclose(forecast.value, forecast.value[forecast.choice], rtol=1e-9)
-    assert action in {corner.actions.name(int(k)) for k in np.flatnonzero(best)}

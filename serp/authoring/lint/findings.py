@@ -13,6 +13,7 @@ from serp._util.text import closest
 from serp.authoring.lint import ground_rules, syntax_rules
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
+from serp.model.reachability import MAX_GROUND_SCHEMAS
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import (
     DomainError,
@@ -299,12 +300,10 @@ def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Doma
     except DomainError as error:
         recovery.take(error)
         return None
-    domain = Domain(sources[0], sources[1] if len(sources) > 1 else None, syntax, problem)
-    if limit is not None:
-        domain = dataclasses.replace(domain, max_ground_schemas=limit)
+    most = MAX_GROUND_SCHEMAS if limit is None else limit
     if recovery.errors:  # it is instantiated for what the rules find in single schemas
-        most = min(MOST_INSTANCES, domain.max_ground_schemas)
-        domain = dataclasses.replace(domain, max_ground_schemas=most)
+        most = min(MOST_INSTANCES, most)
+    domain = Domain(sources[0], sources[1] if problem else None, syntax, problem, most)
     try:
         domain.model  # noqa: B018  (instantiated now, for the errors that only this finds)
     except DomainError as error:

@@ -53,14 +53,6 @@ def test_the_measures_of_a_trial() -> None:
     assert measure(one, 600, 99.0)["threshold_env_steps"] == np.inf
 
 
-@given(st.lists(st.floats(0, 9.9), max_size=30))
-def test_a_threshold_that_is_never_reached_is_never_or_too_few_episodes_tell(
-    returns: list[float],
-) -> None:
-    value = measure(record(returns), BUDGET, 10.0)["threshold_env_steps"]
-    assert np.isnan(value) if len(returns) < 20 else np.isinf(value)
-
-
 @settings(max_examples=60, deadline=None)
 @given(samples, st.randoms())
 def test_an_interval_holds_its_estimate_and_ignores_the_order_of_seeds(
