@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import networkx as nx
@@ -149,15 +149,6 @@ class Reference:
         count = len(self.model.actions)
         flags = [self.model.transition(list(state), action)[1] for action in range(count)]
         return any(f & UNDEFINED for f in flags)
-
-    def paths(self, state: State, layers: int) -> Iterator[Path]:
-        """Every path there is."""
-        arcs = self.arcs(state) if layers else []
-        if not arcs:
-            yield UNKNOWN if layers and self.unpredictable(state) else END
-        for arc in arcs:
-            for rest in [END] if arc.ended else self.paths(arc.state, layers - 1):
-                yield self.put_before(arc, rest)
 
     def graph(self, root: State, layers: int) -> nx.MultiDiGraph:
         """The planning graph with merged states, edge by edge through networkx's own methods."""

@@ -14,7 +14,7 @@ from serp.errors import RunError
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.cell_graph import CellGraph
-from serp.planning.cells import AREAS, CellValues, digest_of, set_value, value_at
+from serp.planning.cells import AREAS, CellValues, value_at
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
 from serp.settings import PlannerSettings
@@ -143,14 +143,6 @@ def test_a_graph_keeps_within_its_budget(most: int) -> None:
         assert not graph.values.value.size
 
 
-def test_a_value_that_was_set_is_that_of_its_cell_alone() -> None:
-    one = np.ones(1)
-    values = CellValues.of(0.0 * one, one, one, np.array([0.5, 5.5]), np.array([1.0, 2.0, -7.0]))
-    set_value(values, np.array([0.2]), 4.0)
-    set_value(values, np.array([2.5]), 9.0)  # no cell is there
-    assert values.value.tolist() == [4.0, 2.0, -7.0]
-
-
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=20), st.floats(-9, 9))
 @settings(max_examples=50, deadline=None)
 def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the_unknown(
@@ -197,9 +189,3 @@ def test_a_lookahead_that_reached_its_budget_sets_no_value() -> None:
     before = cut.cells.values.value.tolist()
     assert cut.forecast(np.array([0.1])).bound is Bound.NODES
     assert cut.cells.values.value.tolist() == before
-
-
-def test_numbers_that_are_not_finite_have_a_cell() -> None:
-    low, scale = np.zeros(1), np.ones(1)
-    for number in (np.nan, np.inf, -np.inf, 1e300):
-        digest_of(np.array([number]), low, scale, True, -1, 0)

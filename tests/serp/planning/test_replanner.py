@@ -3,42 +3,14 @@
 from __future__ import annotations
 
 import time
-from random import Random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from serp.errors import SettingsError
 from serp.model.transition_model import StateError
 from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
 from serp.planning.replanner import MonitorReplanner, Plan
-from serp.settings import PlannerSettings
-from tests.generated.profile import examples
-from tests.serp.planning.reference import END, UNKNOWN, Reference, as_state
-from tests.serp.planning.worlds import WORLDS, load, states_of, world
-
-
-@examples(150)
-@given(st.integers(0, WORLDS - 1), st.integers(1, 4), st.integers(0, 10**6))
-def test_no_path_there_is_stays_safe_for_longer_and_no_safe_one_earns_more(
-    seed: int, depth: int, state_seed: int
-) -> None:
-    model = world(seed)
-    state = states_of(model, Random(state_seed), 1)[0]
-    found = MonitorReplanner(model, depth=depth).plan(state)
-    every = list(Reference(model, PlannerSettings(depth=depth)).paths(as_state(state), depth))
-    if found.action is None:
-        assert every in ([END], [UNKNOWN])
-        return
-    assert found.forecast.safe_steps[found.action] == max(path.steps for path in every)
-    safe = [path.value for path in every if path.steps == SAFE]
-    assert found.safe == bool(safe)
-    if safe:
-        assert not any(step.unsafe for step in found.path)
-        assert found.reward == max(safe)
-
+from tests.serp.planning.worlds import load, world
 
 CORRIDOR = """
 (define (domain corridor)
