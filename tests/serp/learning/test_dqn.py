@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
+from serp.learning.dqn import ReturnBounds
 from tests.serp.learning.learners import (
     TARGETS,
     A,
@@ -130,9 +131,6 @@ def test_learning_and_pretraining_start_when_the_settings_say() -> None:
     assert agent.pretrain(0) is None
 
 
-# --- what changes nothing ------------------------------------------------------------------------
-
-
 # --- repeating and resuming ----------------------------------------------------------------------
 
 
@@ -237,3 +235,26 @@ def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str)
     with pytest.raises(RunError, match=message):
         agent.load_state_dict(arrays, meta)
     assert_same_state(agent, same)
+
+
+# --- bounds of returns ---------------------------------------------------------------------------
+
+REWARDS = st.floats(-10, 10)
+
+
+@given(
+    discount=st.floats(0, 0.99),
+    going_on=st.lists(REWARDS, max_size=40),
+    last=REWARDS,
+)
+def test_no_return_of_the_rewards_seen_lies_outside(
+    discount: float, going_on: list[float], last: float
+) -> None:
+    bounds = ReturnBounds(discount)
+    for reward in going_on:
+        bounds.observe(reward, terminated=False)
+    bounds.observe(last, terminated=True)
+    for start in range(len(going_on) + 1):
+        rewards = [*going_on[start:], last]
+        value = sum(discount**k * reward for k, reward in enumerate(rewards))
+        assert bounds.lower - 1e-9 <= value <= bounds.upper + 1e-9

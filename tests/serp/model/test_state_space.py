@@ -83,15 +83,17 @@ def test_steps_that_do_not_fit_are_refused(
         small.step(states, action)
 
 
-@pytest.mark.parametrize("theta", [[], [float("nan")]])
-def test_parameters_that_do_not_fit_are_refused(small: TransitionModel, theta: list[float]) -> None:
-    with pytest.raises(StateError, match="theta must be 1 finite"):
-        small.replace(theta=theta)
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        *(({"theta": theta}, "theta must be 1 finite") for theta in ([], [np.nan])),
+        *(({"dt": dt}, "control period") for dt in (0.0, np.nan, "a", True)),
+    ],
+)
+def test_parameters_and_periods_that_do_not_fit_are_refused(
+    small: TransitionModel, change: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(StateError, match=says):
+        small.replace(**change)
     with pytest.raises(ValueError, match="read-only"):
         small.theta[0] = 3.0
-
-
-@pytest.mark.parametrize("dt", [0.0, float("nan"), "a", True])
-def test_control_periods_that_make_no_sense_are_refused(small: TransitionModel, dt: Any) -> None:
-    with pytest.raises(StateError, match="control period"):
-        small.replace(dt=dt)
