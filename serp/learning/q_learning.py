@@ -28,7 +28,7 @@ class Adam:
         gradient: Likewise, read by `step`.
         learning_rate: The step size α > 0.
         largest_norm: Each member's gradient is scaled down to this Euclidean norm; None: never.
-        average: Likewise, parameters that follow (Polyak averaging); ``[members, 0]`` for none.
+        average: Parameters that follow (Polyak averaging); ``[members, 0]`` for none.
         share: The fraction of the difference by which they follow in a step.
 
     Attributes:
