@@ -210,11 +210,7 @@ class QLearning:
         )  # fmt: skip
 
     def update(
-        self,
-        batch: Samples,
-        bounds: tuple[float, float],
-        imitation_weight: float,
-        env_step: int,
+        self, batch: Samples, bounds: tuple[float, float], imitation_weight: float, env_step: int
     ) -> float:
         """Do one gradient update on a batch ``[E, B]`` and return its loss.
 

@@ -154,11 +154,7 @@ class Emitter:
     # Conditions --------------------------------------------------------------------------------
 
     def truth(
-        self,
-        test: g.Test,
-        source: str,
-        schema: g.GroundSchema | None,
-        unless: str | None = None,
+        self, test: g.Test, source: str, schema: g.GroundSchema | None, unless: str | None = None
     ) -> str:
         """Emit code that ends the step where a condition is undefined; return its truth value.
 

@@ -14,7 +14,7 @@ from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.ground import REWARD_TARGET, GroundModel
 from serp.model.instantiate import GoalValue
-from serp.model.program import Amendment, Functions, Program
+from serp.model.program import Amendment, Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
 
 __all__ = ["Judgement", "Outcome", "StateError", "TransitionModel", "Vector"]
@@ -257,12 +257,12 @@ class TransitionModel(StateSpace):
         return Judgement(reward, bool(flags & UNSAFE), bool(flags & TERMINAL))
 
     def _judge(
-        self, state: Vector, action: int, next_state: Vector, functions: Functions | None = None
+        self, state: Vector, action: int, next_state: Vector, passages: list[Passage] | None = None
     ) -> tuple[float, int]:
         after: list[float] = next_state.tolist()
         out = [*after, 0.0]
         flags = self.program.judge(
-            state.tolist(), action, after, self._theta_list, self.dt, out, functions=functions
+            state.tolist(), action, after, self._theta_list, self.dt, out, passages=passages
         )
         return out[-1], flags
 
@@ -297,15 +297,15 @@ class TransitionModel(StateSpace):
         `theta` are other parameters; `amend` changes the result before events are evaluated.
         """
         passages: list[Passage] = []
-        functions, out = self.program.traced(passages), [*state, 0.0]
+        out = [*state, 0.0]
         flags = self.program.step(
             state, action, self._theta_list if theta is None else theta, self.dt, out,
-            functions=functions, amend=amend,
+            passages=passages, amend=amend,
         )  # fmt: skip
         return out, flags, passages
 
     def judged_passages(self, state: Vector, action: int, next_state: Vector) -> list[Passage]:
         """Return what the judgement of a transition passes."""
         passages: list[Passage] = []
-        self._judge(state, action, next_state, self.program.traced(passages))
+        self._judge(state, action, next_state, passages)
         return passages

@@ -13,15 +13,7 @@ from hypothesis import strategies as st
 
 from serp.errors import RunError
 from serp.learning.dqn import ReturnBounds
-from tests.serp.learning.learners import (
-    TARGETS,
-    A,
-    F,
-    assert_same_state,
-    learner,
-    live,
-    set_q,
-)
+from tests.serp.learning.learners import TARGETS, A, F, assert_same_state, learner, live, set_q
 
 GREEDY = {"epsilon_start": 0.0, "epsilon_end": 0.0}
 HERE = np.zeros(F, np.float32)
@@ -242,11 +234,7 @@ def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str)
 REWARDS = st.floats(-10, 10)
 
 
-@given(
-    discount=st.floats(0, 0.99),
-    going_on=st.lists(REWARDS, max_size=40),
-    last=REWARDS,
-)
+@given(discount=st.floats(0, 0.99), going_on=st.lists(REWARDS, max_size=40), last=REWARDS)
 def test_no_return_of_the_rewards_seen_lies_outside(
     discount: float, going_on: list[float], last: float
 ) -> None:

@@ -235,10 +235,7 @@ def test_leaves_decide_among_equals_and_are_never_worth_a_risk() -> None:
 
     @examples(160)
     @given(
-        st.sampled_from(MODELS),
-        SETTINGS,
-        st.integers(0, 10**6),
-        st.sampled_from((1e-6, 1.0, 1e9)),
+        st.sampled_from(MODELS), SETTINGS, st.integers(0, 10**6), st.sampled_from((1e-6, 1.0, 1e9))
     )
     def holds(model: TransitionModel, settings: PlannerSettings, other: int, size: float) -> None:
         plain, valued = Lookahead(model, settings), Lookahead(model, settings)

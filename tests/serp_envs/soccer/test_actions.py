@@ -18,10 +18,7 @@ FAR_AWAY = (3.0, 2.0)
 
 
 def facing(
-    distance: float,
-    off: float,
-    ball: tuple[float, float] = FAR_AWAY,
-    field: Field = SPL_2020,
+    distance: float, off: float, ball: tuple[float, float] = FAR_AWAY, field: Field = SPL_2020
 ) -> World:
     """A robot at (0, 0) that looks along x, an opponent so far from it, so far off its heading."""
     place = (distance * math.cos(off), distance * math.sin(off), 0.0)
