@@ -28,68 +28,45 @@ def network_as_onnx(network: QNetwork) -> bytes:
     """
     with needs_extra("export", "the export of a network"):
         import onnx
-    writer = _OnnxWriter(network)
-    graph = writer.graph()
+    nodes: list[Any] = []
+    constants: list[Any] = []
+
+    def node(kind: str, *inputs: str, output: str = "", **attributes: Any) -> str:
+        name = output or f"n{len(nodes)}"
+        nodes.append(onnx.helper.make_node(kind, inputs, [name], **attributes))
+        return name
+
+    def constant(name: str, array: npt.NDArray[Any]) -> str:
+        constants.append(onnx.numpy_helper.from_array(np.ascontiguousarray(array), name))
+        return name
+
+    flat = network.parameters
+    h = node("Unsqueeze", "x", constant("row", np.zeros(1, np.int64)))  # [1, F]
+    for k, layer in enumerate(network.layers):  # [E, 1, outputs]
+        weight = flat[:, layer.start : layer.bias].reshape(-1, layer.inputs, layer.outputs)
+        vectors = flat[:, layer.bias : layer.end].reshape(len(flat), -1, 1, layer.outputs)
+        h = node("MatMul", h, constant(f"weight{k}", weight))
+        h = node("Add", h, constant(f"bias{k}", vectors[:, 0]))
+        if layer.normalized:
+            ones = constant(f"ones{k}", np.ones(layer.outputs, np.float32))
+            h = node("LayerNormalization", h, ones, epsilon=kernels.NORM_EPSILON)
+            h = node("Mul", h, constant(f"gain{k}", vectors[:, 1]))
+            h = node("Add", h, constant(f"shift{k}", vectors[:, 2]))
+        if layer is not network.layers[-1]:
+            h = node("Relu", h)
+    node("ReduceMean", h, axes=[0, 1], keepdims=0, output="q")
+
+    def numbers(name: str, count: int) -> Any:
+        return onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [count])
+
     model = onnx.helper.make_model(
-        graph,
-        opset_imports=[onnx.helper.make_opsetid("", _OPSET)],
-        ir_version=_IR_VERSION,
+        onnx.helper.make_graph(
+            nodes, "learner", [numbers("x", network.sizes[0])], [numbers("q", network.sizes[-1])],
+            constants,
+        ),
+        opset_imports=[onnx.helper.make_opsetid("", _OPSET)], ir_version=_IR_VERSION,
         producer_name="serp",
-    )
+    )  # fmt: skip
     onnx.checker.check_model(model, full_check=True)
     content: bytes = model.SerializeToString(deterministic=True)
     return content
-
-
-class _OnnxWriter:
-    """Writes the nodes of one network of E members."""
-
-    def __init__(self, network: QNetwork) -> None:
-        self._network = network
-        self._nodes: list[Any] = []
-        self._constants: list[Any] = []
-
-    def graph(self) -> Any:
-        import onnx
-
-        sizes = self._network.sizes
-        h = self._node("Unsqueeze", "x", self._constant("row", np.zeros(1, np.int64)))  # [1, F]
-        for k in range(len(self._network.layers)):
-            h = self._layer(k, h)  # [E, 1, outputs]
-        self._node("ReduceMean", h, axes=[0, 1], keepdims=0, output="q")
-        return onnx.helper.make_graph(
-            self._nodes,
-            "learner",
-            [onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, [sizes[0]])],
-            [onnx.helper.make_tensor_value_info("q", onnx.TensorProto.FLOAT, [sizes[-1]])],
-            self._constants,
-        )
-
-    def _layer(self, k: int, below: str) -> str:
-        layer = self._network.layers[k]
-        flat = self._network.parameters
-        weight = flat[:, layer.start : layer.bias].reshape(-1, layer.inputs, layer.outputs)
-        vectors = flat[:, layer.bias : layer.end].reshape(len(flat), -1, 1, layer.outputs)
-        z = self._node("MatMul", below, self._constant(f"weight{k}", weight))
-        z = self._node("Add", z, self._constant(f"bias{k}", vectors[:, 0]))
-        if layer.normalized:
-            ones = self._constant(f"ones{k}", np.ones(layer.outputs, np.float32))
-            z = self._node("LayerNormalization", z, ones, epsilon=kernels.NORM_EPSILON)
-            z = self._node("Mul", z, self._constant(f"gain{k}", vectors[:, 1]))
-            z = self._node("Add", z, self._constant(f"shift{k}", vectors[:, 2]))
-        if k == len(self._network.layers) - 1:
-            return z
-        return self._node("Relu", z)
-
-    def _node(self, kind: str, *inputs: str, output: str = "", **attributes: Any) -> str:
-        import onnx
-
-        name = output or f"n{len(self._nodes)}"
-        self._nodes.append(onnx.helper.make_node(kind, inputs, [name], **attributes))
-        return name
-
-    def _constant(self, name: str, array: npt.NDArray[Any]) -> str:
-        import onnx
-
-        self._constants.append(onnx.numpy_helper.from_array(np.ascontiguousarray(array), name))
-        return name
