@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
@@ -14,49 +15,47 @@ from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
-from serp.agent.protocols import LearnerProposer, Mask, Proposer, StatefulPlanner, undisturbed
+from serp.agent.protocols import LearnerProposer, Mask, StatefulPlanner, undisturbed
 from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
 from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import Proposal
+from serp.learning.reflection import Reflection
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.preference import free_of_risk
 from serp.settings import Settings
+from serp.tasks.symmetry import resolved
 from serp.tasks.task import BoundTask, reward_source
 
 MIN_VISITS = 4
 """In training, a planner prefers actions that were observed fewer times."""
 
 
-class ExplorationBonus:
-    """Makes a planner prefer actions with fewer visits than `min_visits`; 0: no preference.
+def exploration_bonus(visits: NDArray[np.int64], min_visits: int, forecast: Forecast) -> Forecast:
+    """Return a forecast whose choice is the least visited action that is safe.
 
-    `visits` `[A]` counts how often each ground action was observed; its owner updates it.
+    Args:
+        visits: `[A]` how often each ground action was observed.
+        min_visits: Actions with fewer visits are preferred; 0: none.
+        forecast: The forecast, which is returned where no action is preferred.
     """
-
-    def __init__(self, visits: NDArray[np.int64], min_visits: int) -> None:
-        self._visits = visits
-        self._min_visits = min_visits
-
-    def __call__(self, forecast: Forecast) -> Forecast:
-        """Return a forecast whose choice is the least visited action that is safe."""
-        if self._visits.min(initial=self._min_visits) >= self._min_visits:
-            return forecast
-        candidates = free_of_risk(forecast.flags)
-        lasting = candidates & (forecast.safe_steps == SAFE)
-        if lasting.any():
-            candidates = lasting
-        # If all known actions become unsafe, an unknown one is the better choice.
-        candidates &= self._visits < self._min_visits
-        if not candidates.any():
-            return forecast
-        least = np.where(candidates, self._visits, np.iinfo(np.int64).max)
-        return forecast._replace(choice=int(least.argmin()))
+    if visits.min(initial=min_visits) >= min_visits:
+        return forecast
+    candidates = free_of_risk(forecast.flags)
+    lasting = candidates & (forecast.safe_steps == SAFE)
+    if lasting.any():
+        candidates = lasting
+    # If all known actions become unsafe, an unknown one is the better choice.
+    candidates &= visits < min_visits
+    if not candidates.any():
+        return forecast
+    least = np.where(candidates, visits, np.iinfo(np.int64).max)
+    return forecast._replace(choice=int(least.argmin()))
 
 
 _FOR_LEARNER = (
@@ -79,12 +78,14 @@ class Agent:
         settings: All settings.
         seed: Seed of everything random in the agent.
         baseline: Whether the learner always acts, and nothing is refused.
+        reflection: That of an exported policy; None: the one that the task declares.
 
     Attributes:
         arbiter: The arbiter used in training.
         guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
         adaptation: The adaptation of the model.
-        notices: Messages for the user: a model that cannot adapt.
+        reflection: The reflection of inputs and actions that the learner uses; None for none.
+        notices: Messages for the user: a model that cannot adapt, a symmetry that does not fit.
     """
 
     def __init__(
@@ -94,6 +95,7 @@ class Agent:
         seed: int,
         *,
         baseline: bool = False,
+        reflection: Reflection | None = None,
     ) -> None:
         self.task = task
         self.settings = settings
@@ -116,7 +118,8 @@ class Agent:
             settings.arbiter,
             strategy,
             vetoes=VetoPolicy(actions, settings.arbiter, settings.planner.depth),
-            exploration_bonus=ExplorationBonus(
+            exploration_bonus=functools.partial(
+                exploration_bonus,
                 self.adaptation.visits,
                 MIN_VISITS if model is not task.model else 0,
             ),
@@ -126,14 +129,19 @@ class Agent:
             self.arbiter = Arbiter(
                 planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
             )
-        notice = self.adaptation.notice
-        self.notices: tuple[str, ...] = () if notice is None else (notice,)
+        unfit = None
+        if reflection is None and settings.learner.symmetry:
+            reflection, unfit = resolved(task)
+        self.reflection = reflection
+        notices = (unfit, self.adaptation.notice)
+        self.notices = tuple(notice for notice in notices if notice is not None)
         self.learner = make_learner(
             task.observation_size + len(task.model.fluents),
             task.actions.size,
             settings.learner,
             learner_seed,
             imitates=strategy.imitates,
+            reflection=reflection,
         )
         self._random = np.random.default_rng(random_seed)
         self._waiting: dict[int, list[tuple[Vector, int, Vector, int, float]]] = {}
@@ -155,9 +163,8 @@ class Agent:
         The environment's info and the environment are needed if the task's grounding takes them.
 
         Raises:
-            EnvironmentFailure: The observation is not a member of the space, or holds a number that
-                is not finite in float32.
-            TaskError: The grounding failed, or gave such a number.
+            EnvironmentFailure: The observation is no member of the space, or not finite in float32.
+            TaskError: The grounding failed, or gave a number that is not finite in float32.
         """
         return self.take_in(self.task.observation(raw), self.task.ground(raw, info, env))
 
@@ -186,7 +193,7 @@ class Agent:
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""
-        return self.arbiter.decide(state, self.proposer(x))
+        return self.arbiter.decide(state, LearnerProposer(self.learner, x))
 
     def decide_randomly(self, state: Vector) -> Decision:
         """Decide on a uniformly drawn proposal, for D_0; the vetoes hold."""
@@ -195,7 +202,7 @@ class Agent:
 
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
         """Decide as the trained agent does: by its strategy, without exploration."""
-        return self.arbiter.decide_greedily(state, self.proposer(x))
+        return self.arbiter.decide_greedily(state, LearnerProposer(self.learner, x))
 
     def decide_in_turns(self, state: Vector, x: Vector, strategy: Strategy) -> Decision:
         """Decide as in training by a given strategy, without exploration."""
@@ -206,10 +213,6 @@ class Agent:
     def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
         """Decide for the learner's greedy choice, without planner and veto."""
         return self.arbiter.execute(state, self.learner.propose_greedily(x))
-
-    def proposer(self, x: Vector) -> Proposer:
-        """Return the learner with an input."""
-        return LearnerProposer(self.learner, x)
 
     def observe(self, step: StepRecord, episode: int = 0) -> None:
         """Update vetoes and model with an env step of training; notify when vetoes see less far.
@@ -260,10 +263,7 @@ class Agent:
         self._waiting.clear()
 
     def remember(self, step: StepRecord, following: Decision | None) -> None:
-        """Store an env step in the learner's replay memory.
-
-        `following` is the decision in the next state, None if the episode ended.
-        """
+        """Store an env step to be learned from; `following`, if any, is the next decision."""
         decision = step.decision
         allowed: Mask | None = None
         if following is not None:

@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from serp._util.text import listed, plural
+from serp._util.text import listed
 from serp.model.transition_model import StateError
 
 if TYPE_CHECKING:
-    from serp.model.ground import Fluent
     from serp.model.transition_model import TransitionModel, Vector
 
 
@@ -31,12 +30,8 @@ _HALVINGS: Final = 30
 class Counterfactual:
     """A change of one fluent that changes the outcome.
 
-    Attributes:
-        fluent: Its name.
-        value: Its value in the state.
-        becomes: The value nearest to it with another outcome.
-        outcome: That outcome, in words.
-        share: Size of the change as a share of the range of the fluent; 1 for a predicate.
+    `becomes` is the value nearest to its `value` in the state with another `outcome`; `share` is
+    the size of the change as a share of the range of the fluent, 1 for a predicate.
     """
 
     fluent: str
@@ -82,7 +77,6 @@ def counterfactuals(
     now, changes = outcome(state), list[Counterfactual]()
     over = _is_over(model, state)
     omitted: list[str] = []
-    tried: list[Fluent] = []
     for fluent in model.fluents:
         low, high = float(ranges[0][fluent.index]), float(ranges[1][fluent.index])
         if fluent.numeric and not high > low:
@@ -90,7 +84,6 @@ def counterfactuals(
         if time.monotonic() > deadline:
             omitted.append(fluent.name)
             continue
-        tried.append(fluent)
         changed, value = state.copy(), float(state[fluent.index])
 
         def at(becomes: float, changed: Vector = changed, index: int = fluent.index) -> int:
@@ -99,22 +92,25 @@ def counterfactuals(
             return now if other != now and not over and _is_over(model, changed) else other
 
         if not fluent.numeric:
-            nearest = 1.0 - value if at(1.0 - value) != now else None
+            candidates = iter([1.0 - value])
         elif fluent.index in whole:
             steps = (value + sign * k for k in range(1, _POINTS + 1) for sign in (-1, 1))
-            within = (becomes for becomes in steps if low <= becomes <= high)
-            nearest = next((becomes for becomes in within if at(becomes) != now), None)
+            candidates = (becomes for becomes in steps if low <= becomes <= high)
         else:
             borders = [_border(at, now, value, end) for end in (low, high)]
             found = [border for border in borders if border is not None]
-            nearest = min(found, key=lambda becomes: abs(becomes - value), default=None)
+            candidates = iter(sorted(found, key=lambda becomes: abs(becomes - value)))
+        nearest = next((becomes for becomes in candidates if at(becomes) != now), None)
         if nearest is not None:
             shown = float if fluent.numeric else bool
             share = abs(nearest - value) / (high - low) if fluent.numeric else 1.0
             name = called(at(nearest))
             changes.append(Counterfactual(fluent.name, shown(value), shown(nearest), name, share))
     changes.sort(key=lambda change: change.share)
-    return Counterfactuals(tuple(changes), _searched(tried, omitted, whole))
+    searched = "Each fluent was changed alone, within its observed range."
+    if omitted:
+        searched += f" There was no time for {listed(omitted)}."
+    return Counterfactuals(tuple(changes), searched)
 
 
 def _border(at: Callable[[float], int], now: int, value: float, end: float) -> float | None:
@@ -142,19 +138,3 @@ def _is_over(model: TransitionModel, state: Vector) -> bool:
     except StateError:
         return False
     return judged.terminal or judged.unsafe
-
-
-def _searched(tried: Iterable[Fluent], omitted: list[str], whole: Collection[int]) -> str:
-    kinds = ["predicate" if not f.numeric else f.index in whole for f in tried]
-    parts = []
-    if counted := kinds.count(True):
-        parts.append(f"{plural(counted, 'number')} at up to {_POINTS} whole numbers on either side")
-    if numbers := kinds.count(False):
-        parts.append(
-            f"{plural(numbers, 'number')} at {_POINTS} points to either end of the observed range, "
-            "then by bisection"
-        )
-    if predicates := kinds.count("predicate"):
-        parts.append(f"{plural(predicates, 'predicate')} negated")
-    searched = f"Each fluent was changed alone: {'; '.join(parts) or 'none varies'}."
-    return searched + (f" There was no time for {listed(omitted)}." if omitted else "")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from serp._util.text import percent, plural, readable
-from serp.agent.causes import Cause
+from serp.agent.causes import Cause, listed_values
 from serp.agent.counterfactuals import Counterfactual, Counterfactuals
 from serp.agent.explanation import Alternative, RunnerUp
-from serp.agent.refusals import schema_of, what_fails
 from serp.planning.edges import Bound
 from serp.planning.forecast import Forecast
 
@@ -32,35 +32,48 @@ def kind_of_return(partial: bool) -> str:
 
 def line_of_cause(cause: Cause) -> str:
     """Return a cause as a line."""
-    return _line([[cause]])
+    return line_of_run([[cause]])
 
 
-def lines_of(alternative: Alternative) -> list[str]:
-    """Return what is behind an alternative, now and ahead, a line for each schema of the file."""
-    return [
-        *lines_of_causes((*alternative.causes, *alternative.ahead)),
-        *beyond_of(alternative),
-    ]
+def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
+    """Return what is behind an alternative, now and ahead, a line for each schema of the file.
 
-
-def beyond_of(alternative: Alternative) -> list[str]:
-    """Return the line about what of a best return is not listed, if there is anything."""
-    beyond = alternative.beyond
-    return [f"{_signed(beyond)} estimated after these steps, discounted."] if beyond else []
+    Of more than `most` lines the last one says how many more there are.
+    """
+    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
+    if most is not None and len(lines) > most:
+        lines[most:] = [f"… and {len(lines) - most} more (--json has all)"]
+    if alternative.beyond:
+        lines.append(f"{_signed(alternative.beyond)} estimated after these steps, discounted.")
+    return lines
 
 
 def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
-    """Return causes as lines.
+    """Return causes as lines, see `runs_of`."""
+    return [line_of_run(run) for run in runs_of(causes)]
 
-    What a schema brings in one control period is one line, and so is what it brings in several
-    periods in succession.
+
+def runs_of(causes: Iterable[Cause]) -> list[list[list[Cause]]]:
+    """Return causes in runs of control periods, those that begin first first.
+
+    A run has, of each period in succession, what a schema brings in it, which is the same in all of
+    them. The first period is a run of its own: it is what the action itself brings.
     """
-    by_schema: dict[tuple[str, str], dict[int, list[Cause]]] = {}
+    periods: dict[tuple[str, str, int], list[Cause]] = {}
     for cause in causes:
-        periods = by_schema.setdefault((cause.origin, cause.name), {})
-        periods.setdefault(cause.after, []).append(cause)
-    runs = [run for periods in by_schema.values() for run in _runs(periods)]
-    return [_line(run) for run in sorted(runs, key=lambda run: run[0][0].after)]
+        periods.setdefault((cause.origin, cause.name, cause.after), []).append(cause)
+    by_schema: dict[tuple[str, str], list[list[list[Cause]]]] = {}
+    for (origin, name, after), unordered in sorted(periods.items(), key=lambda item: item[0][2]):
+        brought = sorted(unordered, key=lambda cause: _ORDER.index(cause.what))
+        runs = by_schema.setdefault((origin, name), [])
+        before = runs[-1][-1] if runs else []
+        same = [(c.what, c.text) for c in before] == [(c.what, c.text) for c in brought]
+        if same and before[0].after == after - 1 > 0:
+            runs[-1].append(brought)
+        else:
+            runs.append([brought])
+    every = [run for runs in by_schema.values() for run in runs]
+    return sorted(every, key=lambda run: run[0][0].after)
 
 
 def between(runner_up: RunnerUp, name: str) -> str:
@@ -68,16 +81,8 @@ def between(runner_up: RunnerUp, name: str) -> str:
     other = runner_up.name
     if runner_up.ahead:
         return f"Next best: {other}, {lesser(runner_up)}."
-    if runner_up.by == "order":
-        return f"To the planner {other} is worth the same and comes first in the file."
-    better = {
-        "value": f"its return is larger by {readable(abs(runner_up.gap))}",
-        "delay": "it is worth as much, and does not put that off",
-        "rank": "it is safer one step ahead",
-        "risk": f"its path has less risk{_risks(runner_up)}",
-        "safe steps": "its path stays safe for longer",
-    }[runner_up.by]
-    return f"By the planner's values {other} comes before {name}: {better}."
+    turned = replace(runner_up, path_risks=runner_up.path_risks[::-1])
+    return f"By the planner's values {other} comes before {name}, {lesser(turned)}."
 
 
 def lesser(other: RunnerUp) -> str:
@@ -150,24 +155,7 @@ def _change(change: Counterfactual) -> str:
     return f"With {change.fluent} {side} {then} instead of {now}"
 
 
-def _runs(periods: dict[int, list[Cause]]) -> list[list[list[Cause]]]:
-    """Return the causes of a schema in runs of control periods in succession with the same ones.
-
-    The first period is a run of its own: it is what the action itself brings.
-    """
-    runs: list[list[list[Cause]]] = []
-    for after, unordered in sorted(periods.items()):
-        causes = sorted(unordered, key=lambda cause: _ORDER.index(cause.what))
-        before = runs[-1][-1] if runs else []
-        same = [(c.what, c.text) for c in before] == [(c.what, c.text) for c in causes]
-        if same and before[0].after == after - 1 > 0:
-            runs[-1].append(causes)
-        else:
-            runs.append([causes])
-    return runs
-
-
-def _line(run: Sequence[Sequence[Cause]]) -> str:
+def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     """Return the line of what a schema brings in some control periods in succession."""
     causes, after = run[0], run[0][0].after
     when = f"in step {after + 1}: " if after else ""
@@ -179,7 +167,7 @@ def _line(run: Sequence[Sequence[Cause]]) -> str:
     ]
     brought = ", ".join(map(_what, causes, amounts))
     first = causes[0]
-    by = f" by {schema_of(first)}" if first.what in _BROUGHT else ""
+    by = f" by {first.schema}" if first.what in _BROUGHT else ""
     if first.origin == "learned":
         by = " by what the run has learned"
     return f"{when}{brought}{by}{_where(causes)}"
@@ -201,9 +189,9 @@ def _what(cause: Cause, amount: float | None) -> str:
         case "end":
             return "the end of the task"
         case "failed":
-            return f"not applicable: {what_fails(cause, located=False)}"
+            return f"not applicable: {cause.failure(located=False)}"
         case _:
-            return f"no defined result: {what_fails(cause, located=False)}"
+            return f"no defined result: {cause.failure(located=False)}"
 
 
 def _where(causes: Sequence[Cause]) -> str:
@@ -220,16 +208,6 @@ def _where(causes: Sequence[Cause]) -> str:
         if reads:
             details.append(listed_values(reads))
     return f"{text}. [{'; '.join(details)}]"
-
-
-def listed_values(values: dict[str, float | bool], most: int = 6) -> str:
-    """Return values as `x = 1.2, open = true`, and how many more there are."""
-    shown = [
-        f"{name} = {str(value).lower() if isinstance(value, bool) else readable(float(value))}"
-        for name, value in values.items()
-    ]
-    more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
-    return ", ".join(shown[:most]) + more
 
 
 def _signed(amount: float | None) -> str:

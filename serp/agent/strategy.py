@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -17,13 +17,7 @@ from serp.tasks.action_map import ActionForecast
 
 
 class Worth(NamedTuple):
-    """What the expected return of one acting policy is believed to be.
-
-    Attributes:
-        mean: Mean of the belief.
-        deviation: Its standard deviation.
-        episodes: Episodes in which it acted.
-    """
+    """Mean and standard deviation of what an acting policy's return is believed to be."""
 
     mean: float
     deviation: float
@@ -55,27 +49,22 @@ class PolicyEvidence(NamedTuple):
         }
 
     def __str__(self) -> str:
-        parts = [
-            f"the {name} has not led an episode"
-            if worth is None
-            else f"an episode that the {name} leads is worth {worth} "
-            f"({plural(worth.episodes, 'episode')})"
-            for name, worth in (("planner", self.planner), ("learner", self.learner))
-        ]
-        better = f"the learner is better with a probability of {percent(self.learner_better)}"
-        return "; ".join([*parts, better])
+        parts = []
+        for name, worth in (("planner", self.planner), ("learner", self.learner)):
+            if worth is None:
+                parts.append(f"the {name} has not led an episode")
+            else:
+                led = plural(worth.episodes, "episode")
+                parts.append(f"an episode that the {name} leads is worth {worth} ({led})")
+        better = percent(self.learner_better)
+        return "; ".join([*parts, f"the learner is better with a probability of {better}"])
 
 
 Seed = int | np.random.SeedSequence
 
 
 class Situation(NamedTuple):
-    """What a strategy knows of the current state.
-
-    Attributes:
-        forecast: The planner's forecast.
-        admissible: `[E]` actions that no veto refuses.
-    """
+    """The planner's forecast for the current state, and `[E]` what no veto refuses."""
 
     forecast: ActionForecast
     admissible: Mask
@@ -92,18 +81,17 @@ class Strategy(Declared):
         seed: Seed of random draws.
 
     Attributes:
-        reads: Settings that only this strategy reads, such as `arbiter.rho_unit`.
         imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
             `imitation_weight`.
         env_index: Environment, from 0, that the next calls are about. Several environments play one
             episode each at the same time; what belongs to an episode is kept for each of them.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ()
     imitates: ClassVar[bool] = False
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
+        self._random = np.random.default_rng(seed)
         self.env_index = 0
 
     @property
@@ -139,13 +127,11 @@ class Strategy(Declared):
         """Return the trained policy's proposal, without exploration or random draws."""
         return learner.propose_greedily()
 
-    def forked(self, seed: np.random.SeedSequence) -> Strategy:
-        """Return an independent copy for the beginning of an episode.
-
-        Args:
-            seed: Seed of the copy's random draws.
-        """
-        return copy.copy(self)
+    def forked(self, seed: np.random.SeedSequence) -> Self:
+        """Return an independent copy, with its own random draws, where an episode begins."""
+        forked = copy.copy(self)
+        forked._random = np.random.default_rng(seed)
+        return forked
 
     def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's action that the learner is to imitate in a state; -1: none."""
@@ -164,13 +150,11 @@ class Mixture(Strategy):
     The learner explores among all actions; its proposals may be refused.
     """
 
-    reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit")
     STATE: ClassVar[Mapping[str, Reader]] = {"_rho": probability, "_random": random}
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
         self._rho = settings.arbiter.rho
-        self._random = np.random.default_rng(seed)
 
     @property
     def rho(self) -> float:
@@ -183,12 +167,6 @@ class Mixture(Strategy):
         if self._rho >= 1.0:
             return self.choice
         return f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
-
-    def forked(self, seed: np.random.SeedSequence) -> Mixture:
-        """Return a copy with its own random draws."""
-        forked = copy.copy(self)
-        forked._random = np.random.default_rng(seed)
-        return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""

@@ -24,6 +24,7 @@ from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
+from serp.learning.reflection import Reflection
 from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
 from serp.settings import LearnerSettings
 
@@ -85,6 +86,7 @@ class DQN:
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
         imitates: Whether samples hold actions to be imitated.
+        reflection: A reflection that the task has; None for none.
 
     Attributes:
         imitates: As given.
@@ -101,6 +103,7 @@ class DQN:
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         imitates: bool = False,
+        reflection: Reflection | None = None,
     ) -> None:
         self.imitates = imitates
         self.imitation_weight = 0.0
@@ -110,7 +113,8 @@ class DQN:
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng)
+        self.replay = ReplayBuffer(spec, settings, sample_rng, reflection)
+        self._reflection = reflection
         self._bounds = ReturnBounds(settings.discount)
         self._explore_rng = explore_rng
         self.env_steps = 0
@@ -140,12 +144,20 @@ class DQN:
         return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * done
 
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q ``[A]`` of an input ``[F]``, or ``[B, A]`` of a batch: the mean of the members.
+        """Return Q ``[A]`` of an input ``[F]``, or ``[B, A]`` of a batch.
+
+        It is the mean of the members, and of the input's mirror image if there is a reflection.
 
         Raises:
             ValueError: The input has another shape.
         """
-        return self.learning.online.mean_q(x)
+        mean_q, reflection = self.learning.online.mean_q, self._reflection
+        if reflection is None or x.shape[-1:] != (self.input_size,):
+            return mean_q(x)
+        both = mean_q(np.concatenate((np.atleast_2d(x), np.atleast_2d(reflection.of_inputs(x)))))
+        count = len(both) // 2
+        mean: type_F32 = (both[:count] + reflection.of_actions(both[count:])) * np.float32(0.5)
+        return mean if x.ndim == 2 else mean[0]
 
     def propose(
         self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
@@ -238,7 +250,7 @@ class DQN:
 
     def as_onnx(self) -> bytes:
         """Return the network as ONNX; see `network_as_onnx`."""
-        return network_as_onnx(self.learning.online)
+        return network_as_onnx(self.learning.online, self._reflection)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

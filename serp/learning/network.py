@@ -117,7 +117,7 @@ class QNetwork:
             layer = _DenseLayer(self, start, inputs, outputs, normalized)
             self.layers.append(layer)
             start = layer.end
-        self._single_row = Workspace(self, 1)
+        self._work = Workspace(self, 1)
         if rng is not None:
             self._draw(rng)
 
@@ -181,8 +181,9 @@ class QNetwork:
                 f"not {x.shape}"
             )
         rows = np.atleast_2d(x).astype(np.float32, copy=False)
-        work = self._single_row if len(rows) == 1 else Workspace(self, len(rows))
-        members = self.forward(rows, work)
+        if self._work.batch != len(rows):
+            self._work = Workspace(self, len(rows))
+        members = self.forward(rows, self._work)
         q: type_F32 = members[0].copy() if self.members == 1 else members.mean(axis=0)
         return q if x.ndim == 2 else q[0]
 

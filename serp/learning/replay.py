@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from serp._util.saved_state import LARGEST, Saved
 from serp.errors import RunError
+from serp.learning.reflection import Reflection
 from serp.settings import LearnerSettings
 
 type_F32 = npt.NDArray[np.float32]
@@ -96,6 +97,7 @@ class ReplayBuffer:
         spec: The shape of the samples.
         settings: The learner's settings.
         rng: Draws the samples; used exclusively by the buffer.
+        reflection: Half of the samples drawn are replaced by their mirror images; None for none.
 
     Attributes:
         size: Samples in the ring. A step becomes a sample when its n rewards are complete.
@@ -103,8 +105,13 @@ class ReplayBuffer:
     """
 
     def __init__(
-        self, spec: SampleSpec, settings: LearnerSettings, rng: np.random.Generator
+        self,
+        spec: SampleSpec,
+        settings: LearnerSettings,
+        rng: np.random.Generator,
+        reflection: Reflection | None = None,
     ) -> None:
+        self._reflection = reflection
         self._spec = spec
         self._settings = settings
         self.size = self._head = 0
@@ -193,7 +200,22 @@ class ReplayBuffer:
         for name, stored in self._fields.items():
             # mode="raise" would copy once more.
             stored.take(rows, axis=0, out=self._drawn[name], mode="clip")
+        if self._reflection is not None:
+            self._mirror(self._reflection)
         return self._batch
+
+    def _mirror(self, reflection: Reflection) -> None:
+        """Replace half of the samples drawn by their mirror images."""
+        self._rng.random(out=self._uniform)
+        chosen = np.flatnonzero(self._uniform >= 0.5)
+        for name, drawn in self._drawn.items():
+            if name.endswith("observation"):
+                drawn[chosen] = reflection.of_inputs(drawn[chosen])
+            elif name == "forbidden":
+                drawn[chosen] = reflection.of_actions(drawn[chosen])
+            elif name in ("action", "imitated"):
+                actions = drawn[chosen]
+                drawn[chosen] = np.where(actions == -1, -1, reflection.actions[actions])
 
     def _shapes(self) -> dict[str, int]:
         """Return the sizes that must be equal for a state to fit."""

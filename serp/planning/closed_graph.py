@@ -340,7 +340,10 @@ class ClosedGraph(ArrayGraph):
         ]
         if np.dot(sizes, (8 * self._width + 60, 36, 12)) > MAX_BYTES:
             return False
-        self._hold(GraphArrays.allocate(nodes, edges, outcomes, self._width, self._inert))
+        try:
+            self._hold(GraphArrays.allocate(nodes, edges, outcomes, self._width, self._inert))
+        except MemoryError:
+            return False
         new = self._arrays
         new.counters[:] = old.counters
         for name, column in contents(old, self._width).items():  # touches what is filled only

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause
 from serp.agent.decision import Actor, Reason
-from serp.agent.refusals import unsafe_ahead
+from serp.agent.explanation import unsafe_ahead
 from serp.agent.sentences import (
     PARTIAL,
     TO_THE_UNKNOWN,
@@ -44,29 +44,26 @@ _REFUSED = {
 _OF_ALL = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
 
 
-def heading(step: StepAccount) -> str:
+def heading(account: StepAccount) -> str:
     """Return which step it is: `step 1,204, that is step 37 of episode 12, at 0:14.4`."""
-    return (
-        f"step {step.step:,}, that is step {step.number:,} of episode {step.episode:,}, "
-        f"at {step.time}"
-    )
+    of, time = account.step, account.time
+    return f"step {of.step:,}, that is step {of.number:,} of episode {of.episode:,}, at {time}"
 
 
-def who_acted(step: StepAccount) -> list[str]:
+def who_acted(account: StepAccount) -> list[str]:
     """Say who acted and why."""
-    proposals = [each for each in step.account.alternatives if each.name == step.proposed]
+    decision, why = account.step.decision, ""
+    if decision.proposed >= 0:
+        of = account.account.alternatives[decision.proposed]
+        why = why_refused(decision.reason, of.causes, of.reward, of.safe_steps)
     return who_decided(
-        step.reason,
-        (step.proposed, step.proposed_by),
-        (step.executed, step.executed_by),
-        rho=step.rho,
-        indifferent=step.indifferent,
-        bound=step.bound,
-        why=why_refused(
-            step.reason, proposals[0].causes, proposals[0].reward, proposals[0].safe_steps
-        )
-        if proposals
-        else "",
+        decision.reason,
+        (account.proposed, decision.proposed_by),
+        (account.name(decision.action), decision.executed_by),
+        rho=decision.rho,
+        indifferent=decision.indifferent,
+        bound=decision.forecast.bound,
+        why=why,
     )
 
 
@@ -82,14 +79,8 @@ def who_decided(
 ) -> list[str]:
     """Say who decided and why, and what the planner's values leave out, or take of the unknown.
 
-    Args:
-        reason: Why the executed action was executed.
-        proposed: The proposed action, empty for none, and who proposed it.
-        executed: The executed action, and whose it is.
-        rho: ρ; NaN if it need not be told.
-        indifferent: Whether all plans were worth the same to the planner.
-        bound: What ended the planner's sight.
-        why: What is behind a refusal, see `why_refused`.
+    `proposed` and `executed` are names of actions and whose they are; the former is empty for no
+    proposal. ρ is NaN if it need not be told. `why` follows a refusal, see `why_refused`.
     """
     (proposal, proposer), (action, actor) = proposed, executed
     if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
@@ -121,88 +112,75 @@ def why_refused(
 ) -> str:
     """Return what of the file is behind a refusal, to follow the sentence about its reason.
 
-    Args:
-        reason: Why the proposal was refused.
-        causes: What is behind the proposed action, one control period ahead.
-        reward: Its predicted reward; None where it is not applicable.
-        safe_steps: Control periods on its path before the first risk; None where there is none.
+    `causes`, `reward` and `safe_steps` are those of the proposed action, as in `Alternative`.
     """
     wanted = ("unsafe", "risk", "failed", "conflict", "undefined")
     for cause in causes:
         if cause.what in wanted:
             text = line_of_cause(cause).rstrip(".")
-            shorter = text
-            for known in ("unsafe", "not applicable", "no defined result"):
-                shorter = shorter.removeprefix(known)
-            return shorter if shorter != text else f": {text}"
+            known = ("unsafe", "not applicable", "no defined result")
+            shorter = [text.removeprefix(begin) for begin in known if text.startswith(begin)]
+            return shorter[0] if shorter else f": {text}"
     if reason is Reason.LOW_REWARD:
         return f": it is {readable(reward)}"
     return "" if safe_steps is None else f": {unsafe_ahead(safe_steps)}"
 
 
-def what_would_differ(step: StepAccount) -> list[str]:
+def what_would_differ(account: StepAccount) -> list[str]:
     """Say what would have had to differ for another outcome, and what was searched."""
+    vetoes, choices, proposed = account.other_vetoes, account.other_choices, account.proposed
     lines = []
-    if step.other_vetoes is not None:
-        lines += lines_of_changes(step.other_vetoes, f"{step.proposed} would not have been refused")
-    if step.other_choices is not None:
-        lines += lines_of_changes(step.other_choices)
-    if step.vetoed and step.other_vetoes is None and step.other_choices is not None:
-        lines.append(f"Planned again, {step.proposed} is not refused: the model was another then.")
-    searched = step.other_choices or step.other_vetoes
-    if searched is not None:
-        lines.append(f"{searched.searched} Planned again with {step.ahead_by}.")
+    if vetoes is not None:
+        lines += lines_of_changes(vetoes, f"{proposed} would not have been refused")
+    if choices is not None:
+        lines += lines_of_changes(choices)
+        if account.step.decision.vetoed and vetoes is None:
+            lines.append(f"Planned again, {proposed} is not refused: the model was another then.")
+        lines.append(f"{choices.searched} Planned again with {account.ahead_by}.")
     return lines
 
 
 def prediction_line(each: PredictedFluent) -> str:
     """Return an error of a prediction as a line."""
     line = f"{each.fluent}: {_shown(each.predicted)} predicted, {_shown(each.observed)} observed"
-    if isinstance(each.observed, bool):
-        pass
-    elif math.isinf(each.error):
+    if math.isinf(each.error):
         line += "; it never changed before"
-    else:
+    elif not isinstance(each.observed, bool):
         line += f", error: {percent(abs(each.error))} of a typical change"
     if each.learned is not None:
         line += f"; {_shown(each.learned)} by what the run has learned"
     return line + f" (before: {_shown(each.before)})"
 
 
-def what_came(step: StepAccount) -> list[str]:
+def what_came(account: StepAccount) -> list[str]:
     """Compare what was predicted with what was observed, the largest errors first."""
-    if not step.predictions:
-        return ["What it led to was not recorded: the recording stopped there."]
-    wrong = [each for each in step.predictions if abs(each.error) > _MINOR]
-    if step.predictions[0].predicted is None:
+    predictions, step = account.predictions, account.step
+    wrong = [each for each in predictions if abs(each.error) > _MINOR]
+    if predictions and predictions[0].predicted is None:
         lines = ["The file predicts nothing for this action."]
     elif wrong:
-        right = len(step.predictions) - len(wrong)
+        right = len(predictions) - len(wrong)
         rest = f"; {plural(right, 'other')} as predicted" if right else ""
         lines = [f"Not as the file predicts{rest}:", *(f"  {prediction_line(w)}" for w in wrong)]
     else:
         lines = ["Every fluent came as the file predicts."]
-    came = f"The environment gave {readable(step.reward)}"
+    came = f"The environment gave {readable(step.env_reward)}"
     if step.terminated or step.truncated:
         came += " and the episode ended" + ("" if step.terminated else ", cut off")
     lines.append(came + ".")
-    if step.domain_reward is not None:
-        predicted = (
-            ""
-            if step.predicted_reward is None
-            else (f", and {readable(step.predicted_reward)} was predicted")
-        )
-        end = ":" if step.observed else "."
-        worth = f"By the file what came is worth {readable(step.domain_reward)}{predicted}"
-        lines += [worth + end, *(f"  {line}" for line in lines_of_causes(step.observed))]
-        gap = step.reward - step.domain_reward
-        if not math.isclose(step.reward, step.domain_reward, rel_tol=_SAME_REWARD):
-            more = "more" if gap > 0 else "less"
-            lines.append(f"The environment gave {readable(abs(gap))} {more} than the file says.")
+    if account.domain_reward is None:
+        return lines
+    expected = account.account.alternatives[step.decision.action].reward
+    predicted = "" if expected is None else f", and {readable(expected)} was predicted"
+    worth = f"By the file what came is worth {readable(account.domain_reward)}{predicted}"
+    lines.append(worth + (":" if account.observed else "."))
+    lines += [f"  {line}" for line in lines_of_causes(account.observed)]
+    gap = step.env_reward - account.domain_reward
+    if not math.isclose(step.env_reward, account.domain_reward, rel_tol=_SAME_REWARD):
+        more = "more" if gap > 0 else "less"
+        lines.append(f"The environment gave {readable(abs(gap))} {more} than the file says.")
     return lines
 
 
 def _shown(value: float | bool | None) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return readable(value)
+    return str(value).lower() if isinstance(value, bool) else readable(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from serp.runs.run_log import RunLog
 from serp.runs.tables import MetricsRow, metrics_row
 from serp.settings import Section, Settings
 from serp.tasks.remote_task import RemoteTask
+from serp.tasks.symmetry import check_grounding
 from serp.tasks.task import BoundTask, Judge
 
 Limit = Annotated[int, Field(ge=1)] | None
@@ -38,17 +39,6 @@ class Budget(Section):
     """Number of env steps; the episode that reaches it is finished. None for no limit."""
     units: Limit = None
     """Number of complete units of `arbiter.rho_unit`, such as games; None for no limit."""
-
-    @classmethod
-    def from_dict(cls, values: Any) -> Budget:
-        """Return the budget that `as_dict` wrote.
-
-        Raises:
-            SettingsError: It is not a budget.
-        """
-        if not isinstance(values, Mapping):
-            raise SettingsError(f"{values!r} is not a budget")
-        return cls(**values)
 
     @property
     def limits(self) -> dict[str, int]:
@@ -74,19 +64,6 @@ OnEpisode = Callable[[MetricsRow], None]
 """Called with the row of the metrics of every episode, after the episode."""
 
 
-class TrainingCallbacks(TypedDict, total=False):
-    """Functions that a training calls; their results are ignored.
-
-    Attributes:
-        on_step: Called with every env step, after learning from it.
-        on_episode: Called with the metrics of every episode. A resumed run calls it for the new
-            episodes only.
-    """
-
-    on_step: OnStep
-    on_episode: OnEpisode
-
-
 class Callbacks:
     """Calls the functions of the user until one of them fails.
 
@@ -96,14 +73,11 @@ class Callbacks:
         failure: What a function raised; no function is called after that.
     """
 
-    def __init__(self, functions: TrainingCallbacks) -> None:
-        for name, function in functions.items():
-            if name not in TrainingCallbacks.__annotations__:
-                raise TypeError(f"plan_and_learn() got an unexpected keyword argument {name!r}")
+    def __init__(self, on_step: OnStep | None = None, on_episode: OnEpisode | None = None) -> None:
+        for name, function in (("on_step", on_step), ("on_episode", on_episode)):
             if function is not None and not callable(function):
                 raise SettingsError(f"{name} must be a function of one argument, not {function!r}")
-        self._on_step = functions.get("on_step")
-        self._on_episode = functions.get("on_episode")
+        self._on_step, self._on_episode = on_step, on_episode
         self.failure: Exception | None = None
 
     def step(self, record: StepRecord) -> None:
@@ -124,6 +98,8 @@ class Callbacks:
                 self.failure = error
 
 
+_MIRRORED = 256
+"""Observations with which a declared symmetry is checked."""
 _TOGETHER = 100
 """Env steps for each of several environments after which no episode begins until all have ended.
 More of them keep more environments busy, fewer make a run end nearer to its budget."""
@@ -181,6 +157,7 @@ class Trainer(Closing):
         self.recent: deque[float] = deque(maxlen=20)
         self.log: RunLog | None = None
         self.on_step: OnStep | None = None
+        self._unchecked = _MIRRORED
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, working_time()
         self._open = contextlib.ExitStack()
@@ -322,6 +299,9 @@ class Trainer(Closing):
                 observation, state = task.perceived
             else:
                 observation, state = task.observation(raw), task.ground(raw, info, env)
+                if self._unchecked and self.agent.reflection is not None:
+                    self._unchecked -= 1
+                    check_grounding(task, self.agent.reflection, observation, state)
             return self.agent.take_in(observation, state)
 
         return perceive

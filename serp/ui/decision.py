@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from serp._util.text import percent, plural, readable
 from serp.agent.explanation import Alternative, Explanation
-from serp.agent.sentences import between, beyond_of, kind_of_return, lines_of_causes, special_about
+from serp.agent.sentences import between, kind_of_return, lines_of, special_about
 from serp.ui.output import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.planning.replanner import Plan
-    from serp.ui.planner import ChosenPlanner
 
 
 def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[str, Any]:
@@ -122,15 +122,9 @@ def _score(of: Alternative) -> tuple[float, ...]:
 
 
 def _print_causes(console: Console, alternative: Alternative) -> None:
-    causes_shown = 12
-    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
-    if lines:
+    if lines := lines_of(alternative, most=12):
         console.print(f"Behind {alternative.name}:")
-    for line in lines[:causes_shown]:
-        console.print(f"  {line}")
-    if len(lines) > causes_shown:
-        console.print(f"  … and {len(lines) - causes_shown} more (--json has all)")
-    for line in beyond_of(alternative):
+    for line in lines:
         console.print(f"  {line}")
 
 

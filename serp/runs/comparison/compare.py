@@ -142,7 +142,7 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
         RunError: It cannot be created, holds other files, or another process writes it.
     """
     if not (folder / mark).is_file():
-        make_empty(folder, lambda name: False)
+        make_empty(folder)
     lock = RunLock(folder)
     try:
         yield
@@ -379,7 +379,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     with needs_extra("report", "the report of a comparison"):
         from serp.runs.comparison.report import write_report
     request = ComparisonRequest(**options)
-    out = None if request.out is None else Path(request.out)
+    out = request.out
     before = None if out is None else read_plan(out)
     with _requested_task(task, before, out).bind() as bound:
         folder = out or default_path(f"compare-{bound.name}")

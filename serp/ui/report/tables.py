@@ -53,10 +53,8 @@ class CauseTable:
         for step, refused in enumerate(steps.vetoed.tolist()):
             shown = {executed[step], proposed[step] if refused else executed[step]}
             for action in sorted(shown - {-1}):
-                ground, flags = (
-                    int(steps["ground"][step, action]),
-                    int(steps["flags"][step, action]),
-                )
+                ground = int(steps["ground"][step, action])
+                flags = int(steps["flags"][step, action])
                 if ground < 0:
                     continue
                 reward = float(steps["reward"][step, action]) if flags & APPLICABLE else None

@@ -51,8 +51,8 @@ def test_values_that_do_not_fit_are_refused(small: TransitionModel, values: Any,
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        (np.zeros(1), "2 numbers .* found 1: none for `heat`"),
-        (np.zeros(3), "found 3: 1 more than the fl"),
+        (np.zeros(1), "2 numbers .* fluents `lit`, `heat`, found 1"),
+        (np.zeros(3), "found 3; declare what is missing"),
         ("abc", "a state must consist of numbers"),
     ],
 )
@@ -86,14 +86,13 @@ def test_steps_that_do_not_fit_are_refused(
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        *(({"theta": theta}, "theta must be 1 finite") for theta in ([], [np.nan])),
-        *(({"dt": dt}, "control period") for dt in (0.0, np.nan, "a", True)),
+        ({"theta": []}, "theta must be 1 finite"),
+        ({"theta": [float("nan")]}, "theta must be 1 finite"),
+        *(({"dt": dt}, "control period") for dt in (0.0, float("nan"), "a", True)),
     ],
 )
 def test_parameters_and_periods_that_do_not_fit_are_refused(
-    small: TransitionModel, change: dict[str, Any], says: str
+    small: TransitionModel, change: Any, says: str
 ) -> None:
     with pytest.raises(StateError, match=says):
         small.replace(**change)
-    with pytest.raises(ValueError, match="read-only"):
-        small.theta[0] = 3.0

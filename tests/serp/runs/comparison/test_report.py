@@ -5,9 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -34,20 +32,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-class Reader(HTMLParser):
-    """Every tag and every address of a page."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.addresses: list[Any] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: Any) -> None:
-        self.tags.append(tag)
-        self.addresses += [value for name, value in attrs if name in ("src", "href", "data")]
-
-
 def test_a_report_can_be_read_alone(whole: Path) -> None:
     text, page = ((whole / f"report.{kind}").read_text() for kind in ("md", "html"))
     headings = "What was compared", "What differs", "Results", "Differences to serp", "Definitions"
@@ -63,10 +47,10 @@ def test_a_report_can_be_read_alone(whole: Path) -> None:
         assert part in text
     for address in re.findall(r"!\[.*?\]\((.*?)\)", text):
         assert (whole / address).is_file() and (whole / address).with_suffix(".png").is_file()
-    reader = Reader(page)
-    assert text.count("![") == len(reader.addresses) == 2
-    assert all(address.startswith("data:image/") for address in reader.addresses)
-    assert not {"script", "link", "iframe", "a"} & set(reader.tags)
+    addresses = re.findall(r'(?:src|href|data)="([^"]*)"', page)
+    assert text.count("![") == len(addresses) == 2
+    assert all(address.startswith("data:image/") for address in addresses)
+    assert not re.search(r"<(script|link|iframe|a)\b", page)
     assert not re.search(r"https?://|url\(", page)
 
 

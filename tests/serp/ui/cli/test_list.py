@@ -7,7 +7,6 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from serp.agent.registry import strategy_names
 from serp.runs.comparison.algorithms import OWN, algorithm_entries
 from serp.settings import PRESETS as KNOWN
 from serp.tasks.registry import GROUP, load_task, task_entries
@@ -19,7 +18,7 @@ def test_everything_installed_is_listed(run: Run) -> None:
     for name in task_entries():
         assert f"\n{name} " in shown
         assert load_task(name).description in shown
-    for name in (*KNOWN, *OWN, *algorithm_entries(), *strategy_names(), "lookahead", "dqn"):
+    for name in (*KNOWN, *OWN, *algorithm_entries(), "evidence", "mixture", "lookahead", "dqn"):
         assert f"\n{name} " in shown
     table = re.sub(" +", " ", shown.partition("\nplanner.name (--planner) ")[2])
     assert "\nfar-sight the planner that sees to the end of a finite task" in table

@@ -43,13 +43,9 @@ def test_environments_that_cannot_draw_are_told_how(recorded: Path, tmp_path: Pa
 
     with pytest.raises(TaskError, match="draws no pictures; it needs the render mode `rgb_array`"):
         render_mode_of(run_of(recorded, tmp_path, Blind))
-    with pytest.raises(TaskError, match="let it take one and pass it on, as `lambda \\*\\*options"):
-        render_mode_of(run_of(recorded, tmp_path, lambda: Drawn()))
 
 
-@pytest.mark.parametrize(
-    "picture", [None, [], np.zeros((4, 4)), np.zeros((4, 4, 3)), np.zeros((4, 4, 4), np.uint8)]
-)
+@pytest.mark.parametrize("picture", [None, np.zeros((4, 4, 3)), np.zeros((4, 4, 4), np.uint8)])
 def test_what_is_no_picture_is_refused(tmp_path: Path, picture: Any) -> None:
     class Odd(Drawn):
         def render(self) -> Any:
