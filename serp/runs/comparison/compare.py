@@ -1,8 +1,8 @@
 """`compare`: plans the trials, runs the missing ones, and writes the report.
 
-comparison/plan.json      everything that was requested so far, with the texts of the domain files
-comparison/trials/NAME/   the trials, each a run folder
-comparison/report.md, …   the report, see `serp.runs.comparison.report`
+comparison/plan.json     everything that was requested so far, with the texts of the domain files
+comparison/trials/NAME/  the trials, each a run folder
+comparison/report.html   the report, see `serp.runs.comparison.report`
 """
 
 from __future__ import annotations
@@ -318,7 +318,7 @@ class Comparison:
     """A comparison on the disk.
 
     Attributes:
-        path: Its folder, with `report.md` and `report.html`.
+        path: Its folder, with `report.html`.
         results: The complete trials and their measures.
     """
 

@@ -131,7 +131,7 @@ def model_errors(model: TransitionModel, steps: RecordedSteps, usual: Vector) ->
 def error_table(
     of: ModelErrors, model: TransitionModel, actions: list[str], steps: RecordedSteps
 ) -> dict[str, Any]:
-    """Return the table of errors by fluent and action, and the worst steps, for the page."""
+    """Return the table of errors by fluent and action, for the page."""
     squares, executed = np.nan_to_num(of.errors) ** 2, steps["action"]
     known = np.isfinite(of.errors).all(axis=1)
     if not known.any():

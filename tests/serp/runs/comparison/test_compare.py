@@ -51,7 +51,7 @@ def again(folder: Path, **options: Any) -> Any:
 def test_everything_that_was_asked_for_is_run_and_reported(whole: Path, copy: Path) -> None:
     folder = whole / "c"
     assert set(trials_in(folder)) == {"serp-0", "serp-1", "dqn-0", "dqn-1"}
-    for name in ("report.md", "report.html", "measures.csv"):
+    for name in ("report.html", "measures.csv"):
         assert (folder / name).stat().st_size > 0
     head, rows = again(copy).overview()  # nothing is left to do
     assert [row[0] for row in rows] == ["serp", "dqn"]
@@ -143,7 +143,7 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(
     message = str(failure.value)
     assert message.startswith("2 of 4 trials failed; the first, serp, seed 1: ")
     assert "cable cut" in message and str(tmp_path / "c") in message
-    report = (tmp_path / "c" / "report.md").read_text()
+    report = (tmp_path / "c" / "report.html").read_text()
     assert "not complete: 2 of 4 trials are finished" in report and "serp, seed 1" in report
     small(walk(tmp_path), tmp_path / "c")
     assert everything(tmp_path / "c") == everything(whole / "c")

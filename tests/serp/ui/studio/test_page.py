@@ -29,21 +29,6 @@ class Opened:
     page: Any
     elsewhere: list[str]
 
-    def saved(self) -> str:
-        """Save by keyboard, wait until that is told, and return the file's text."""
-        self.page.keyboard.press("Control+s")
-        self.page.locator(".q-notification", has_text="Saved").wait_for()
-        return self.file.read_text()
-
-    def open(self, tab: str) -> Any:
-        """Open a tab on the right, and return what tells its state."""
-        self.page.locator(".serp-right .q-tab", has_text=tab).click()
-        return self.page.locator(".serp-views .serp-verdict:visible")
-
-    def press(self, button: str) -> None:
-        """Press a button."""
-        self.page.get_by_role("button", name=button, exact=True).click()
-
 
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
@@ -119,7 +104,9 @@ def test_what_is_typed_is_saved_whatever_comes_from_the_server_meanwhile(opened:
         page.evaluate("document.querySelector('.serp-head button:last-of-type').click()")
         page.keyboard.type(word)
     page.keyboard.press("Enter")
-    assert opened.saved() == f"; {''.join(words)}\n{text}"
+    page.keyboard.press("Control+s")
+    page.locator(".q-notification", has_text="Saved").wait_for()
+    assert opened.file.read_text() == f"; {''.join(words)}\n{text}"
 
 
 def test_the_scenarios_are_run(opened: Opened, replaced: Callable[..., None]) -> None:
@@ -128,8 +115,9 @@ def test_the_scenarios_are_run(opened: Opened, replaced: Callable[..., None]) ->
              "drive-right\n    :parameters ()\n    :precondition (and)\n"
              "    :effect (and (increase (reward) 1.0))")  # fmt: skip
 
-    said = opened.open("Scenarios")
-    opened.press("Run the scenarios")
+    page.locator(".serp-right .q-tab", has_text="Scenarios").click()
+    page.get_by_role("button", name="Run the scenarios", exact=True).click()
+    said = page.locator(".serp-views .serp-verdict:visible")
     said.filter(has_text="2 passed, 1 failed").wait_for()
     assert page.locator(".serp-failed").inner_text().startswith("✗ at the bottom of the valley")
     assert HOSTILE in page.locator(".serp-passed").last.inner_text()
