@@ -44,7 +44,9 @@ _DIGITS = 6
 
 
 def readable(value: float | None) -> str:
-    """Return a number with four significant digits: `1,234`, `−0.2618`, `–` for none."""
+    """Return a number with four significant digits: `1,234`, `−0.2618`, `–` for none; or `true`."""
+    if isinstance(value, bool):
+        return str(value).lower()
     if value is None or math.isnan(value):
         return "–"
     if isinstance(value, int) or 1e3 <= abs(value) < 1e9:

@@ -101,10 +101,7 @@ class Cause:
 
 def listed_values(values: Mapping[str, float | bool], most: int = 6) -> str:
     """Return values as `x = 1.2, open = true`, and how many more there are."""
-    shown = [
-        f"{name} = {str(value).lower() if isinstance(value, bool) else readable(float(value))}"
-        for name, value in values.items()
-    ]
+    shown = [f"{name} = {readable(value)}" for name, value in values.items()]
     more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
     return ", ".join(shown[:most]) + more
 

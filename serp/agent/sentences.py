@@ -1,7 +1,8 @@
-"""Sentences about causes and alternatives, for people."""
+"""Sentences about decisions, their causes and alternatives, for people."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,8 @@ from typing import Final
 from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause, listed_values
 from serp.agent.counterfactuals import Counterfactual, Counterfactuals
-from serp.agent.explanation import Alternative, RunnerUp
+from serp.agent.decision import Actor, Reason
+from serp.agent.explanation import Alternative, RunnerUp, unsafe_ahead
 from serp.planning.edges import Bound
 from serp.planning.forecast import Forecast
 
@@ -23,6 +25,9 @@ PARTIAL: Final = (
     "The planner did not see to the end of the task: a partial return omits what comes later."
 )
 """What a bound that is `partial` means."""
+
+
+_OF_ALL: Final = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
 
 
 def kind_of_return(partial: bool) -> str:
@@ -44,7 +49,7 @@ def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
     if most is not None and len(lines) > most:
         lines[most:] = [f"… and {len(lines) - most} more (--json has all)"]
     if alternative.beyond:
-        lines.append(f"{_signed(alternative.beyond)} estimated after these steps, discounted.")
+        lines.append(f"{signed(alternative.beyond)} estimated after these steps, discounted.")
     return lines
 
 
@@ -134,6 +139,67 @@ def special_about(forecast: Forecast) -> list[str]:
     return sentences
 
 
+def who_decided(
+    reason: Reason,
+    proposed: tuple[str, Actor],
+    executed: tuple[str, Actor],
+    *,
+    rho: float,
+    indifferent: bool,
+    bound: Bound,
+    why: str,
+) -> list[str]:
+    """Say who decided and why, and what the planner's values leave out, or take of the unknown.
+
+    `proposed` and `executed` are names of actions and whose they are; the former is empty for no
+    proposal. ρ is NaN if it need not be told. `why` follows a refusal, see `why_refused`.
+    """
+    (proposal, proposer), (action, actor) = proposed, executed
+    who = "Exploration, at random," if proposer is Actor.EXPLORATION else f"The {proposer}"
+    if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
+        rarely = ", for it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
+        lines = [f"It was the planner's turn: {action} was executed{rarely}."]
+    elif reason is Reason.ACCEPTED:
+        lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
+        if indifferent:
+            lead = ", for all plans were worth the same to the planner"
+        lines = [f"{who} chose {action}{lead}. Nothing refused it."]
+    else:
+        lines = [f"{who} proposed {proposal}."] if proposal else []
+        if reason in _OF_ALL and why and proposal:  # what is behind it is its alone
+            why = f"; {proposal}{why}"
+        problem = str(reason).capitalize() if reason in _OF_ALL else f"Refused: {reason}"
+        lines.append(f"{problem}{why}.")
+        whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
+        lines.append(
+            f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
+            if action != proposal
+            else f"{action} was executed all the same: nothing better was left."
+        )
+    if bound is Bound.UNKNOWN:
+        lines.append(TO_THE_UNKNOWN)
+    return [*lines, PARTIAL] if bound.partial else lines
+
+
+def why_refused(
+    reason: Reason, causes: Iterable[Cause], reward: float | None, safe_steps: int | None
+) -> str:
+    """Return what of the file is behind a refusal, to follow the sentence about its reason.
+
+    `causes`, `reward` and `safe_steps` are those of the proposed action, as in `Alternative`.
+    """
+    wanted = ("unsafe", "risk", "failed", "conflict", "undefined")
+    for cause in causes:
+        if cause.what in wanted:
+            text = line_of_cause(cause).rstrip(".")
+            known = ("unsafe", "not applicable", "no defined result")
+            shorter = [text.removeprefix(begin) for begin in known if text.startswith(begin)]
+            return shorter[0] if shorter else f": {text}"
+    if reason is Reason.LOW_REWARD:
+        return f": it is {readable(reward)}"
+    return "" if safe_steps is None else f": {unsafe_ahead(safe_steps)}"
+
+
 def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
     """Say with which changes the outcome is another one: by default another choice."""
     lines = [
@@ -147,7 +213,7 @@ def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
 def _change(change: Counterfactual) -> str:
     """Return the condition of a change: `With x at least 0.31 instead of 0.28`."""
     if isinstance(change.becomes, bool):
-        return f"If {change.fluent} were {str(change.becomes).lower()}"
+        return f"If {change.fluent} were {readable(change.becomes)}"
     now, then = readable(float(change.value)), readable(change.becomes)
     if float(change.value).is_integer() and change.becomes.is_integer():
         return f"With {change.fluent} = {then} instead of {now}"
@@ -181,7 +247,7 @@ _ORDER: Final = (*_BROUGHT, "failed", "conflict", "undefined")
 def _what(cause: Cause, amount: float | None) -> str:
     match cause.what:
         case "reward":
-            return _signed(amount)
+            return signed(amount)
         case "unsafe":
             return "unsafe"
         case "risk":
@@ -210,6 +276,7 @@ def _where(causes: Sequence[Cause]) -> str:
     return f"{text}. [{'; '.join(details)}]"
 
 
-def _signed(amount: float | None) -> str:
+def signed(amount: float | None) -> str:
+    """Return an amount with its sign: `+0.5`, `−1`."""
     text = readable(amount)
     return text if text.startswith(("−", "–")) else f"+{text}"

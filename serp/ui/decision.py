@@ -86,7 +86,7 @@ def _print_state(console: Console, account: Explanation) -> None:
     numbers = [(name, value) for name, value in state.items() if not isinstance(value, bool)]
     true = [name for name, value in state.items() if value is True]
     for name, value in numbers[:24]:
-        console.print(f"  {name} = {readable(float(value))}")
+        console.print(f"  {name} = {readable(value)}")
     if len(numbers) > 24:
         console.print(f"  … and {len(numbers) - 24} more numbers (--json has all)")
     if true:
@@ -133,7 +133,7 @@ def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, 
     for k, step in enumerate(plan.path, 1):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
         changes = [
-            f"{fluent.name} = {readable(after) if fluent.numeric else str(bool(after)).lower()}"
+            f"{fluent.name} = {readable(after if fluent.numeric else bool(after))}"
             for fluent, old, after in zip(planner.model.fluents, before, step.state, strict=True)
             if old != after
         ]

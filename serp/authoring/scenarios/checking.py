@@ -318,6 +318,6 @@ class _Checker:
         if float(value) in expected.bounds:
             return ""
         if expected.bounds.text in ("true", "false"):
-            shown = f"({expected.fluent}) is {str(bool(value)).lower()}"
+            shown = f"({expected.fluent}) is {readable(bool(value))}"
             return f"{shown} ({after})" if after else shown
         return f"({expected.fluent}) is {readable(float(value))}, not {expected.bounds}"

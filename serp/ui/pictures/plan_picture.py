@@ -297,7 +297,7 @@ class _Drawing:
         nodes = self._plan.graph.nodes
         before, after = nodes[branch.source]["state"], nodes[branch.target]["state"]
         changes = [
-            f"{fluent.name} = {readable(new) if fluent.numeric else str(bool(new)).lower()}"
+            f"{fluent.name} = {readable(new if fluent.numeric else bool(new))}"
             for fluent, old, new in zip(self._planner.model.fluents, before, after, strict=True)
             if old != new
         ]

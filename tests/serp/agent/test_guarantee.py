@@ -38,7 +38,6 @@ def every_decision(arbiter: Arbiter, state: Vector, seed: int) -> list[Decision]
         return [
             arbiter.decide(state, proposer),
             arbiter.decide_greedily(state, proposer),
-            arbiter.decide_in_turns(state, proposer, arbiter.strategy),
             arbiter.plan(state),
             *(arbiter.judge_proposal(state, Proposal(k, True, None)) for k in range(size)),
         ]
