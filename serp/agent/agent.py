@@ -204,12 +204,6 @@ class Agent:
         """Decide as the trained agent does: by its strategy, without exploration."""
         return self.arbiter.decide_greedily(state, LearnerProposer(self.learner, x))
 
-    def decide_in_turns(self, state: Vector, x: Vector, strategy: Strategy) -> Decision:
-        """Decide as in training by a given strategy, without exploration."""
-        return self.arbiter.decide_in_turns(
-            state, LearnerProposer(self.learner, x, explores=False), strategy
-        )
-
     def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
         """Decide for the learner's greedy choice, without planner and veto."""
         return self.arbiter.execute(state, self.learner.propose_greedily(x))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final, Self
+from typing import Any, Final
 
-import numpy as np
 from scipy import special
 
 from serp._util.saved_state import Saved
@@ -118,11 +117,6 @@ class Evidence(Strategy):
             return "the learner's choice"
         return "the planner's choice, the learner's where all plans are worth the same"
 
-    @property
-    def turns(self) -> str:
-        """In words: who leads with which probability."""
-        return f"the learner leads an episode with probability {self._rho:.2f}, else the planner"
-
     def _beliefs(self) -> list[Belief]:
         """Return mean and variance of the expected return of the planner, and of the learner.
 
@@ -163,13 +157,6 @@ class Evidence(Strategy):
     def _draw(self) -> None:
         """Draw who leads the next episode."""
         self._leads[self.env_index] = bool(self._random.random() < self._rho)
-
-    def forked(self, seed: np.random.SeedSequence) -> Self:
-        """Return a copy that draws its own acting policy."""
-        forked = super().forked(seed)
-        forked._leads = self._leads.copy()
-        forked._draw()
-        return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""

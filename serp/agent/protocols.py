@@ -145,15 +145,12 @@ MakeLearner = Callable[..., Learner]  # with the arguments of `DQN`; equal seeds
 class LearnerProposer:
     """The proposals of a learner for one input `[F]`."""
 
-    def __init__(self, learner: Learner, x: Vector, *, explores: bool = True) -> None:
+    def __init__(self, learner: Learner, x: Vector) -> None:
         self._learner = learner
         self._x = x
-        self._explores = explores
 
     def propose(self, explorable: Mask | None) -> Proposal:
         """Propose an action, with exploration."""
-        if not self._explores:
-            return self.propose_greedily()
         return self._learner.propose(self._x, explorable)
 
     def propose_greedily(self) -> Proposal:

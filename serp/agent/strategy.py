@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -105,11 +104,6 @@ class Strategy(Declared):
         return "the learner's choice"
 
     @property
-    def turns(self) -> str:
-        """In words: what `propose` returns now, without exploration."""
-        return self.choice
-
-    @property
     def evidence(self) -> PolicyEvidence | None:
         """The evidence that the choice goes by; None for strategies without any."""
         return None
@@ -126,12 +120,6 @@ class Strategy(Declared):
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the trained policy's proposal, without exploration or random draws."""
         return learner.propose_greedily()
-
-    def forked(self, seed: np.random.SeedSequence) -> Self:
-        """Return an independent copy, with its own random draws, where an episode begins."""
-        forked = copy.copy(self)
-        forked._random = np.random.default_rng(seed)
-        return forked
 
     def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's action that the learner is to imitate in a state; -1: none."""
@@ -160,13 +148,6 @@ class Mixture(Strategy):
     def rho(self) -> float:
         """ρ."""
         return self._rho
-
-    @property
-    def turns(self) -> str:
-        """In words: who acts with which probability."""
-        if self._rho >= 1.0:
-            return self.choice
-        return f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""

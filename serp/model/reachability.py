@@ -28,8 +28,8 @@ Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 
 MAX_GROUND_SCHEMAS = 50_000
-_FLUENTS_EACH = 4
-_BINDINGS_EACH = 20
+FLUENTS_EACH = 4
+BINDINGS_EACH = 20
 
 
 class InstantiationBudget:
@@ -47,7 +47,7 @@ class InstantiationBudget:
     def count_binding(self, place: Place) -> None:
         """Count one binding of a variable."""
         self.bindings += 1
-        if self.bindings > (most := _BINDINGS_EACH * self.ground_schemas):
+        if self.bindings > (most := BINDINGS_EACH * self.ground_schemas):
             raise _too_large(
                 f"instantiation takes more than {most} bindings",
                 place,
@@ -68,7 +68,7 @@ class InstantiationBudget:
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
         """Check a number of fluents against the limit."""
-        if count > (most := _FLUENTS_EACH * self.ground_schemas):
+        if count > (most := FLUENTS_EACH * self.ground_schemas):
             raise _too_large(
                 f"the domain has more than {most} fluents over these objects",
                 declaration.place,

@@ -128,12 +128,6 @@ def add_section(section: Group, single: dict[str, Group]) -> None:
 
 DOMAIN_SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions")
 SCHEMA_FIELDS = (":parameters", ":precondition", ":effect")
-_RESERVED = {
-    x.REWARD: "is what a step gains",
-    x.UNSAFE: "flags what does damage",
-    x.TERMINAL: "ends the task",
-}
-"""Reserved name → what it means."""
 SCHEMA_SECTIONS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
 
 
@@ -205,7 +199,7 @@ def _all_declarations(
 
 def _check_reserved(declaration: x.Declaration) -> None:
     name = declaration.name
-    if name not in _RESERVED:
+    if name not in (x.REWARD, x.UNSAFE, x.TERMINAL):
         return
     if declaration.numeric != (name == x.REWARD):
         kind = "function" if name == x.REWARD else "predicate"
@@ -214,7 +208,7 @@ def _check_reserved(declaration: x.Declaration) -> None:
         problem = f"`({name})` is reserved and takes no parameters"
     else:
         return
-    advice = f"it {_RESERVED[name]}; where you mean something else, choose another name"
+    advice = "where you mean something else, choose another name"
     raise DomainError(problem, declaration.place, advice, code="reserved-name")
 
 

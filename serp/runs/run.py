@@ -297,7 +297,7 @@ class Run:
         Args:
             policy: `serp`: the trained agent within the vetoes, as `serp.Run.decide`; `planner`:
                 the planner without the learner; `learner`: the learner's greedy choice without
-                vetoes; `training`: planner or learner as at the end of training, within the vetoes.
+                vetoes.
                 None of them explores.
             episodes: Number of episodes, at least 1.
             seed: Seed of the environment.

@@ -37,7 +37,6 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
     The steps are recorded in RUN, so that `serp why RUN --evaluation POLICY-seedN` explains them.
     """
     from serp.agent.agent import account_of
-    from serp.runs.evaluation import other_in_training
 
     loaded = open_run(run)
     result = loaded.evaluate(policy, episodes=episodes, seed=seed, record=True).as_dict()
@@ -65,6 +64,3 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
         console.print(result["warning"])
     console.print("")
     print_account(console, account_of(loaded.agent), result["sight"])
-    acting = other_in_training(loaded.agent) if policy == "serp" else None
-    if acting is not None:
-        console.print(f"Training acts otherwise: {acting}. --policy training measures that.")

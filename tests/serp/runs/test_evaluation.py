@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 
 from serp.agent.agent import Agent
-from serp.agent.decision import Actor
 from serp.errors import SettingsError
 from serp.runs.evaluation import (
     Policy,
     evaluate,
-    play,
 )
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
@@ -95,23 +93,6 @@ def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
         }
     )
     return Trainer(task.bind(), settings, 4).agent
-
-
-@pytest.mark.parametrize(("rho", "same"), [(0.0, "planner"), (1.0, "serp"), (0.5, None)])
-def test_as_in_training_acts_whoever_rho_says(tmp_path: Path, rho: float, same: Any) -> None:
-    agent = with_rho(tmp_path, rho)
-
-    def acted(policy: Any) -> list[tuple[int, str]]:
-        played = play(agent, corridor(tmp_path).bind(), policy, episodes=5)
-        decisions = (step.decision for episode in played for step in episode.steps)
-        return [(decision.action, decision.proposed_by) for decision in decisions]
-
-    found = acted("training")
-    assert found == acted("training")
-    if same is None:
-        assert {actor for _, actor in found} == {Actor.PLANNER, Actor.LEARNER}
-    else:
-        assert found == acted(same)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ def measured(run: Run, *arguments: str) -> Any:
     return json.loads(run("evaluate", *arguments, "--json").stdout)
 
 
-@pytest.mark.parametrize("policy", ["serp", "training"])
+@pytest.mark.parametrize("policy", ["serp", "planner"])
 def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path) -> None:
     shown = measured(run, str(trained), f"--policy={policy}", "--episodes=2", "--seed=9")
     result = load_run(trained).evaluate(policy, episodes=2, seed=9)
