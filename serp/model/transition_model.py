@@ -253,10 +253,6 @@ class TransitionModel(StateSpace):
         """
         return None
 
-    def native_flow(self) -> Any:
-        """Return the C callback of effects and processes only, without events, goal and metric."""
-        return self._program.native("flow")
-
     # Observed transitions ----------------------------------------------------------------------
 
     def judge(self, state: Vector, action: int, next_state: Vector) -> Judgement:
