@@ -18,8 +18,8 @@ from serp.model.learned.adoption import (
     adoption_of,
     parameters_in_use,
 )
-from serp.model.learned.file_step import ObservedStep, observed_step
 from serp.model.learned.outcome_counts import OutcomeCounts
+from serp.model.learned.parameter_buffer import ObservedStep, observed_step
 from serp.model.learned.residual import ResidualRegression, update_whole
 from serp.model.learned.residual_features import Key
 from serp.model.learned.transitions import OVER, TransitionMemory

@@ -16,8 +16,8 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE, with_risk
 from serp.model.learned import outcome_table as o
 from serp.model.learned import parameter_buffer as b
 from serp.model.learned import residual_features as r
-from serp.model.learned.file_step import flow, settle
 from serp.model.learned.outcome_table import RARE, likeliest, put, room_for, table_of
+from serp.model.learned.parameter_buffer import flow, settle
 from serp.model.learned.residual_prediction import add_residual
 from serp.model.native import (
     OUTCOMES,

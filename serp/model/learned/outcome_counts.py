@@ -22,7 +22,6 @@ from serp.model.learned import outcome_table as c
 from serp.model.learned import parameter_buffer as b
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
 from serp.model.learned.adoption import BETTER, TrackRecord
-from serp.model.learned.file_step import ObservedStep, observed_step, settle
 from serp.model.learned.outcome_table import (
     CHANGE,
     ENDS,
@@ -34,6 +33,7 @@ from serp.model.learned.outcome_table import (
     put,
     room_for,
 )
+from serp.model.learned.parameter_buffer import ObservedStep, observed_step, settle
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.learned.residual_features import FeatureGroup, Key, rate_of
 from serp.model.native import advanced, pointer_to

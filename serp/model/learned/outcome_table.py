@@ -15,7 +15,7 @@ import numpy as np
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE
 from serp.model.learned import parameter_buffer as b
-from serp.model.learned.file_step import flow
+from serp.model.learned.parameter_buffer import flow
 from serp.model.native import advanced
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"

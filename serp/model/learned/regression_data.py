@@ -284,4 +284,5 @@ def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.
     known = np.isfinite(states).all(axis=1)
     step = model.step(np.where(known[:, None], states, 0.0), actions)
     ahead = np.column_stack((step.state, step.reward, step.terminal))
-    return np.where((known & step.applicable)[:, None], ahead, np.nan)
+    known &= step.applicable
+    return np.where(known[:, None], ahead, np.nan)
