@@ -281,7 +281,7 @@ def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.
     """
     if not model.compiled:
         model = TransitionModel(model.ground, dt=model.dt, theta=model.theta, own_code=False)
-    known: NDArray[np.bool_] = np.isfinite(states).all(axis=1)
+    known: NDArray[np.bool_] = np.isfinite(states).all(1)
     step = model.step(np.where(known[:, None], states, 0.0), actions)
     ahead = np.column_stack((step.state, step.reward, step.terminal))
     known &= step.applicable
