@@ -281,8 +281,8 @@ def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.
     """
     if not model.compiled:
         model = TransitionModel(model.ground, dt=model.dt, theta=model.theta, own_code=False)
-    known: NDArray[np.bool_] = np.isfinite(states).all(1)
-    step = model.step(np.where(known[:, None], states, 0.0), actions)
+    finite = np.isfinite(states)
+    step = model.step(np.where(finite, states, 0.0), actions)
     ahead = np.column_stack((step.state, step.reward, step.terminal))
-    known &= step.applicable
-    return np.where(known[:, None], ahead, np.nan)
+    ahead[~(finite.all(1) & step.applicable)] = np.nan
+    return ahead
