@@ -108,7 +108,6 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "random-features": [("model.learned.residual_fit:_FEATURES_FROM", np.inf)],
     "modes": [("model.learned.residual_features:FeatureGroup.bits", always(()))],
     "change-test": [(f"{RESIDUAL}._forget", lambda self: None)],
-    "outliers": [(f"{RESIDUAL}._drop_outliers", lambda self, head, enabled, used: used)],
     "leverage": [(f"{ADAPTED}:AdaptedModel.native_uncertainty", lambda self: None),
                  (f"{ADAPTED}:AdaptedModel.uncertainty",
                   lambda self, state: np.zeros(len(self.actions)))],

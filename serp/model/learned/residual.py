@@ -2,7 +2,7 @@
 
 Each sample is first predicted, then learned from. By these predictions the predictor of each target
 is chosen, outliers lose weight (errors have Student's t distribution), and a lasting change of the
-world is noticed: then all but the newest samples are forgotten, until that proves wrong.
+world is noticed: then all but the newest samples are forgotten.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
-from serp._util.saved_state import MOST, Saved, nested, part_of
+from serp._util.saved_state import MOST, Saved
 from serp.model.learned import residual_features as r
 from serp.model.learned.adoption import BETTER, TrackRecord
 from serp.model.learned.residual_features import (
@@ -26,10 +26,9 @@ from serp.model.learned.residual_features import (
     dot_chunk,
     features_of,
     linear_of,
-    predicted,
     rate_of,
 )
-from serp.model.learned.residual_fit import FIRST, REMEMBERED, FittedWeights, Mask, outliers
+from serp.model.learned.residual_fit import REMEMBERED, FittedWeights, Mask
 from serp.model.learned.residual_prediction import columns_in_use, leverage
 from serp.model.native import advanced, pointer_to
 from serp.model.transition_model import Vector
@@ -190,7 +189,6 @@ class ResidualRegression:
         p = self._parameters = parameters
         count, rows = p.count, p.rows
         self._bits = group.bits
-        self._places = np.array([group.inputs.index(t) for t in group.targets], dtype=np.int64)
         self._published = (
             p.centre, p.shrink, p.frequency, p.phase, p.linear, p.amplitude, p.kinds, p.inverse,
             p.typical, p.scale,
@@ -200,14 +198,11 @@ class ResidualRegression:
         self._statistics = (
             self._loss, self._seen, self._spread, self._samples, self._surprises,
         )  # fmt: skip
-        self._shelved = [np.zeros_like(array) for array in self._statistics]
         self._fit = FittedWeights(p, seed)
-        self._before = RegressionParameters(np.zeros(p.all.size), 0, group, p.heads)
-        self._firsts = np.zeros(p.heads, dtype=np.int64)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything but the number of first samples."""
+        """Forget everything."""
         self._parameters.clear()
         for array in self._statistics:
             array[:] = 0
@@ -228,10 +223,22 @@ class ResidualRegression:
             enabled: `[T]` whether a residual may predict the target.
         """
         valid = valid & (np.abs(y) < HUGE)
-        used = self._learn(head, x, y, valid, change, enabled)
-        self._firsts[head] += 1
-        if self._firsts[head] == FIRST:
-            return self._drop_outliers(head, enabled, used)
+        p, fit = self._parameters, self._fit
+        if not valid.any() or not fit.accepts(x):
+            return bool(p.kinds.any())
+        row = self._row(head, x)
+        weight, changed = account(
+            (x, y, valid, change), row, head, self._published,
+            (p.features, p.known, p.columns, p.heads), self._statistics,
+        )  # fmt: skip
+        fit.keep(x, y, valid, change, row, weight)
+        self._of_episode += 1
+        self._alarms = self._alarms + 1 if changed else 0
+        if changed and (self._of_episode < REMEMBERED or self._alarms > _LONG):
+            self._forget()
+        if fit.update(valid):
+            self._solve()
+        used: bool = choose(self._statistics, p.features > 0, p.kinds, enabled)
         return used
 
     def begin_episode(self) -> None:
@@ -246,51 +253,6 @@ class ResidualRegression:
         errors = loss[r.FILE].tolist(), learned.tolist()
         columns = zip((p.kinds != r.FILE).tolist(), steps.tolist(), *errors, strict=True)
         return [TrackRecord(schema, use, int(seen), *both) for use, seen, *both in columns]
-
-    def _drop_outliers(self, head: int, enabled: Mask, used: bool) -> bool:
-        """Learn again without the outliers among the first samples of a head."""
-        kept = self._fit.kept
-        known, heads = kept.newest(len(kept)), self._parameters.head_of_rows
-        own = known[heads[kept.row[known]] == head]
-        if not len(own):
-            return used
-        dropped, usable = outliers(
-            kept.x[own], kept.x[known], kept.y[own], kept.valid[own], self._places
-        )
-        if not dropped.any() and (usable == kept.valid[own]).all():
-            return used
-        kept.valid[own] = usable
-        again = known[~np.isin(known, own[dropped])]
-        of = heads[kept.row[again]].tolist()
-        samples = [part[again] for part in (kept.x, kept.y, kept.valid, kept.change)]
-        self.reset()
-        for head, x, y, valid, change in zip(of, *samples, strict=True):
-            used = self._learn(head, x, y, valid, change, enabled)
-        return used
-
-    def _learn(
-        self, head: int, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask
-    ) -> bool:
-        p, fit = self._parameters, self._fit
-        if not valid.any() or not fit.accepts(x):
-            return bool(p.kinds.any())
-        row = self._row(head, x)
-        weight, changed = account(
-            (x, y, valid, change), row, head, self._published,
-            (p.features, p.known, p.columns, p.heads), self._statistics,
-        )  # fmt: skip
-        fit.keep(x, y, valid, change, row, weight)
-        self._of_episode += 1
-        recent = fit.recent
-        self._alarms = self._alarms + 1 if changed else 0
-        if changed and (self._of_episode < REMEMBERED or self._alarms > _LONG):
-            self._forget()
-        elif fit.start and recent in (32, 64, 128, 256, 512):
-            self._reconsider()
-        if fit.update(valid):
-            self._solve()
-        used: bool = choose(self._statistics, p.features > 0, p.kinds, enabled)
-        return used
 
     def _row(self, head: int, x: Vector) -> int:
         """Return the row of an input, adding a mode while there is room."""
@@ -313,16 +275,11 @@ class ResidualRegression:
     def _forget(self) -> None:
         """Forget all but the newest samples, because the environment has changed."""
         p = self._parameters
-        self._before.restore(p.contents())
         p.features = p.known = 0
         p.typical[:] = 0.0
-        for array, shelved in zip(self._statistics, self._shelved, strict=True):
-            shelved[:] = array
+        for array in self._statistics:
             array[:] = 0.0
-        self._begin(self._fit.kept.seen - REMEMBERED)
-
-    def _begin(self, start: int) -> None:
-        self._fit.begin(start)
+        self._fit.forget()
         self._solve()
 
     def _solve(self) -> None:
@@ -331,27 +288,8 @@ class ResidualRegression:
         if self._fit.solve(bool(left.any())):
             self._loss[r.LINEAR + 1 :] = self._loss[r.LINEAR]
 
-    def _reconsider(self) -> None:
-        """Believe older samples again if what was learned from them predicts the new ones better.
-
-        The new errors are those of the samples when they were new, so both are predictions.
-        """
-        p, kept = self._parameters, self._fit.kept
-        new = kept.newest(self._fit.recent)
-        off = np.abs(kept.y[new] - predicted(self._before, kept.x[new], kept.row[new]))
-        now, balance = p.typical[kept.row[new]].mean(axis=0), 0.0
-        for t in np.flatnonzero((self._before.kinds > 0) & (p.scale[1] > 0)):
-            usual = off[kept.valid[new, t], t]
-            balance += (np.median(usual) - now[t]) / p.scale[1, t] if len(usual) else 0.0
-        if balance < 0.0:
-            p.restore(self._before.contents())
-            for array, shelved in zip(self._statistics, self._shelved, strict=True):
-                array[:] = shelved
-            self._surprises[:] = 0.0
-            self._begin(0)
-
     _RANGES: Final = {
-        "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST),
+        "seen": (0, MOST), "surprises": (0.0, 1.0),
         "loss": (0.0, np.inf), "spread": (0.0, np.inf), "samples": (0, MOST),
     }  # fmt: skip
 
@@ -359,8 +297,6 @@ class ResidualRegression:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays, meta = self._fit.state_dict()
         arrays |= {name: getattr(self, f"_{name}").copy() for name in self._RANGES}
-        arrays |= nested("before", self._before.contents())
-        arrays |= {f"shelved{k}": array.copy() for k, array in enumerate(self._shelved)}
         return arrays, meta | {"alarms": self._alarms, "of_episode": self._of_episode}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -368,9 +304,6 @@ class ResidualRegression:
         saved = Saved("residual", arrays, meta)
         self._fit.load_state_dict(arrays, meta)
         self._alarms, self._of_episode = saved.whole("alarms"), saved.whole("of_episode")
-        self._before.restore(part_of(arrays, "before"))
-        for k, array in enumerate(self._shelved):
-            array[:] = saved.array(f"shelved{k}", np.float64, array.shape, 0.0)
         for name, (low, high) in self._RANGES.items():
             own = getattr(self, f"_{name}")
             own[:] = saved.array(name, own.dtype, own.shape, low, high)

@@ -442,15 +442,3 @@ def design_matrix(
     published = p.centre, p.shrink, p.frequency, p.phase
     _fill(x, rows, p.head_of_rows, weight, published, p.features, out)
     return out
-
-
-def predicted(p: RegressionParameters, x: Vector, rows: NDArray[np.int64]) -> Vector:
-    """Return what the predictors in use say of inputs, `[n, T]`; `x` is normalised."""
-    out = np.zeros((len(x), p.count))
-    design = design_matrix(p, x, rows, np.ones(len(x)))
-    for t, kind in enumerate(p.kinds.astype(int)):
-        if kind != FILE:
-            out[:, t] = (p.linear[rows, kind - 1, t] * design[:, : 1 + p.depth]).sum(axis=1)
-        if kind > LINEAR and p.features:
-            out[:, t] += design[:, p.columns :] @ p.amplitude[kind - CURVED, t]
-    return out

@@ -140,57 +140,6 @@ class KeptSamples:
     _SAVED = ("x", "y", "change", "valid", "row", "weight")
 
 
-FIRST: Final = 10
-"""Samples of a head after which outliers among them are dropped."""
-_SPARED: Final = 2  # most outliers; one wrong reading affects two steps
-
-
-def outliers(
-    x: Vector, seen: Vector, y: Vector, valid: Mask, places: NDArray[np.int64]
-) -> tuple[Mask, Mask]:
-    """Return which of n samples to drop `[n]`, and which targets of the others to use `[n, T]`.
-
-    The scale of a target is that of the other samples, or that of its fluent if larger. `seen` are
-    the inputs of all actions: a single one may have been executed in few states. `places` `[T]` are
-    the positions of the targets among the inputs.
-    """
-    dropped = np.zeros(len(x), dtype=np.bool_)
-    spreads = np.zeros(x.shape[1])
-    for i in range(x.shape[1]):
-        median, spreads[i] = _median_and_spread(seen[:, i])
-        dropped |= _outliers(x[:, i], median, spreads[i])
-    used = valid & ~dropped[:, None]
-    for t, place in enumerate(places):
-        rows = np.flatnonzero(used[:, t])
-        if len(rows) >= 6:
-            off = y[rows, t]
-            median, spread = _median_and_spread(off)
-            used[rows[_outliers(off, median, max(spread, spreads[place]))], t] = False
-    return dropped, used
-
-
-def _median_and_spread(values: Vector) -> tuple[float, float]:
-    """Return the median, and the largest distance from it of all but a few numbers."""
-    median = float(np.median(values))
-    return median, float(np.sort(np.abs(values - median))[-1 - min(_SPARED, len(values) - 1)])
-
-
-def _outliers(values: Vector, median: float, spread: float) -> Mask:
-    """Return which of successive numbers are outliers; never the last, where a change may begin.
-
-    Outliers are 30 times as far from the median as the farthest other number. Numbers that never
-    changed have a spread of 1.
-    """
-    if spread <= 1e-9 * max(1.0, abs(median)):
-        spread = 1.0
-    found: Mask = np.abs(values - median) > 30.0 * spread
-    last = len(values)
-    while last and found[last - 1]:
-        last -= 1
-    found[last:] = False
-    return found
-
-
 REMEMBERED, _FADED = 8, 0.1
 """Newest samples that are believed after a lasting change, and the weight that all others together
 keep: where nothing contradicts them they are still the best that is known."""
@@ -210,7 +159,7 @@ class FittedWeights:
     """Fits weights to kept samples, and writes them into parameters.
 
     Attributes:
-        kept: The newest samples; the owner changes which of them are valid.
+        kept: The newest samples.
         start: Position of the first sample of the present world.
     """
 
@@ -260,9 +209,9 @@ class FittedWeights:
         cost = len(self._sums.gram) * self._size**3 / _COST
         return self._since_solved >= max(self.recent / _LATER, min(self.recent / _EARLY, cost))
 
-    def begin(self, start: int) -> None:
-        """Believe the samples since the start of the present world, a position."""
-        self.start = start
+    def forget(self) -> None:
+        """Believe the newest samples: the present world begins with them."""
+        self.start = self.kept.seen - REMEMBERED
         self._refit()
 
     def _add_pending(self) -> None:
