@@ -1,9 +1,8 @@
 """Counts of the outcomes of an action, for predicates and whole numbers.
 
 An outcome is what the file predicts for the action or for another action with the same arguments,
-or a change of the state. Outcomes are counted by action schema
-over all states and in contexts: states with the same predicates, with the same whole numbers, and
-with both; see `serp.model.learned.outcome_table`.
+or a change of the state. Outcomes are counted by action schema, over all states and in contexts:
+states with the same predicates and whole numbers; see `serp.model.learned.outcome_table`.
 """
 
 from __future__ import annotations
@@ -164,28 +163,16 @@ def _score(table, room, width):
 
 
 @cached_njit(nogil=True)
-def _judge(table, inputs, state, rows, room, known):
+def _judge(table, row, room, known):
     """Compute the probabilities of the outcomes; where `known`, weigh experts by what came."""
-    probabilities, fits = room, advanced(room, FIT * c.KINDS)
-    scratch = advanced(room, SCRATCH * c.KINDS)
-    c.fill_broadest(table, probabilities)
-    c.fill_broadest(table, scratch)
+    c.fill_broadest(table, room)
     if known:
-        c.weigh_experts(table, c.BY_PREDICATES, rows[0], probabilities, fits)
-        c.weigh_experts(table, c.BY_NUMBERS, rows[1], scratch, fits)
-    c.refine(table, c.BY_PREDICATES, rows[0], probabilities)
-    c.refine(table, c.BY_NUMBERS, rows[1], scratch)
-    by_predicates = c.share_of(table, probabilities, fits)
-    by_numbers = c.share_of(table, scratch, fits)
-    c.mix_paths(table, probabilities, scratch)
-    if known:
-        c.weigh_experts(table, c.BY_BOTH, rows[2], probabilities, fits)
-        c.weigh_paths(table, by_predicates, by_numbers)
-    c.refine(table, c.BY_BOTH, rows[2], probabilities)
+        c.weigh_experts(table, row, room, advanced(room, FIT * c.KINDS))
+    c.refine(table, row, room)
 
 
 @cached_njit(nogil=True)
-def _add(table, rows, room):
+def _add(table, row, room):
     """Divide a sample among the outcomes that fit, by their probabilities."""
     probabilities, fits = room, advanced(room, FIT * c.KINDS)
     total, members, kinds = 0.0, 0, int(table[c.T_KINDS])
@@ -195,10 +182,8 @@ def _add(table, rows, room):
             total += probabilities[kind]
             members |= 1 << kind
     for kind in range(kinds):
-        if fits[kind] == FITS:
-            for row in rows:
-                if row > 0:
-                    c.add_share(table, row, kind, probabilities[kind] / total)
+        if fits[kind] == FITS and row > 0:
+            c.add_share(table, row, kind, probabilities[kind] / total)
     c.share_sets(table, members, advanced(room, SCRATCH * c.KINDS))
 
 
@@ -216,12 +201,8 @@ def _count(buffer, group, table, sample, flow, dt, losses, rate, room):
         _extend(counts, inputs, target)
     fitting = _fit_all(base, action, counts, inputs, source, seen, target, over, dt, scratch)
     fits, before = advanced(scratch, FIT * c.KINDS), int(counts[c.T_KINDS])
-    rows = (
-        c.find_or_enter(counts, inputs, source, c.BY_PREDICATES),
-        c.find_or_enter(counts, inputs, source, c.BY_NUMBERS),
-        c.find_or_enter(counts, inputs, source, c.BY_BOTH),
-    )
-    _judge(counts, inputs, source, rows, scratch, fitting > 0)
+    row = c.find_or_enter(counts, inputs, source)
+    _judge(counts, row, scratch, fitting > 0)
     if fitting > 0 or not over:
         score = _score(counts, scratch, width)
         losses[0] += rate * ((0.0 if fits[0] == FITS else 2.0) - losses[0])
@@ -232,7 +213,7 @@ def _count(buffer, group, table, sample, flow, dt, losses, rate, room):
             return over
         for kind in range(before, before + found):
             scratch[kind] = 1.0
-    _add(counts, rows, scratch)
+    _add(counts, row, scratch)
     return True
 
 
@@ -282,9 +263,9 @@ class OutcomeCounts:
         where = {column: place for place, column in enumerate(group.inputs)}
         self._predicates = np.array([where[column] for column in group.predicates], dtype=np.int64)
         self._numbers = np.array([where[column] for column in group.targets], dtype=np.int64)
-        self._context = np.array(group.predicate_inputs, dtype=np.int64)
+        self._bits = np.array(group.predicate_inputs, dtype=np.int64)
         self.table: Vector | None = None
-        self.places = self._others = np.zeros(0, dtype=np.int64)
+        self.places = self._context = np.zeros(0, dtype=np.int64)
         self._scores = np.zeros(2)
         self.samples = self._strays = 0
         self._given_up = False
@@ -311,7 +292,7 @@ class OutcomeCounts:
             return
         old, kinds = _parts(self.table), int(self.table[c.T_KINDS])
         self._begin(self.places)
-        self.table = new_table(self.places, self._context, self._others)
+        self.table = new_table(self.places, self._context)
         nothing = (old["schemas"] == CHANGE) & (old["changes"] == 0.0).all(axis=1)
         self.table[c.T_KINDS] = min(c.KINDS, kinds + (not nothing[1:].any()))
         new = _parts(self.table)
@@ -369,8 +350,8 @@ class OutcomeCounts:
             # While the file is right there is nothing to count.
             if (step.next_state[columns] == step.settled[columns]).all():
                 return True
-            self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
-            self.table = new_table(self.places, self._context, self._others)
+            self._context = np.union1d(self._bits, np.flatnonzero(whole[inputs]))
+            self.table = new_table(self.places, self._context)
             _parts(self.table)["ranges"][:] = step.state[columns, None]
             # All samples so far were as in the file.
             sets, totals = int(self.table[c.T_ALTERNATIVES]), int(self.table[c.T_TOTALS])
@@ -402,7 +383,7 @@ class OutcomeCounts:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: dict[str, NDArray[Any]] = {
             "places": self.places.copy(),
-            "others": self._others.copy(),
+            "context": self._context.copy(),
             "scores": self._scores.copy(),
         }
         if self.table is not None:
@@ -416,12 +397,12 @@ class OutcomeCounts:
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("outcome counts", arrays, meta)
-        places, others = (self._positions(saved, name) for name in ("places", "others"))
+        places, context = (self._positions(saved, name) for name in ("places", "context"))
         scores = saved.array("scores", np.float64, self._scores.shape)
         samples, given_up = saved.whole("samples"), saved.truth("given_up")
         strays = saved.whole("strays", 0, samples)
-        table = self._table_of(saved, places, others) if saved.has("codes") else None
-        self.places, self._others = places, others
+        table = self._table_of(saved, places, context) if saved.has("codes") else None
+        self.places, self._context = places, context
         self._scores[:] = scores
         self.table = table
         self.samples, self._strays, self._given_up = samples, strays, given_up
@@ -433,10 +414,10 @@ class OutcomeCounts:
         return positions.copy()
 
     def _table_of(
-        self, saved: Saved, places: NDArray[np.int64], others: NDArray[np.int64]
+        self, saved: Saved, places: NDArray[np.int64], context: NDArray[np.int64]
     ) -> Vector:
         """Return a new table with the saved counts."""
-        table = new_table(places, self._context, others)
+        table = new_table(places, context)
         codes = saved.array("codes", np.float64, (-1,), 0, MOST - 1)
         rows = len(codes)
         if not 1 <= rows <= c.ROWS or len(np.unique(codes[1:])) < rows - 1 or (codes % 1.0).any():
@@ -454,7 +435,7 @@ class OutcomeCounts:
         for name, part in _parts(table).items():
             # Probabilities are counts divided by totals, and shares of evidence and trust.
             low = {"changes": -LARGEST, "ranges": -LARGEST, "schemas": CHANGE}.get(name, 0.0)
-            low = c.LEAST if name in ("evidence", "trust", "paths") else low
+            low = c.LEAST if name in ("evidence", "trust") else low
             high = MOST if name in ("counts", "totals", "codes", "trust") else LARGEST
             part[:] = saved.array(name, np.float64, part.shape, low, high)
         if not table[int(table[c.T_TOTALS])] > 0.0:
@@ -469,8 +450,7 @@ def _parts(table: Vector) -> dict[str, Vector]:
         "schemas": (c.T_SCHEMAS, (kinds,)),
         "changes": (c.T_CHANGES, (kinds, columns)),
         "ranges": (c.T_RANGES, (columns, 2)),
-        "trust": (c.T_TRUST, (c.LEVELS, c.EXPERTS)),
-        "paths": (c.T_PATHS, (2,)),
+        "trust": (c.T_TRUST, (c.EXPERTS,)),
         "sets": (c.T_ALTERNATIVES, (int(table[c.T_SETS]), 2)),
         "codes": (c.T_CODES, (rows,)),
         "counts": (c.T_COUNTS, (rows, c.KINDS)),
@@ -483,22 +463,18 @@ def _parts(table: Vector) -> dict[str, Vector]:
     }
 
 
-def new_table(
-    places: NDArray[np.int64], predicates: NDArray[np.int64], others: NDArray[np.int64]
-) -> Vector:
-    """Return an empty table for the counted fluents at some positions within the inputs.
+def new_table(places: NDArray[np.int64], context: NDArray[np.int64]) -> Vector:
+    """Return an empty table for the counted fluents, and those of a context.
 
-    `predicates` are the positions of a context, `others` those of the whole numbers of a narrower
-    one.
+    Both are positions within the inputs.
     """
     parts = {
         c.T_PLACES: len(places),
-        c.T_CONTEXT: len(predicates) + len(others),
+        c.T_CONTEXT: len(context),
         c.T_SCHEMAS: c.KINDS,
         c.T_CHANGES: c.KINDS * len(places),
         c.T_RANGES: 2 * len(places),
-        c.T_TRUST: c.LEVELS * c.EXPERTS,
-        c.T_PATHS: 2,
+        c.T_TRUST: c.EXPERTS,
         c.T_ALTERNATIVES: 2 * c.SETS,
         c.T_CODES: c.ROWS,
         c.T_SLOTS: c.SLOTS,
@@ -507,21 +483,15 @@ def new_table(
         c.T_EVIDENCE: c.ROWS * c.EXPERTS,
     }
     table = np.zeros(c.TABLE + sum(parts.values()))
-    at = c.TABLE
-    for name, size in parts.items():
-        table[name] = at
-        at += size
+    starts = np.cumsum([c.TABLE, *parts.values()])[:-1]
+    table[list(parts)] = starts
     table[c.T_COLUMNS], table[c.T_KINDS], table[c.T_ROWS] = len(places), 1, 1
-    table[c.T_PREDICATES], table[c.T_COUNT] = len(predicates), len(predicates) + len(others)
-    for start, positions in ((c.T_PLACES, places), (c.T_CONTEXT, [*predicates, *others])):
-        table[int(table[start]) :][: len(positions)] = positions
-    for start, size in (
-        (c.T_TRUST, c.LEVELS * c.EXPERTS),
-        (c.T_PATHS, 2),
-        (c.T_EVIDENCE, c.EXPERTS),
-    ):
-        table[int(table[start]) :][:size] = 1.0
-    table[int(table[c.T_SCHEMAS]) :][: c.KINDS] = CHANGE
+    table[c.T_COUNT] = len(context)
+    at = dict(zip(parts, starts.tolist(), strict=True))
+    table[at[c.T_PLACES] :][: len(places)] = places
+    table[at[c.T_CONTEXT] :][: len(context)] = context
+    table[at[c.T_SCHEMAS] :][: c.KINDS] = CHANGE
+    table[at[c.T_TRUST] :][: c.EXPERTS] = table[at[c.T_EVIDENCE] :][: c.EXPERTS] = 1.0
     return table
 
 

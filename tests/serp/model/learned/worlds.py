@@ -201,7 +201,7 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         places = np.array(sorted(where[c] for c in {*group.predicates, *group.targets}), np.int64)
         if not len(places) or rng.random() < 0.3:
             continue
-        table = new_table(places, np.zeros(0, np.int64), np.zeros(0, np.int64))
+        table = new_table(places, np.zeros(0, np.int64))
         kinds = int(rng.integers(2, 5))
         table[c.T_KINDS] = kinds
         changes = table[int(table[c.T_CHANGES]) :][: c.KINDS * len(places)].reshape(c.KINDS, -1)

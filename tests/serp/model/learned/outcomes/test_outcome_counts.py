@@ -223,17 +223,11 @@ def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twi
         if blocked and step < 200:
             continue
         adaptation.observe(state, RIGHT, state if blocked else moved(state, RIGHT), GOES_ON)
-    visits: dict[tuple[float, float], int] = {}
-    states, actions = adaptation.experience.states, adaptation.experience.actions
-    for state in states[actions == RIGHT]:
-        visits[state[1], state[2]] = visits.get((state[1], state[2]), 0) + 1
-    for (row, column), count in visits.items():
-        for frosty in (0.0, 1.0):
-            state = np.array([frosty, row, column])
-            after, _, _ = prediction(adaptation, *state, action=RIGHT)
-            blocked = (row, column) in wall
-            if count > 1:
-                assert after.tolist() == (state if blocked else moved(state, RIGHT)).tolist()
+    states, visits = np.unique(adaptation.experience.states, axis=0, return_counts=True)
+    for state in states[visits > 1]:
+        after, _, _ = prediction(adaptation, *state, action=RIGHT)
+        blocked = (state[1], state[2]) in wall
+        assert after.tolist() == (state if blocked else moved(state, RIGHT)).tolist()
 
 
 def test_what_explains_an_observation_shares_it() -> None:
@@ -297,9 +291,9 @@ def test_damaged_counts_are_refused() -> None:
         ("sets", np.full((3, 2), 2.0**20)),
         ("sets", np.ones((65, 2))),
         ("evidence", np.zeros((len(codes), 4))),
-        ("trust", np.zeros((3, 4))),
+        ("trust", np.zeros(4)),
         ("places", np.array([10**9])),
-        ("others", np.array([-1])),
+        ("context", np.array([-1])),
     ):
         with pytest.raises(RunError, match="damaged"):
             adaptation_of(model).load_state_dict({**arrays, f"{prefix}{name}": damaged}, meta)
