@@ -88,7 +88,7 @@ def source_files() -> set[str]:
     names = {
         f"{package}/{path.relative_to(folder).as_posix()}"
         for package, folder in PACKAGES.items()
-        for kind in ("*.py", "templates/*", "page/*", "*.css")
+        for kind in ("*.py", "templates/*", "*.css")
         for path in folder.rglob(kind)
     }
     domains = {f"serp_adapters/domains/{path.name}" for path in (ROOT / "domains").glob("*.*")}

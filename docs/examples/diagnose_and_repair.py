@@ -12,6 +12,6 @@ for remark in diagnosis.remarks:
 for sentence in diagnosis.unexplained:
     print("not explained:", sentence)
 
-repaired = serp.repair(diagnosis.recorded.domain, diagnosis.worthwhile, diagnosis.unexplained)
+repaired = serp.repair(diagnosis.recorded.domain, diagnosis.worthwhile)
 print(f"{len(repaired.changes)} changes")
 Path("repaired.pddl").write_text(repaired.text, encoding="utf-8")

@@ -4,7 +4,7 @@
 ``domain.pddl``             copy of the domain (and ``problem.pddl``, if there is one)
 ``metrics.csv``             one row per episode
 ``decisions.csv``           one row per decision
-``recording``               every step in numbers, see `serp.runs.recording_format`
+``recording``               every step in numbers, see `serp.runs.recording`
 ``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
 ``summary.json``, ``report.md``, ``learning-curve.png``, ``learning-curve.svg``  the results
 

@@ -1,50 +1,289 @@
-"""The recorded steps of a run or of an evaluation, read from its folder."""
+"""The steps of a run, or of an evaluation of it: written while it goes on, read from its folder.
+
+``recording.json``     names and sizes, see `Layout`
+``block-000000.npz``   the columns of the first `Layout.block` steps, and so on
+
+A block is an ordinary compressed `.npz` file (``numpy.load(file, allow_pickle=False)``), a column
+an array of it. The bits of a block depend on its content alone. What is read is checked: names,
+types, shapes, and the range of every number that something is looked up by.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import io
+import json
+import re
 import warnings
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from serp._util.files import Closing, make_inside, write_durably
+from serp._util.files import (
+    Closing,
+    json_text,
+    make_inside,
+    read_json,
+    read_regular,
+    write_durably,
+)
 from serp._util.text import listed, plural
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.step_record import StepRecord
 from serp.errors import Notice, RunError
-from serp.model.transition_model import Vector
+from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.edges import Bound
+from serp.planning.forecast import SAFE
 from serp.runs.folder import RunLock
-from serp.runs.recording_format import (
-    ACTORS,
-    COLUMNS,
-    EVALUATIONS,
-    HEADER,
-    REASONS,
-    RECORDING,
-    Columns,
-    Layout,
-    block_path,
-    blocks_in,
-    decode,
-    encode,
-    enter,
-)
-from serp.tasks.action_map import ActionForecast
+from serp.tasks.action_map import ActionForecast, ActionMap
 
+RECORDING: Final = "recording"
+EVALUATIONS: Final = "evaluations"
+"""Folders in that of a run: its recording, and those of evaluations by their name."""
+HEADER: Final = "recording.json"
+ACTORS: Final = tuple(Actor)
+REASONS: Final = tuple(Reason)
+_BOUNDS: Final = tuple(Bound)
+Columns = dict[str, NDArray[Any]]
+"""Name of a column → values `[n]`, `[n, F]` or `[n, E]` of n steps."""
 VETO_COLUMNS: Final = ("proposed_by", "reason")
 """What `vetoed` is told by."""
-NEXT_STATE_COLUMNS: Final = ("episode", "state", "terminated", "truncated", "final_state")
-"""What `next_states` are among."""
-_BOUNDS: Final = tuple(Bound)
+
+_BLOCK_BYTES: Final = 1 << 20
+_BLOCK_STEPS: Final = 1024
+_LARGEST_FILE: Final = 1 << 28
+_NAME: Final = re.compile(r"block-(\d{6,9})\.npz")
+_AGAIN: Final = "Restore it from a copy; metrics.csv and decisions.csv can still be read."
 _KEPT = 8
 """Blocks that are kept in memory."""
+
+_HUGE: Final = float(np.finfo(np.float64).max)
+_SUMMED: Final = 1e280
+"""Most of what is summed over a recording: the sum is finite, too."""
+
+
+class _Column(NamedTuple):
+    """A column of a block.
+
+    Attributes:
+        kind: Its type.
+        per: What a step has an entry for: `F` fluents, `E` actions of the environment, or neither.
+        of: Attribute of a `StepRecord` that is entered; empty if no attribute is.
+        low: The least that it holds.
+        high: The most, or the list of the layout in which it holds positions.
+        nothing: Whether it may hold NaN, for none.
+    """
+
+    kind: str
+    per: str
+    of: str
+    low: float = -_HUGE
+    high: float | str = _HUGE
+    nothing: bool = False
+
+
+_COLUMNS: Final[Mapping[str, _Column]] = {
+    "episode": _Column("<i4", "", "", 1),
+    "number": _Column("<i4", "", "number", 1),
+    "state": _Column("<f8", "F", "state"),
+    "action": _Column("<i4", "", "decision.action", 0, "actions"),
+    "executed_by": _Column("|u1", "", "decision.executed_by", 0, "actors"),
+    "reason": _Column("|u1", "", "decision.reason", 0, "reasons"),
+    "proposed": _Column("<i4", "", "decision.proposed", -1, "actions"),
+    "proposed_by": _Column("|u1", "", "decision.proposed_by", 0, "actors"),
+    "rho": _Column("<f8", "", "decision.rho", 0.0, 1.0, nothing=True),
+    "choice": _Column("<i4", "", "decision.forecast.choice", -1, "actions"),
+    "depth": _Column("<i4", "", "decision.forecast.depth", 0),
+    "bound": _Column("|u1", "", "decision.forecast.bound", 0, "bounds"),
+    "indifferent": _Column("|b1", "", "decision.indifferent", 0, 1),
+    "ground": _Column("<i4", "E", "decision.forecast.ground", -1, "ground_actions"),
+    "value": _Column("<f8", "E", "decision.forecast.value", -np.inf, np.inf, nothing=True),
+    "path_risk": _Column("<f8", "E", "decision.forecast.path_risk", 0.0, 1.0),
+    "safe_steps": _Column("<i4", "E", "decision.forecast.safe_steps", -1, SAFE),
+    "reward": _Column("<f8", "E", "decision.forecast.reward"),
+    "flags": _Column("<i8", "E", "decision.forecast.flags", 0, 1 << 40),
+    "admissible": _Column("|b1", "E", "decision.admissible", 0, 1),
+    "env_reward": _Column("<f8", "", "env_reward", -_SUMMED, _SUMMED),
+    "domain_reward": _Column("<f8", "", "domain_reward", -_SUMMED, _SUMMED),
+    "unsafe": _Column("|b1", "", "unsafe_observed", 0, 1),
+    "terminated": _Column("|b1", "", "terminated", 0, 1),
+    "truncated": _Column("|b1", "", "truncated", 0, 1),
+    "next_state": _Column("<f8", "F", "next_state"),
+}
+_ENTERED: Final = [name for name, column in _COLUMNS.items() if column.of]
+_entries: Final = attrgetter(*(_COLUMNS[name].of for name in _ENTERED))  # in one call, so fast
+_LISTED: Final = {"actors": ACTORS, "reasons": REASONS, "bounds": _BOUNDS}
+_POSITIONS: Final = [
+    {value: k for k, value in enumerate(_LISTED.get(str(_COLUMNS[name].high), ()))}
+    for name in _ENTERED
+]
+"""Of each column that is entered: value → position in the list of the layout; empty if plain."""
+COLUMNS: Final = tuple(_COLUMNS)
+
+
+class Layout(BaseModel):
+    """What a recording is of, the content of its header."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+    format: Literal[2] = 2
+    fluents: tuple[str, ...]
+    """Names of the fluents, F."""
+    actions: tuple[str, ...]
+    """Names of the environment's actions, E."""
+    ground_actions: tuple[str, ...]
+    """Names of the ground actions."""
+    control_period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    """Seconds between two decisions."""
+    policy: str | None = None
+    """What acted, of an evaluation."""
+    seed: Annotated[int, Field(ge=0)] | None = None
+    """Seed of an evaluation, from which those of its episodes follow."""
+    actors: tuple[str, ...] = tuple(map(str, ACTORS))
+    """What the numbers of `executed_by` and `proposed_by` mean."""
+    reasons: tuple[str, ...] = tuple(map(str, REASONS))
+    """What the numbers of `reason` mean."""
+    bounds: tuple[str, ...] = tuple(bound.name.lower() for bound in Bound)
+    """What the numbers of `bound` mean."""
+
+    @classmethod
+    def of(
+        cls,
+        model: TransitionModel,
+        actions: ActionMap,
+        *,
+        policy: str | None = None,
+        seed: int | None = None,
+    ) -> Layout:
+        """Return the layout for the steps of a task; policy and seed are those of an evaluation."""
+        return cls(
+            fluents=tuple(fluent.name for fluent in model.fluents),
+            actions=tuple(actions.name(k) for k in range(actions.size)),
+            ground_actions=tuple(action.name for action in model.actions),
+            control_period=model.dt,
+            policy=policy,
+            seed=seed,
+        )
+
+    @classmethod
+    def read(cls, folder: Path) -> Layout:
+        """Read the header of a recording.
+
+        Raises:
+            RunError: It is missing, damaged, or that of another version.
+        """
+        file = folder / HEADER
+        try:
+            found = cls.model_validate_json(json.dumps(read_json(file, _AGAIN)))
+            for name in ("actors", "reasons", "bounds"):
+                if getattr(found, name) != cls.model_fields[name].default:
+                    raise ValueError(f"it has other {name}")
+        except ValueError as error:
+            what = str(error)
+            if isinstance(error, ValidationError):
+                wrong = error.errors(include_url=False)[0]
+                what = ": ".join([*map(str, wrong["loc"]), wrong["msg"]])
+            raise RunError(
+                f"{file} was written by another version of serp, or is damaged: {what}. {_AGAIN}"
+            ) from None
+        return found
+
+    @property
+    def block(self) -> int:
+        """Number of steps of a block, which takes about `_BLOCK_BYTES`; the last may have fewer."""
+        size = sum(
+            np.dtype(column.kind).itemsize * int(np.prod(self.shape(name, 1)))
+            for name, column in _COLUMNS.items()
+        )
+        return min(_BLOCK_STEPS, max(16, _BLOCK_BYTES // size))
+
+    def shape(self, name: str, steps: int) -> tuple[int, ...]:
+        """Return the shape of a column of so many steps."""
+        per = _COLUMNS[name].per
+        return (steps,) if not per else (steps, len(self.fluents if per == "F" else self.actions))
+
+    def empty(self, steps: int) -> Columns:
+        """Return columns of zeros."""
+        return {
+            name: np.zeros(self.shape(name, steps), column.kind)
+            for name, column in _COLUMNS.items()
+        }
+
+
+def block_path(folder: Path, number: int) -> Path:
+    """Return the file of a block, from 0."""
+    return folder / f"block-{number:06}.npz"
+
+
+def blocks_in(folder: Path) -> dict[int, Path]:
+    """Return the blocks of a recording by their number, in order."""
+    found = {int(m[1]): file for file in folder.iterdir() if (m := _NAME.fullmatch(file.name))}
+    return dict(sorted(found.items()))
+
+
+def encode(columns: Columns) -> bytes:
+    """Return the content of a block."""
+    file = io.BytesIO()
+    # A fluent's values one after another are compressed better than a state's.
+    arrays: dict[str, Any] = {name: np.asfortranarray(v) for name, v in columns.items()}
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Columns:
+    """Read columns of a block.
+
+    Raises:
+        RunError: The file is missing or not what `encode` wrote for this layout.
+    """
+    found: Columns = {}
+    try:
+        data = io.BytesIO(read_regular(file, _LARGEST_FILE))
+        with zipfile.ZipFile(data) as archive:
+            for name in dict.fromkeys(("number", *names)):
+                steps = len(found["number"]) if found else layout.block
+                shape, dtype = layout.shape(name, steps), np.dtype(_COLUMNS[name].kind)
+                info = archive.getinfo(f"{name}.npy")
+                if info.file_size > np.prod(shape) * dtype.itemsize + 256:  # 128 are a header's
+                    raise ValueError(f"{name} is too large")
+                with archive.open(info) as member:
+                    values = npy.read_array(member, allow_pickle=False)
+                fits = values.shape == shape or (not found and 0 < values.size == len(values))
+                if not fits or values.dtype != dtype:
+                    raise ValueError(f"{name} has shape {values.shape} and type {values.dtype}")
+                if (wrong := _out_of_range(name, values, layout)) is not None:
+                    raise ValueError(f"{name} holds {wrong}")
+                found[name] = values
+    except RunError:
+        raise
+    except OSError as error:
+        raise RunError(f"cannot read {file}: {error.strerror or error}. {_AGAIN}") from error
+    except Exception as error:  # of a dozen kinds: those of archives, compression and arrays
+        raise RunError(f"{file} is damaged: {error}. {_AGAIN}") from error
+    return {name: found[name] for name in names}
+
+
+def _out_of_range(name: str, values: NDArray[Any], layout: Layout) -> str | None:
+    """Return a value that a column cannot hold, or None."""
+    column = _COLUMNS[name]
+    high = column.high
+    if isinstance(high, str):
+        high = len(getattr(layout, high)) - 1
+    if values.dtype.kind == "b":  # its bytes may be other than 0 and 1
+        values = values.view(np.uint8)
+    outside = ~((values >= column.low) & (values <= high))
+    if column.nothing:
+        outside &= values == values
+    return str(values[outside].flat[0]) if outside.any() else None
 
 
 @dataclass(frozen=True)
@@ -56,7 +295,7 @@ class StoredStep:
         episode: Number of its episode, from 1, in the order in which they begin.
         number: Its number in the episode, from 1.
         state: State `[F]` before it.
-        next_state: State `[F]` after it; None where the recording was stopped in the episode.
+        next_state: State `[F]` after it.
         decision: The decision, with all that was predicted.
         env_reward: The environment's reward.
         domain_reward: R(s′) of the domain file.
@@ -68,22 +307,13 @@ class StoredStep:
     episode: int
     number: int
     state: Vector
-    next_state: Vector | None
+    next_state: Vector
     decision: Decision
     env_reward: float
     domain_reward: float
     unsafe: bool
     terminated: bool
     truncated: bool
-
-
-class _Spread(NamedTuple):
-    """Of every fluent `[F]`: extremes, whether it is whole, and its usual change."""
-
-    low: Vector
-    high: Vector
-    whole: NDArray[np.bool_]
-    change: Vector
 
 
 class Recording:
@@ -105,12 +335,12 @@ class Recording:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.layout = Layout.read(folder)
-        blocks = list(blocks_in(folder).items())
-        for number, (found, _) in enumerate(blocks):
-            if number != found:
+        blocks = blocks_in(folder)
+        self._files = list(blocks.values())
+        for number in range(len(blocks)):
+            if number not in blocks:
                 raise RunError(f"{folder} has no block {number}. Restore it from a copy.")
-        self._files = [file for _, file in blocks]
-        last = len(decode(self._files[-1], self.layout, ["number"])["number"]) if blocks else 0
+        last = len(self._read_block(len(blocks) - 1, ("number",))["number"]) if blocks else 0
         self._steps = max(0, len(blocks) - 1) * self.layout.block + last
         self._block = functools.lru_cache(_KEPT)(self._read_block)
 
@@ -118,14 +348,11 @@ class Recording:
         """Return the number of steps."""
         return self._steps
 
-    def _read_block(self, number: int) -> Columns:
-        found = decode(self._files[number], self.layout)
-        self._require_full(number, found)
-        return found
-
-    def _require_full(self, number: int, found: Columns) -> None:
+    def _read_block(self, number: int, names: tuple[str, ...] = COLUMNS) -> Columns:
+        found = decode(self._files[number], self.layout, dict.fromkeys(("number", *names)))
         if number < len(self._files) - 1 and len(found["number"]) != self.layout.block:
             raise RunError(f"{self._files[number]} has too few steps. Restore it from a copy.")
+        return found
 
     def check(self) -> None:
         """Read every block once.
@@ -136,30 +363,11 @@ class Recording:
         for number in range(len(self._files)):
             self._read_block(number)
 
-    def columns(self, *names: str, since: int = 0) -> Columns:
-        """Return columns of all steps: name → `[N, ...]`; see `serp.runs.recording_format`.
-
-        Args:
-            names: The columns.
-            since: The first step, from 0; blocks before it are not read.
-        """
-        parts = []
-        first, skipped = divmod(since, self.layout.block)
-        wanted = dict.fromkeys(("number", "terminated", "truncated", *names))
-        for number, file in enumerate(self._files[first:], first):
-            found = decode(file, self.layout, wanted)
-            self._require_full(number, found)
-            if number == first and skipped:
-                ended = int((found["terminated"] | found["truncated"])[:skipped].sum())
-                found = {
-                    name: values[ended if name == "final_state" else skipped :]
-                    for name, values in found.items()
-                }
-            parts.append(found)
-        empty = self.layout.empty(0)
-        return {
-            name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in names
-        }
+    def columns(self, *names: str) -> Columns:
+        """Return columns of all steps: name → `[N, ...]`; docs/reference/run-folder.md has all."""
+        parts = [self._read_block(number, names) for number in range(len(self._files))]
+        parts.insert(0, self.layout.empty(0))
+        return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
     @functools.cached_property
     def episodes(self) -> dict[int, NDArray[np.int64]]:
@@ -173,44 +381,26 @@ class Recording:
             else {}
         )
 
-    @property
+    @functools.cached_property
     def ranges(self) -> tuple[Vector, Vector]:
         """The smallest and the largest value `[F]` of every fluent, before all steps."""
-        return self._spread.low, self._spread.high
-
-    @property
-    def whole(self) -> list[int]:
-        """Positions of the fluents that have whole numbers in all states."""
-        return np.flatnonzero(self._spread.whole).tolist()
-
-    @property
-    def usual_change(self) -> Vector:
-        """The root mean square `[F]` of what a fluent changes by from one step to the next."""
-        return self._spread.change
+        states = self.columns("state")["state"]
+        return states.min(axis=0, initial=np.inf), states.max(axis=0, initial=-np.inf)
 
     @functools.cached_property
-    def _spread(self) -> _Spread:
-        """What is known of the states, block by block: all of them may not fit into memory."""
-        width = len(self.layout.fluents)
-        low, high = np.full(width, np.inf), np.full(width, -np.inf)
-        whole, total, count = np.ones(width, dtype=np.bool_), np.zeros(width), 0
-        before: dict[int, Vector] = {}
-        for file in self._files:
-            block = decode(file, self.layout, ["episode", "state", "terminated", "truncated"])
-            states, episodes = block["state"], block["episode"]
-            ended = block["terminated"] | block["truncated"]
-            low, high = np.minimum(low, states.min(axis=0)), np.maximum(high, states.max(axis=0))
-            whole &= (states == np.rint(states)).all(axis=0)
-            for episode in np.unique(episodes).tolist():
-                rows = np.flatnonzero(episodes == episode)
-                own = states[rows]
-                if episode in before:
-                    own = np.vstack([before.pop(episode), own])
-                if not ended[rows[-1]]:
-                    before[episode] = own[-1]
-                total += np.square(np.diff(own, axis=0)).sum(axis=0)
-                count += len(own) - 1
-        return _Spread(low, high, whole, np.sqrt(total / max(1, count)))
+    def whole(self) -> list[int]:
+        """Positions of the fluents that have whole numbers in all states."""
+        states = self.columns("state")["state"]
+        return np.flatnonzero((states == np.rint(states)).all(axis=0)).tolist()
+
+    @functools.cached_property
+    def usual_change(self) -> Vector:
+        """The root mean square `[F]` of what a fluent changes by before the end of an episode."""
+        steps = self.columns("state", "next_state", "terminated", "truncated")
+        goes_on = ~(steps["terminated"] | steps["truncated"])
+        squares = np.square(steps["next_state"] - steps["state"])[goes_on]
+        change: Vector = np.sqrt(squares.sum(axis=0) / max(1, len(squares)))
+        return change
 
     def step(self, step: int) -> StoredStep:
         """Return a step by its position.
@@ -250,13 +440,12 @@ class Recording:
             proposed_by=ACTORS[at("proposed_by")],
             rho=at("rho"),
         )
-        episode = at("episode")
         return StoredStep(
             step=step,
-            episode=episode,
+            episode=at("episode"),
             number=at("number"),
             state=at("state"),
-            next_state=self._next_state(step, episode, columns, row),
+            next_state=at("next_state"),
             decision=decision,
             env_reward=at("env_reward"),
             domain_reward=at("domain_reward"),
@@ -264,19 +453,6 @@ class Recording:
             terminated=at("terminated"),
             truncated=at("truncated"),
         )
-
-    def _next_state(self, step: int, episode: int, columns: Columns, row: int) -> Vector | None:
-        ends = columns["terminated"] | columns["truncated"]
-        if ends[row]:
-            final: Vector = columns["final_state"][int(ends[:row].sum())].copy()
-            return final
-        steps = self.episodes[episode]
-        following = int(np.searchsorted(steps, step)) + 1
-        if following == len(steps):
-            return None
-        block, row = divmod(int(steps[following]), self.layout.block)
-        state: Vector = self._block(block)["state"][row].copy()
-        return state
 
     def find(self, episode: int, number: int) -> int:
         """Return the position of a step of an episode, both from 1.
@@ -306,20 +482,6 @@ def vetoed(columns: Columns) -> NDArray[np.bool_]:
     by_planner = columns["proposed_by"] == ACTORS.index(Actor.PLANNER)
     accepted = columns["reason"] == REASONS.index(Reason.ACCEPTED)
     return np.asarray(~(by_planner | accepted))
-
-
-def next_states(columns: Columns) -> Vector:
-    """Return the states `[n, F]` after steps; NaN where they are not among the columns.
-
-    Args:
-        columns: Those of `NEXT_STATE_COLUMNS`, in the order of a recording.
-    """
-    episodes, found = columns["episode"], np.full_like(columns["state"], np.nan)
-    order = np.argsort(episodes, kind="stable")  # episodes that run together interleave
-    goes_on = np.diff(episodes[order]) == 0
-    found[order[:-1][goes_on]] = columns["state"][order[1:][goes_on]]
-    found[columns["terminated"] | columns["truncated"]] = columns["final_state"]
-    return found
 
 
 def open_recording(run: Path, evaluation: str | None = None) -> Recording:
@@ -395,44 +557,36 @@ class Recorder(Closing):
 
     def __init__(self, folder: Path, layout: Layout, steps: int = 0) -> None:
         make_inside(folder.parent, folder.name)
-        self._folder = folder
-        self._layout = layout
-        self._number, rest = divmod(steps, layout.block)
-        self._columns: Columns = layout.empty(layout.block)
-        self._final = np.zeros((layout.block, len(layout.fluents)))
-        self._ends = self._rows = 0
+        self._folder, self._layout = folder, layout
+        self._block = layout.block
+        self._number, self._rows = divmod(steps, self._block)
+        self._columns = layout.empty(self._block)
         self._written = True
         if steps:
             self._keep(steps)
         for number, file in blocks_in(folder).items():
-            if number > self._number or (number == self._number and not rest):
+            if number >= self._number + (self._rows > 0):
                 file.unlink()
-        write_durably(folder / HEADER, layout.text())
+        write_durably(folder / HEADER, json_text(layout.model_dump(exclude_none=True)))
 
     def _keep(self, steps: int) -> None:
         """Take over the steps that are there."""
-        number, row = divmod(steps - 1, self._layout.block)
-        rows = row + 1
         if Layout.read(self._folder) != self._layout:
             raise RunError(
                 f"{self._folder / HEADER} is not of this run: names or sizes differ. Restore it "
                 "from a copy, or begin a new run with another --out."
             )
-        there = blocks_in(self._folder)
-        last = decode(there[number], self._layout) if number in there else None
-        found = 0 if last is None else len(last["number"])
-        if sum(k < number for k in there) < number or last is None or found < rows:
+        recorded = Recording(self._folder)
+        if len(recorded) < steps:
             raise RunError(
                 f"{self._folder} does not hold the {steps:,} steps that the run has made: blocks "
                 "are missing. Restore them from a copy, or begin a new run with another --out."
             )
-        if rows == self._layout.block:
-            return
-        ends = (last["terminated"] | last["truncated"])[:rows]
-        self._ends, self._rows = int(ends.sum()), rows
-        self._final[: self._ends] = last.pop("final_state")[: self._ends]
-        for name, values in last.items():
-            self._columns[name][:rows] = values[:rows]
+        if self._rows:
+            for name, values in decode(
+                block_path(self._folder, self._number), self._layout
+            ).items():
+                self._columns[name][: self._rows] = values[: self._rows]
 
     def append(self, episode: int, step: StepRecord) -> None:
         """Add a step; nothing of it is kept that may change afterwards.
@@ -441,26 +595,22 @@ class Recorder(Closing):
             episode: Number of the episode, from 1.
             step: The step.
         """
-        enter(self._columns, self._rows, episode, step)
-        if step.last:
-            self._final[self._ends] = step.next_state
-            self._ends += 1
+        columns, row = self._columns, self._rows
+        columns["episode"][row] = episode
+        for name, positions, value in zip(_ENTERED, _POSITIONS, _entries(step), strict=True):
+            columns[name][row] = positions[value] if positions else value
         self._rows += 1
         self._written = False
-        if self._rows == self._layout.block:
+        if self._rows == self._block:
             self.flush()
-            self._number, self._rows, self._ends = self._number + 1, 0, 0
+            self._number, self._rows = self._number + 1, 0
 
     def flush(self) -> None:
         """Write the steps of the last block."""
-        if self._written:
-            return
-        last = {
-            name: self._columns[name][: self._rows] for name in COLUMNS if name != "final_state"
-        }
-        last["final_state"] = self._final[: self._ends]
-        write_durably(block_path(self._folder, self._number), encode(last))
-        self._written = True
+        if not self._written:
+            rows = {name: values[: self._rows] for name, values in self._columns.items()}
+            write_durably(block_path(self._folder, self._number), encode(rows))
+            self._written = True
 
     def close(self) -> None:
         """Write what is left; a second call does nothing."""

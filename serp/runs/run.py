@@ -37,8 +37,7 @@ from serp.model.domain import load_domain, problem_beside
 from serp.runs.checkpoint import Checkpoint
 from serp.runs.evaluation import EPISODES, EvaluationResult, Policy, check_policy, evaluate
 from serp.runs.folder import CONFIG, METRICS, RunFolder
-from serp.runs.recording import Recorder, Recording, open_recording, recorded_evaluation
-from serp.runs.recording_format import Layout
+from serp.runs.recording import Layout, Recorder, Recording, open_recording, recorded_evaluation
 from serp.runs.tables import read_metrics
 from serp.runs.trainer import Budget
 from serp.settings import Settings

@@ -7,8 +7,7 @@ import contextlib
 from serp._util.files import Closing
 from serp.agent.step_record import StepRecord
 from serp.runs.folder import RunFolder
-from serp.runs.recording import Recorder
-from serp.runs.recording_format import RECORDING, Layout
+from serp.runs.recording import RECORDING, Layout, Recorder
 from serp.runs.tables import MetricsRow, decision_row
 from serp.runs.tensorboard import EventWriter
 from serp.settings import TrainingSettings

@@ -25,8 +25,7 @@ from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.edges import Bound
 from serp.runs.agreeing import RunModel, agreeing_planner, refusal_of
-from serp.runs.recording import VETO_COLUMNS, Recording, StoredStep, vetoed
-from serp.runs.recording_format import REASONS
+from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
 
 _ROUNDING: Final = 1e-6
 """Error, in units, up to which a prediction is right."""
@@ -57,8 +56,6 @@ class PredictedFluent:
 
 def predictions_of(run: RunModel, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
     """Return what was predicted for a step and what came of it, the largest error first."""
-    if step.next_state is None:
-        return []
     ground, model = int(step.decision.forecast.ground[step.decision.action]), run.model
     written = _predicted(model, step.state, ground)
     adapted = run.adapted
@@ -364,8 +361,6 @@ def _action_of(run: RunModel) -> Callable[[int], str]:
 
 def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
     """Return causes, reward and flag of what was observed, by the file as written."""
-    if step.next_state is None:
-        return [], None, step.unsafe
     try:
         causes, judged = observed_causes(run.model, step.state, ground, step.next_state)
     except StateError:

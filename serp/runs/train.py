@@ -305,7 +305,8 @@ def plan_and_learn(
     """Train on a task: the planner acts from the first step, the learner takes over.
 
     Args:
-        task: The task, the name of an installed one, or a domain file that belongs to one.
+        task: The task, the name of an installed one, or a domain file: of an installed task, or
+            one whose problem makes it a world, see `serp.file_task`.
         preset: `default` or `paper`.
         settings: Section → setting → value; overrides preset and task; see `serp.Settings`.
         episodes: Number of episodes since the run began after which it ends.

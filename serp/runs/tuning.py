@@ -125,7 +125,7 @@ class _Search:
         settings = algorithm.settings(self._task, self.request.settings)
         return [
             Job(
-                Trial(algorithm.name, self.name, seed), algorithm, self._task, settings,
+                Trial(algorithm.name, seed), algorithm, self._task, settings,
                 self._protocol, folder.absolute() / "trials" / f"{number}-{seed}",
             )
             for seed in self.request.seeds
@@ -177,7 +177,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     request = TuningRequest(**options)
     if not isinstance(task, Task | str):
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
-    search = _Search(find_task(task, worlds=True) if isinstance(task, str) else task, request)
+    search = _Search(find_task(task) if isinstance(task, str) else task, request)
     folder = default_path(f"tune-{search.name}") if request.out is None else Path(request.out)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     with locked(folder, _JOURNAL):

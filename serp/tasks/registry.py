@@ -173,15 +173,15 @@ def find_domain_file(domain: str) -> Path | None:
     return None if domain in task_entries() else _shipped_beside(domain)
 
 
-def find_task(domain: str, max_ground_schemas: int | None = None, *, worlds: bool = False) -> Task:
+def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
     """Return the task that `--domain` means: the name of an installed task, or a domain file.
 
     A file belongs to the task with the name of its domain, or with the name of the file up to a
-    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`). With `worlds`, one
-    that belongs to none is a world, as in `serp play` (`serp.file_task`).
+    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`). One that belongs to
+    none is a world (`serp.file_task`) if its problem has an `:init`.
 
     Raises:
-        TaskError: There is no such file, or no task for it.
+        TaskError: There is no such file or task, or the file is no world to learn in.
         DomainError: The file is wrong.
     """
     path = find_domain_file(domain)
@@ -191,18 +191,24 @@ def find_task(domain: str, max_ground_schemas: int | None = None, *, worlds: boo
         return load_task(domain)
     loaded = load_domain(path, observed=True, max_ground_schemas=max_ground_schemas)
     task = task_of(loaded, path)
-    if task is None and worlds:
-        from serp.tasks.file_world import file_task
-
-        return file_task(load_domain(path, max_ground_schemas=max_ground_schemas))
-    if task is None:
+    if task is not None:
+        return task
+    if loaded.problem_syntax is None or not loaded.problem_syntax.has_init:
         raise TaskError(
             f"{path}: no task is installed for domain `{loaded.name}` "
             f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}); with an "
             "environment of your own, write a serp.Task (serp new does) and name it: --task "
-            f"FILE.py:FUNCTION; without one, the file is a world: serp play {path} --train"
+            "FILE.py:FUNCTION; without one, write a problem with an :init: the file is then a world"
         )
-    return task
+    from serp.tasks.file_world import file_task
+
+    world = load_domain(path, max_ground_schemas=max_ground_schemas)
+    if not world.model.rewarding:
+        raise TaskError(
+            f"{path} says nothing about reward, so there is nothing to learn in its world; write "
+            "`(increase (reward) ...)` in an action or event, or a :goal in the problem"
+        )
+    return file_task(world)
 
 
 def _shipped_beside(name: str) -> Path | None:

@@ -36,13 +36,10 @@ def asked_own_task() -> Task | None:
     return custom_task(name)
 
 
-def asked_task(
-    domain: str | None, max_ground_schemas: int | None = None, *, worlds: bool = False
-) -> Task | None:
+def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Task | None:
     """Return the task that `--task` and `--domain` mean together; None where neither is given.
 
     `--domain` is an installed task or a domain file; beside `--task`, another domain file for it.
-    `worlds` is that of `serp.tasks.registry.find_task`.
     """
     from serp.tasks.registry import find_domain_file, find_task
 
@@ -50,7 +47,7 @@ def asked_task(
     if task is None:
         if domain is None:
             return None
-        task = find_task(domain, max_ground_schemas, worlds=worlds)
+        task = find_task(domain, max_ground_schemas)
     elif domain is not None:
         file = find_domain_file(domain)
         if file is None:

@@ -21,6 +21,11 @@ own_task_option = click.option(
     help="A task that is not installed: a Python file, FILE.py:FUNCTION or MODULE:FUNCTION that "
          "gives a serp.Task. A command that needs no environment ignores it.")  # fmt: skip
 
+domain_option = click.option(
+    "--domain", metavar="NAME|FILE",
+    help="Installed task, or a domain file of one; any other file is a world, as in "
+         "serp play.")  # fmt: skip
+
 max_ground_schemas_option = click.option(
     "--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
     help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip

@@ -20,7 +20,7 @@ from serp.planning.edges import Bound
 from serp.planning.lookahead import Lookahead
 from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
-from serp.runs.recording_format import HEADER, RECORDING
+from serp.runs.recording import HEADER, RECORDING
 from serp.settings import Settings
 from serp.ui.asked import MakePlanner, open_run
 

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
-import select
-import sys
-from codecs import getincrementaldecoder
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-
-import click
 
 from serp._util.terminal import visible
 from serp._util.text import did_you_mean, plural, readable
@@ -35,16 +29,8 @@ if TYPE_CHECKING:
     from serp.ui.planner import ChosenPlanner
 
 
-_SENT: Final = {
-    "\x1b[A": "up", "\x1bOA": "up", "\xe0H": "up",
-    "\x1b[B": "down", "\x1bOB": "down", "\xe0P": "down",
-    "\x1b[C": "right", "\x1bOC": "right", "\xe0M": "right",
-    "\x1b[D": "left", "\x1bOD": "left", "\xe0K": "left",
-    " ": "space", "\r": "enter", "\n": "enter",
-}  # fmt: skip
-"""What terminals, and Windows, send for a key → its name."""
 HELP: Final = (
-    ("ACTION", "do it: its key, its name, the beginning of its name; `ACTION * 5`: five times"),
+    ("ACTION", "do it: its number, its name, the beginning of its name; `ACTION * 5`: five times"),
     ("?", "ask the planner: what each action would bring, and why"),
     ("p [N]", "let the planner act, N times"),
     ("u [N]", "undo the last step or change, N of them"),
@@ -54,76 +40,12 @@ HELP: Final = (
     ("save TITLE", "write the situation as a scenario beside the file, for `serp test`"),
     ("h", "this help"),
     ("q", "quit"),
+    ("", "on a terminal, an empty line repeats the last one"),
 )
 _WORDS: Final = {
     "plan": "?", "planner": "p", "undo": "u", "restart": "r", "state": "s", "help": "h",
     "quit": "q", "exit": "q",
 }  # fmt: skip
-
-
-def action_keys(actions: Sequence[str], given: str | None) -> dict[str, str]:
-    """Return key → action: those that are given as `key=action,...`, else one after the other.
-
-    Where there are more actions than keys, the last ones have none.
-
-    Raises:
-        BadParameter: A key or an action does not exist, or a key is taken.
-    """
-    named = ("up", "down", "left", "right", "space")
-    # Keys of the commands themselves.
-    reserved = "?purshq:"
-    if given is None:
-        return dict(zip("123456789abcdefgijklmnotvwxyz", actions, strict=False))
-    keys: dict[str, str] = {}
-    for text in given.split(","):
-        key, equals, action = (part.strip() for part in text.partition("="))
-        known = len(key) == 1 or key in named
-        if not equals or not known or key in reserved or key in keys or action not in actions:
-            raise click.BadParameter(
-                f"`{text}`: expected key=action, such as a={actions[0]} or left={actions[0]}; keys "
-                f"are characters but {' '.join(reserved)}, and {', '.join(named)}; actions are "
-                + ", ".join(actions),
-                param_hint="--keys",
-            )
-        keys[key] = action
-    return keys
-
-
-def typed_keys() -> Iterator[str]:
-    """Yield the characters or names of keys that are pressed on the terminal, `:` with its line.
-
-    What is typed ahead is neither lost nor shown twice.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C was pressed.
-        EOFError: Ctrl-D was pressed, or the terminal is gone.
-    """
-    try:
-        import termios
-        import tty
-    except ImportError:  # Windows
-        while True:
-            sent = click.getchar()
-            yield ":" + input(":") if sent == ":" else _SENT.get(sent, sent)
-    terminal = sys.stdin.fileno()
-    lines, decoder = termios.tcgetattr(terminal), getincrementaldecoder("utf-8")("replace")
-    tty.setcbreak(terminal, termios.TCSADRAIN)
-    try:
-        while read := os.read(terminal, 1):
-            if read == b"\x1b" and select.select([terminal], [], [], 0.05)[0]:
-                read += os.read(terminal, 2)
-            sent = decoder.decode(read)
-            if sent == "\x04":
-                break
-            if sent == ":":
-                termios.tcsetattr(terminal, termios.TCSADRAIN, lines)
-                yield ":" + input(":")
-                tty.setcbreak(terminal, termios.TCSADRAIN)
-            elif sent:
-                yield _SENT.get(sent, sent)
-        raise EOFError
-    finally:
-        termios.tcsetattr(terminal, termios.TCSADRAIN, lines)
 
 
 @dataclass(frozen=True)
@@ -202,19 +124,13 @@ class Player:
         game: The game.
         begun: Fluent → value with which it began, beside the problem.
         console: Where to print.
-        keys: Key → name of an action.
     """
 
     def __init__(
-        self,
-        playground: Playground,
-        game: Game,
-        begun: Mapping[str, float],
-        console: Console,
-        keys: Mapping[str, str],
+        self, playground: Playground, game: Game, begun: Mapping[str, float], console: Console
     ) -> None:
         self._playground, self._game, self._begun = playground, game, begun
-        self._console, self._keys = console, keys
+        self._console = console
         self._planner: tuple[object, ChosenPlanner] | None = None
 
     def do(self, line: str) -> bool:
@@ -223,19 +139,15 @@ class Player:
         Raises:
             SerpError: There is no such command, or it cannot be carried out.
         """
-        line = " ".join(line.removeprefix(":").split())
+        line = " ".join(line.split())
+        command = re.fullmatch(r"(?P<what>\?|[a-z]+)(?: (?P<count>\d+))?", line)
+        what = _WORDS.get(command["what"], command["what"]) if command else ""
         if not line or line.startswith((";", "#")):
             return True
-        command = (
-            re.fullmatch(r"(?P<what>\?|[a-z]+)(?:\s+(?P<count>\d+))?", line)
-            if line not in self._keys
-            else None
-        )
-        what = _WORDS.get(command["what"], command["what"]) if command else ""
-        if line not in self._keys and line.startswith("save "):
+        if line.startswith("save "):
             title = line.removeprefix("save ")
             self._console.print(self._playground.save(title, self._game, self._begun))
-        elif line not in self._keys and "=" in line:
+        elif "=" in line:
             self._game.set(parse_state([line], self._game.moment.domain, "change"))
             self.print_state()
         elif what == "q":
@@ -243,11 +155,7 @@ class Player:
         elif command and what in ("?", *"pursh"):
             self._command(what, _count(command["count"]))
         else:
-            times = (
-                re.fullmatch(r"(?P<action>.+?)\s*\*\s*(?P<count>\d+)", line)
-                if line not in self._keys
-                else None
-            )
+            times = re.fullmatch(r"(?P<action>.+?) ?\* ?(?P<count>\d+)", line)
             action = self._find(times["action"] if times else line)
             self._repeat(lambda: action, _count(times["count"] if times else None))
         return True
@@ -272,9 +180,11 @@ class Player:
                 print_table(self._console, ("", ""), HELP)
 
     def _find(self, name: str) -> int:
-        """Return the position of the action that a key, a name, or its beginning means."""
+        """Return the position of the action that a number, a name, or its beginning means."""
         names = [action.name for action in self._game.model.actions]
-        name = self._keys.get(name, name.lower().strip("()"))
+        if name.isdecimal() and 0 < int(name) <= len(names):
+            return int(name) - 1
+        name = name.lower().strip("()")
         if name in names:
             return names.index(name)
         matches = [k for k, known in enumerate(names) if known.startswith(name)]
@@ -334,28 +244,24 @@ class Player:
             self._console.print(f"  … and {len(rows) - 96:,} more")
 
     def possible(self) -> str:
-        """Return keys and names of the applicable actions, as far as they fit in a line."""
-        names = [action.name for action in self._game.model.actions]
+        """Return numbers and names of the applicable actions, as far as they fit in a line."""
         line = "  ".join(
-            f"{key} {name}"
-            for key, name in self._keys.items()
-            if not self._game.moment.over and not self._game.refusal(names.index(name))
+            f"{k} {action.name}"
+            for k, action in enumerate(self._game.model.actions, 1)
+            if not self._game.moment.over and not self._game.refusal(k - 1)
         )
         most = max(20, self._console.width - 4)
         return visible(line if len(line) <= most else f"{line[: most - 2]} …")
 
     def print_actions(self) -> None:
-        """Print the actions with their keys; those that are not applicable are dim."""
-        game, keys = self._game, {action: key for key, action in self._keys.items()}
-        rows, styles = [], []
-        for k, action in enumerate(game.model.actions[:24]):
-            refusal = game.refusal(k)
-            rows.append((keys.get(action.name, ""), action.name, refusal))
-            styles.append("dim" if refusal else "")
+        """Print the actions with their numbers; those that are not applicable are dim."""
+        actions = self._game.model.actions
+        refusals = [self._game.refusal(k) for k in range(min(24, len(actions)))]
+        rows = [(str(k + 1), actions[k].name, refusal) for k, refusal in enumerate(refusals)]
+        styles = ["dim" if refusal else "" for refusal in refusals]
         print_table(self._console, ("", "", ""), rows, styles=styles)
-        more = len(game.model.actions) - 24
-        if more > 0:
-            self._console.print(f"   … and {plural(more, 'more action')}, by name")
+        if len(actions) > 24:
+            self._console.print(f"   … and {plural(len(actions) - 24, 'more action')}, by name")
 
     def _print_step(self, step: GameStep) -> None:
         console, action = self._console, step.chosen

@@ -18,7 +18,7 @@ from serp.agent.decision import Actor, Reason
 from serp.runs.comparison.algorithms import OWN, algorithm_entries
 from serp.runs.comparison.compare import compare
 from serp.runs.evaluation import Policy
-from serp.runs.recording_format import COLUMNS
+from serp.runs.recording import COLUMNS
 from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.tasks.registry import task_entries
 from serp.ui.root import COMMANDS, SECTIONS
@@ -94,6 +94,7 @@ LISTS: dict[str, Callable[[], set[str]]] = {
 NOT_IN_EVERY_RUN = {
     "problem.pddl",
     "evaluations/",
+    "film.mp4",
     "report.html",
     "tensorboard/",
     "checkpoint-damaged.safetensors",

@@ -2,8 +2,8 @@
 
 On cart-pole their settings are those that RL Baselines3 Zoo has tuned for CartPole-v1
 (https://github.com/DLR-RM/rl-baselines3-zoo, commit eec15dc, `hyperparams/dqn.yml` and `ppo.yml`).
-On any other task they are the defaults of stable-baselines3, like the zoo's `default` entry.
-Defaults that assume a budget of a million env steps are adapted, and named in `characteristics`.
+On any other task they are the defaults of stable-baselines3, like the zoo's `default` entry, but
+for those that assume a budget of a million env steps (`_DQN`).
 """
 
 from __future__ import annotations
@@ -20,9 +20,6 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
-_ZOO: Final = "rl-baselines3-zoo, CartPole-v1"
-_DEFAULTS: Final = "stable-baselines3's defaults"
-
 
 class StableBaselines3:
     """A learner of stable-baselines3 on an environment.
@@ -36,10 +33,7 @@ class StableBaselines3:
 
     Attributes:
         model: The model.
-        characteristics: Name → text: a description of the learner.
     """
-
-    characteristics: Mapping[str, str]
 
     def __init__(self, make: Callable[[], BaseAlgorithm], rollout: Callable[[Any], int]) -> None:
         import torch
@@ -103,28 +97,10 @@ def dqn(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
     from stable_baselines3 import DQN
 
     settings = _DQN_CARTPOLE if task == "cartpole" else _DQN
-    learner = StableBaselines3(
+    return StableBaselines3(
         lambda: DQN("MlpPolicy", env, seed=seed, device="cpu", **settings),
         lambda model: model.train_freq.frequency,
     )
-    model = learner.model
-    learner.characteristics = {
-        "settings": _ZOO
-        if task == "cartpole"
-        else f"{_DEFAULTS}; memory and target network adapted",
-        "network": f"{_layers(model)}, ReLU",
-        "learning rate": f"{model.learning_rate:g}, Adam",
-        "discount": f"{model.gamma:g}",
-        "exploration": f"ε {model.exploration_initial_eps:g} → {model.exploration_final_eps:g} "
-        f"in the first {model.exploration_fraction:.0%} of the budget",
-        "updates": f"{model.gradient_steps} every {model.train_freq.frequency} env steps, batch "
-        f"{model.batch_size}, from step {model.learning_starts:,} on",
-        "memory": f"{model.buffer_size:,} samples",
-        "target network": f"copied every {model.target_update_interval:,} env steps",
-        "loss": "Huber",
-        "returns": "1-step",
-    }
-    return learner
 
 
 def ppo(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
@@ -140,26 +116,11 @@ def ppo(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
     """
     from stable_baselines3 import PPO
 
-    tuned = task == "cartpole"
-    settings = _PPO_CARTPOLE if tuned else {}
-    falling = " → 0 over the budget" if tuned else ""
-    learner = StableBaselines3(
+    settings = _PPO_CARTPOLE if task == "cartpole" else {}
+    return StableBaselines3(
         lambda: PPO("MlpPolicy", env, seed=seed, device="cpu", **settings),
         lambda model: model.n_steps,
     )
-    model = learner.model
-    rate, steps, clip = model.lr_schedule(1.0), model.n_steps, model.clip_range(1.0)
-    learner.characteristics = {
-        "settings": f"{_ZOO}; 1 environment × {steps} steps, not 8 × 32" if tuned else _DEFAULTS,
-        "network": f"{_layers(model)}, tanh, policy and value apart",
-        "learning rate": f"{rate:g}{falling}, Adam",
-        "discount": f"{model.gamma:g}",
-        "exploration": f"actions drawn from the policy, entropy bonus {model.ent_coef:g}",
-        "updates": f"{model.n_epochs} epochs every {steps:,} env steps, batch {model.batch_size}",
-        "clipping": f"{clip:g}{falling}",
-        "returns": f"GAE, λ {model.gae_lambda:g}",
-    }
-    return learner
 
 
 _DQN_CARTPOLE: Final[Mapping[str, Any]] = {
@@ -193,11 +154,6 @@ _DQN: Final[Mapping[str, Any]] = {
     # settings for Atari games have 1,000, too.
     "target_update_interval": 1_000,
 }
-
-
-def _layers(model: Any) -> str:
-    sizes: list[int] = model.policy_kwargs.get("net_arch", [64, 64])
-    return " × ".join(map(str, sizes))
 
 
 _Random = tuple[Any, Any, Any]

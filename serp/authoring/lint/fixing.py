@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import difflib
 import os
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from serp._util.files import write_durably
 from serp.authoring.lint.findings import Finding, findings_of
-from serp.model.domain import problem_beside
 from serp.pddl.source import Edit, Source, edited
 
 _MOST_ROUNDS = 50
@@ -62,30 +60,3 @@ def write_changed(texts: Mapping[Path, str]) -> None:
         write_durably(target, mark + text.encode())
         if target.stat().st_mode != mode:
             target.chmod(mode)
-
-
-_SECONDS = 0.2
-
-
-def changes(domains: Sequence[Path]) -> Iterator[None]:
-    """Yield at once, and then whenever one of some files, or a problem beside it, is written.
-
-    The times of a handful of files are looked at five times a second, which costs nothing and works
-    on every disk.
-    """
-    watched = list(dict.fromkeys(p for path in domains for p in (path, problem_beside(path))))
-    before: list[tuple[int, int]] | None = None
-    while True:
-        now = [_state(path) for path in watched]
-        if now != before:
-            before = now
-            yield
-        time.sleep(_SECONDS)
-
-
-def _state(path: Path) -> tuple[int, int]:
-    try:
-        status = path.stat()
-    except OSError:
-        return -1, -1
-    return status.st_mtime_ns, status.st_size

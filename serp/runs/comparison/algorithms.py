@@ -21,13 +21,7 @@ GROUP: Final = "serp.algorithms"
 
 
 class ExternalAlgorithm(Protocol):
-    """A learner of another library, with its environment.
-
-    Attributes:
-        characteristics: Name → text, for the table of what differs.
-    """
-
-    characteristics: Mapping[str, str]
+    """A learner of another library, with its environment."""
 
     def learn(self, env_steps: int) -> None:
         """Train for this number of env steps."""
@@ -56,6 +50,7 @@ class Algorithm:
             veto. `planner`: the planner without a learner. `external`: of another library.
         preset: Preset of its settings.
         changes: Its changes to the preset.
+        domain: Name of its domain file; empty for the task's own.
         make_external: Makes an external algorithm; None for others.
     """
 
@@ -64,6 +59,7 @@ class Algorithm:
     kind: Literal["guided", "baseline", "planner", "external"]
     preset: str = "default"
     changes: Changes = field(default_factory=dict)
+    domain: str = ""
     make_external: MakeExternalAlgorithm | None = None
 
     def changed(self, name: str, changes: Changes) -> Algorithm:
@@ -81,11 +77,6 @@ class Algorithm:
                 "environment in each trial; leave it out: trials run at the same time"
             )
         return settings
-
-    @property
-    def uses_model(self) -> bool:
-        """Whether its results depend on the domain file."""
-        return self.kind in ("guided", "planner")
 
 
 _BASELINE: Final[Changes] = {
@@ -134,14 +125,17 @@ def algorithm_entries() -> dict[str, EntryPoint]:
 
 
 def find_algorithm(name: str) -> Algorithm:
-    """Return the algorithm of a name; `serp:learner.members=1` is `serp` with a setting changed.
+    """Return the algorithm of a name.
 
-    Several changes are separated by semicolons.
+    `serp:learner.members=1` is `serp` with a setting changed; several changes are separated by
+    semicolons. `serp@cartpole-reversed` is `serp` with another domain file.
 
     Raises:
-        SettingsError: There is no such algorithm, or a change has another form.
+        SettingsError: There is no such algorithm, it uses no domain file, or a change has another
+            form.
     """
-    base, colon, text = name.partition(":")
+    known, colon, text = name.partition(":")
+    base, at, domain = known.partition("@")
     if base in OWN:
         algorithm = OWN[base]
     else:
@@ -149,6 +143,10 @@ def find_algorithm(name: str) -> Algorithm:
         with loading(entry, "algorithm", SettingsError):
             make = entry.load()
         algorithm = Algorithm(base, first_line(make) or base, "external", make_external=make)
+    if at:
+        if not domain or algorithm.kind not in ("guided", "planner"):
+            raise SettingsError(f"`{name}`: `{base}` uses no domain file `{domain}`")
+        algorithm = replace(algorithm, name=name, domain=domain)
     return algorithm.changed(name, _assigned(name, text)) if colon else algorithm
 
 

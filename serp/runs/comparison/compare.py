@@ -1,16 +1,14 @@
 """`compare`: plans the trials, runs the missing ones, and writes the report.
 
-comparison/plan.json             everything that was requested so far
-comparison/domains/VARIANT.pddl  copies of the domain files at the beginning
-comparison/trials/NAME/          the trials, each a run folder
-comparison/report.md, …          the report, see `serp.runs.comparison.report`
+comparison/plan.json      everything that was requested so far, with the texts of the domain files
+comparison/trials/NAME/   the trials, each a run folder
+comparison/report.md, …   the report, see `serp.runs.comparison.report`
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import glob
 import json
 import os
 import warnings
@@ -29,11 +27,12 @@ from pydantic import (
     field_validator,
 )
 
-from serp._util.files import cannot_write, make_inside, read_regular, write_durably
+from serp._util.files import make_inside, read_regular, write_durably
 from serp._util.text import did_you_mean
 from serp.agent.agent import Agent
 from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError, needs_extra
 from serp.model.domain import Domain, load_domain
+from serp.pddl.source import Source
 from serp.runs.comparison.algorithms import DQN, PLANNER, find_algorithm
 from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import Results
@@ -47,10 +46,10 @@ from serp.runs.comparison.trial import (
     make_external,
     read_trial,
 )
-from serp.runs.folder import CONFIG, LOCK, RunLock, default_path
+from serp.runs.folder import RunLock, default_path, make_empty
 from serp.runs.train import stop_between_episodes
 from serp.settings import Changes, resolve
-from serp.tasks.registry import find_task, load_task, task_entries
+from serp.tasks.registry import find_domain_file, find_task, load_task, task_entries
 from serp.tasks.task import BoundTask, Task
 
 _PLAN: Final = "plan.json"
@@ -62,7 +61,6 @@ class ComparisonRequest(TrialsRequest):
 
     algorithms: tuple[str, ...] = ()
     env_steps: PositiveInt | None = None
-    model_variants: tuple[str, ...] = ()
     threshold: FiniteFloat | None = None
     evaluate_every: PositiveInt | None = None
     evaluation_episodes: PositiveInt | None = None
@@ -73,7 +71,7 @@ class ComparisonRequest(TrialsRequest):
         """Return the first part of the names in messages."""
         return "compare"
 
-    @field_validator("algorithms", "model_variants", mode="before")
+    @field_validator("algorithms", mode="before")
     @classmethod
     def _names(cls, value: Any) -> Any:
         if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
@@ -86,8 +84,8 @@ class ComparisonPlan(BaseModel):
 
     Attributes:
         algorithms: Their names; the others are compared with the first.
-        variants: Names of the domain files. The first is the base: algorithms that use no model run
-            only on it.
+        domains: Name of each domain file → its text, and that of its problem file. The first is the
+            task's own; the others are named by algorithms.
         settings: Changes to the settings of all algorithms, JSON values.
         threshold: Return from which a policy counts as good; None for none.
         max_ground_schemas: Limit on the size of the grounded domains.
@@ -95,31 +93,22 @@ class ComparisonPlan(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
 
-    format: Literal[3] = 3
+    format: Literal[4] = 4
     task: str
     algorithms: tuple[str, ...]
-    variants: tuple[str, ...] = Field(min_length=1)
+    domains: dict[str, tuple[str, ...]] = Field(min_length=1)
     seeds: tuple[int, ...]
     protocol: TrialProtocol
     settings: dict[str, dict[str, Any]]
     threshold: float | None
     max_ground_schemas: int
 
-    @property
-    def base(self) -> str:
-        """Name of the base variant."""
-        return self.variants[0]
-
-    def trials(self) -> list[Trial]:
-        """Return all trials, seed by seed."""
-        uses_model = {name: find_algorithm(name).uses_model for name in self.algorithms}
-        return [
-            Trial(name, variant, seed)
-            for seed in self.seeds
-            for variant in self.variants
-            for name in self.algorithms
-            if uses_model[name] or variant == self.base
-        ]
+    def domain(self, name: str, *, observed: bool) -> Domain:
+        """Return one of the domains."""
+        texts = zip((f"{name}.pddl", f"{name}-problem.pddl"), self.domains[name], strict=False)
+        sources = [Source(*each) for each in texts]
+        limit = self.max_ground_schemas
+        return Domain.parse(*sources, observed=observed, max_ground_schemas=limit)
 
 
 def _plain(changes: Changes) -> dict[str, dict[str, Any]]:
@@ -152,51 +141,13 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
     Raises:
         RunError: It cannot be created, holds other files, or another process writes it.
     """
-    there = {file.name for file in folder.iterdir()} if folder.is_dir() else set()
-    if mark not in there and there - {LOCK}:
-        raise RunError(
-            f"{folder} holds {'a run' if CONFIG in there else 'other files'}, not what is to be "
-            "continued. Give a new or empty folder with --out. Nothing was changed."
-        )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise cannot_write(folder, error, "Nothing was made.") from error
+    if not (folder / mark).is_file():
+        make_empty(folder, lambda name: False)
     lock = RunLock(folder)
     try:
         yield
     finally:
         lock.release()
-
-
-def _copies(folder: Path, variant: str) -> tuple[Path, Path]:
-    """Return the comparison's copies of a domain file and of its problem file."""
-    place = folder / "domains" / file_name(variant)
-    return place.with_name(f"{place.name}.pddl"), place.with_name(f"{place.name}-problem.pddl")
-
-
-def _texts(folder: Path, variant: str, domain: Domain) -> dict[Path, str]:
-    """Return the content of a comparison's copies of a domain.
-
-    Raises:
-        RunError: The copies that are there have another content.
-    """
-    copies = _copies(folder, variant)
-    texts = {copy: source.text for copy, source in zip(copies, domain.sources, strict=False)}
-    if copies[0].is_file():
-        for copy in copies:
-            if texts.get(copy) != (copy.read_text("utf-8") if copy.is_file() else None):
-                raise RunError(
-                    f"{copy} differs from the domain file `{variant}`, which was edited since this "
-                    "comparison began. Compare in another folder (--out)."
-                )
-    return texts
-
-
-def _with_domain(task: Task, file: Path, limit: int) -> Task:
-    """Return a task with another domain file, and the problem file beside it if there is one."""
-    domain = load_domain(file, observed=not task.closed, max_ground_schemas=limit)
-    return dataclasses.replace(task, domain=domain, problem=None)
 
 
 # The plan --------------------------------------------------------------------------------------
@@ -208,7 +159,7 @@ def _requested_task(
     if isinstance(task, Task):
         return task
     if isinstance(task, str):
-        return find_task(task, worlds=True)
+        return find_task(task)
     if task is not None:
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     if folder is None:
@@ -220,34 +171,25 @@ def _requested_task(
             f"{folder} compares on task {before.task}, which is not installed: name it again, as a "
             "serp.Task (--task), or by the domain file that is its world (--domain)"
         )
-    # The copy, because the original file may have changed.
-    copy, _ = _copies(folder, before.base)
-    return _with_domain(load_task(before.task), copy, before.max_ground_schemas)
+    # The text of the plan, because the original file may have changed.
+    found = load_task(before.task)
+    domain = before.domain(next(iter(before.domains)), observed=not found.closed)
+    return dataclasses.replace(found, domain=domain, problem=None)
 
 
 def _planned(
     folder: Path, before: ComparisonPlan | None, bound: BoundTask, request: ComparisonRequest
 ) -> tuple[ComparisonPlan, dict[str, Task]]:
     """Return the existing plan extended by a request, and the task with each domain file."""
-    own = Path(bound.domain.source.name)
-    if own.parent == folder / "domains":
-        own = Path(load_task(bound.name).load().source.name)
-    files = domain_files(request.model_variants, bound.name, own)
-    algorithms = request.algorithms
-    if files:  # what results on domain files are compared with
-        algorithms = _unique(algorithms or (before.algorithms if before else ("serp",)),
-                             (PLANNER, DQN))  # fmt: skip
     asked = request.model_dump(include={*_PROTOCOL}, exclude_none=True)
     if before is None:
         specification = bound.env.spec
         steps = request.env_steps or resolve("default", bound.task.settings).training.env_steps
         asked = {"env_steps": steps, "evaluate_every": max(1, steps // 10), **asked}
-        # The task's own file has the task's name, unless it is one of its variants.
-        stem = own.stem if own.stem.startswith(f"{bound.name}-") else bound.name
         before = ComparisonPlan(
             task=bound.name,
-            algorithms=algorithms or ("serp", PLANNER, DQN),
-            variants=(stem,),
+            algorithms=request.algorithms or ("serp", PLANNER, DQN),
+            domains={Path(bound.domain.source.name).stem: _texts(bound.domain)},
             seeds=request.seeds or tuple(range(5)),
             protocol=TrialProtocol(**asked),
             settings=_plain(request.settings),
@@ -256,16 +198,27 @@ def _planned(
         )
     else:
         _refuse_contradictions(folder, before, bound, request, asked)
-    tasks = _tasks(folder, before, bound, files)
+    algorithms = tuple(dict.fromkeys((*before.algorithms, *request.algorithms)))
+    tasks = _tasks(before, bound, {find_algorithm(name).domain for name in algorithms} - {""})
+    domains = {name: _texts(task.load()) for name, task in tasks.items()}
+    for name, texts in domains.items():
+        if before.domains.get(name, texts) != texts:
+            raise RunError(
+                f"the domain file `{name}` was edited since this comparison began. Compare in "
+                "another folder (--out)."
+            )
     update: dict[str, Any] = {
-        "algorithms": _unique(before.algorithms, algorithms),
-        "variants": tuple(tasks),
+        "algorithms": algorithms,
+        "domains": domains,
         "seeds": tuple(sorted({*before.seeds, *request.seeds})),
-        "max_ground_schemas": bound.domain.max_ground_schemas,
     }
     if request.threshold is not None:
         update["threshold"] = request.threshold
     return before.model_copy(update=update), tasks
+
+
+def _texts(domain: Domain) -> tuple[str, ...]:
+    return tuple(source.text for source in domain.sources)
 
 
 def _refuse_contradictions(
@@ -291,91 +244,60 @@ def _refuse_contradictions(
             )
 
 
-def _tasks(
-    folder: Path, before: ComparisonPlan, bound: BoundTask, files: Sequence[Path]
-) -> dict[str, Task]:
-    """Return the loaded task with each domain file, the base first."""
-    base, *others = before.variants
-    places: dict[str, Path] = {name: _copies(folder, name)[0] for name in others}
-    tasks = {base: bound.task.loaded()}
-    for file in files:
-        if file.stem == base:
-            raise SettingsError(f"{file}: a model variant needs another name than `{base}`")
-        if file.stem not in others and places.setdefault(file.stem, file) != file:
-            raise SettingsError(
-                f"two model variants are called `{file.stem}`: {places[file.stem]} and {file}"
-            )
-        places[file.stem] = file
-    for name, file in places.items():
-        task = _with_domain(bound.task, file, bound.domain.max_ground_schemas)
-        with task.bind() as variant:  # checks that the file fits the task
-            tasks[name] = variant.task.loaded()
+def _tasks(plan: ComparisonPlan, bound: BoundTask, names: Iterable[str]) -> dict[str, Task]:
+    """Return the loaded task with each domain file, its own first.
+
+    A name means what it means for `find_task`, or a file beside the task's own. One that is gone is
+    the plan's.
+
+    Raises:
+        SerpError: There is no such file, or it does not fit the task.
+    """
+    own = Path(bound.domain.source.name)
+    tasks, observed = {next(iter(plan.domains)): bound.task.loaded()}, not bound.task.closed
+    for name in sorted({*names} - {*tasks}):
+        file = find_domain_file(name) or own.with_name(f"{name}.pddl")
+        if file.is_file():
+            limit = plan.max_ground_schemas
+            domain = load_domain(file, observed=observed, max_ground_schemas=limit)
+        elif name in plan.domains:
+            domain = plan.domain(name, observed=observed)
+        else:
+            known = sorted(path.stem for path in own.parent.glob("*.pddl") if path != own)
+            raise TaskError(f"there is no domain file {name}; {did_you_mean(name, known)}")
+        # Binding checks that the file fits the task.
+        with dataclasses.replace(bound.task, domain=domain, problem=None).bind() as other:
+            tasks[name] = other.task.loaded()
     return tasks
 
 
-def domain_files(asked: Iterable[str], task: str, own: Path) -> list[Path]:
-    """Return the domain files that `model_variants` names, in order, each once."""
-    files: list[Path] = []
-    for name in asked:
-        with_suffix = name if name.endswith(".pddl") else f"{name}.pddl"
-        places = (Path(name), own.parent / with_suffix)
-        matches = [path for path in places if path.is_file()][:1]
-        if name == "all":
-            matches = sorted(own.parent.glob(f"{glob.escape(task)}-*.pddl"))
-        matches = [path for path in matches if not path.name.endswith("-problem.pddl")]
-        if not matches:
-            known = sorted(path.stem for path in own.parent.glob("*.pddl") if path != own)
-            raise TaskError(f"there is no domain file {name}; {did_you_mean(name, known)}")
-        files += matches
-    return list(_unique(files))
-
-
-def _unique(*items: Iterable[Any]) -> tuple[Any, ...]:
-    return tuple(dict.fromkeys(item for several in items for item in several))
-
-
 def _jobs(folder: Path, plan: ComparisonPlan, tasks: Mapping[str, Task]) -> list[Job]:
-    """Return the jobs of all trials.
+    """Return the jobs of all trials, seed by seed.
 
     Raises:
         RunError: A trial that was begun was made from other settings or files.
     """
-    algorithms = {name: find_algorithm(name) for name in plan.algorithms}
-    settings = {
-        (name, variant): algorithm.settings(task, plan.settings)
-        for name, algorithm in algorithms.items()
-        for variant, task in tasks.items()
-    }
-    place = folder.absolute() / "trials"
-    jobs = []
-    for trial in plan.trials():
-        name, variant, seed = trial
-        ending = "" if variant == plan.base else f"-{file_name(variant)}"
-        job = Job(trial, algorithms[name], tasks[variant], settings[name, variant],
-                  plan.protocol, place / f"{file_name(name)}-{seed}{ending}")  # fmt: skip
+    own, place, jobs = next(iter(tasks)), folder.absolute() / "trials", []
+    for algorithm in map(find_algorithm, plan.algorithms):
+        task = tasks[algorithm.domain or own]
+        settings = algorithm.settings(task, plan.settings)
+        for seed in plan.seeds:
+            trial_folder = place / f"{file_name(algorithm.name)}-{seed}"
+            trial = Trial(algorithm.name, seed)
+            jobs.append(Job(trial, algorithm, task, settings, plan.protocol, trial_folder))
+    for job in jobs:
         if job.begun:
             job.refuse_changes()
-        jobs.append(job)
-    return jobs
+    return sorted(jobs, key=lambda job: job.trial.seed)
 
 
-def _characteristics(jobs: Sequence[Job], bound: BoundTask) -> dict[str, dict[str, str]]:
-    """Return algorithm → name → text, for the table of what differs.
-
-    Each algorithm is made once, so that errors occur before any trial runs.
-    """
-    texts: dict[str, dict[str, str]] = {}
-    for job in jobs:
-        algorithm, seed = job.algorithm, job.trial.seed
-        if algorithm.name in texts:
-            continue
-        agent = Agent(bound, job.settings, seed)
-        texts[algorithm.name] = {"algorithm": algorithm.description}
-        if algorithm.make_external is not None:
-            env = ExternalEnv(bound, agent, seed)
-            external = make_external(algorithm, env, bound.name, seed)
-            texts[algorithm.name] |= external.characteristics
-    return texts
+def _check_algorithms(jobs: Sequence[Job], bound: BoundTask) -> None:
+    """Make each algorithm once, so that errors occur before any trial runs."""
+    for job in {job.trial.algorithm: job for job in jobs}.values():
+        agent = Agent(bound, job.settings, job.trial.seed)
+        if job.algorithm.make_external is not None:
+            env = ExternalEnv(bound, agent, job.trial.seed)
+            make_external(job.algorithm, env, bound.name, job.trial.seed)
 
 
 def _notes(records: Iterable[Record]) -> list[str]:
@@ -419,8 +341,8 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     """Compare algorithms on one task under one protocol.
 
     Every trial is a run folder in `out`, which `serp why`, `serp report` and `serp evaluate` open.
-    Complete trials are kept: a call with more algorithms, seeds or domain files runs only the
-    missing trials, and interrupted ones go on from their last checkpoint.
+    Complete trials are kept: a call with more algorithms or seeds runs only the missing
+    trials, and interrupted ones go on from their last checkpoint.
 
     Args:
         task: The task, the name of an installed one, or a domain file; one that belongs to no
@@ -430,14 +352,11 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
             values.
 
             * `algorithms`: names, such as `serp`, `mrp`, `dqn` or `ppo`; the others are compared
-              with the first. `serp:learner.members=1` is `serp` with a setting changed. By default
+              with the first. `serp:learner.members=1` is `serp` with a setting changed, and
+              `serp@cartpole-reversed` is `serp` with another domain file of the task. By default
               `serp`, `mrp` and `dqn`.
             * `seeds`: number of seeds, from 0 on, or a list of seeds; 5 by default.
             * `env_steps`: budget of each trial; by default `training.env_steps` of the task.
-            * `model_variants`: further domain files for the task; every algorithm that uses a model
-              also runs on each of them. Files, names of files beside the task's own domain file
-              (`cartpole-reversed`), patterns of either, or `all`: every file there whose name
-              begins with that of the task and a hyphen.
             * `settings`: section → setting → value; applies to all of serp's algorithms.
             * `threshold`: return from which a policy counts as good; by default the
               `reward_threshold` of the environment's Gymnasium specification, if it has one.
@@ -465,16 +384,12 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     with _requested_task(task, before, out).bind() as bound:
         folder = out or default_path(f"compare-{bound.name}")
         plan, tasks = _planned(folder, before, bound, request)
-        texts = [_texts(folder, name, task.load()) for name, task in tasks.items()]
         jobs = _jobs(folder, plan, tasks)
-        characteristics = _characteristics(jobs, bound)
+        _check_algorithms(jobs, bound)
     with locked(folder, _PLAN):
         if read_plan(folder) != before:
             raise RunError(f"another process has changed {folder} just now. Try again.")
-        make_inside(folder, "domains")
         make_inside(folder, "trials")
-        for copy, text in (item for several in texts for item in several.items()):
-            write_durably(copy, text)
         write_durably(folder / _PLAN, plan.model_dump_json(indent=1))
         missing = [job for job in jobs if not job.complete]
         failed: list[str] = []
@@ -489,7 +404,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
             notes = _notes(results.records)
             for note in notes:
                 warnings.warn(note, Notice, stacklevel=2)
-            write_report(folder, results, jobs, characteristics, notes)
+            write_report(folder, results, jobs, notes)
     complete = len(results.records)
     if stopping.signal is not None and complete + len(failed) < len(jobs):
         raise Interrupted(

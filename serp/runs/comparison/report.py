@@ -16,50 +16,45 @@ from typing import Any, Final, NamedTuple
 
 import matplotlib.style
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from serp._util.figures import INK, LINE, PALETTE, STYLE, label_ends, render
-from serp._util.files import cannot_write, finite, json_text, make_inside, write_durably
+from serp._util.files import cannot_write, make_inside, write_durably
+from serp._util.templates import render as render_template
 from serp._util.terminal import visible
 from serp._util.text import code, markdown_text, readable, table
-from serp.runs.comparison.algorithms import DQN, PLANNER
+from serp.runs.comparison.algorithms import PLANNER
 from serp.runs.comparison.statistics import (
     RESAMPLES,
     Curves,
     Estimate,
     Results,
-    difference,
     evaluation_curves,
     training_curves,
 )
-from serp.runs.comparison.trial import Job
+from serp.runs.comparison.trial import Job, Trial
 from serp.runs.folder import machine, versions
 from serp.runs.summary import WINDOW
 
 NOTHING: Final = "–"
 _FIGURES: Final = "figures"
 
-Characteristics = Mapping[str, Mapping[str, str]]
-"""Algorithm → name → text."""
-
 
 def write_report(
     folder: Path,
     results: Results,
     jobs: Sequence[Job],
-    characteristics: Characteristics,
     notes: Sequence[str],
 ) -> None:
     """Write the report of a comparison, complete or not.
 
-    `report.md` and `report.html` (which embeds its figures), `figures/*.png` and `*.svg`,
-    `measures.csv`, `evaluations.csv`, `comparison.json`. Files of an earlier report are replaced.
+    `report.md` and `report.html` (which embeds its figures), `figures/*.png` and `*.svg`, and
+    `measures.csv`. Files of an earlier report are replaced.
     """
     drawn = pictures(results)
-    markdown = report_text(results, jobs, characteristics, notes, drawn)
+    markdown = report_text(results, jobs, notes, drawn)
     try:
         make_inside(folder, _FIGURES)
     except OSError as error:
@@ -73,8 +68,6 @@ def write_report(
         "report.md": markdown,
         "report.html": html_page(markdown, f"Comparison: {results.plan.task}", images),
         "measures.csv": measures_csv(results),
-        "evaluations.csv": evaluations_csv(results),
-        "comparison.json": comparison_json(results),
         **images,
     }
     for name, content in files.items():
@@ -84,29 +77,17 @@ def write_report(
 # Pages -----------------------------------------------------------------------------------------
 
 
-def _rendered(template: str, **values: Any) -> str:
-    environment = Environment(
-        loader=PackageLoader("serp.runs.comparison"),
-        autoescape=select_autoescape(["html.j2"], default=False),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {"plain": markdown_text, "code": code, "number": readable}
-    return environment.get_template(template).render(values)
-
-
 def report_text(
     results: Results,
     jobs: Sequence[Job],
-    characteristics: Characteristics,
     notes: Sequence[str],
     drawn: Sequence[Picture],
 ) -> str:
     """Return the report as Markdown, which names its figures as `figures/<name>.svg`."""
-    return _rendered(
+    return render_template(
+        "serp.runs.comparison",
         "report.md.j2",
+        {"plain": markdown_text, "code": code, "number": readable},
         results=results,
         plan=results.plan,
         protocol=results.plan.protocol,
@@ -119,11 +100,10 @@ def report_text(
         command=shlex.join(map(str, sys.argv)),
         window=WINDOW,
         resamples=RESAMPLES,
-        settings=settings_table(results, jobs, characteristics),
+        settings=settings_table(results, jobs),
         overview=table(*_in_markdown(*overview(results))),
         values=partial(values_table, results),
         differences=differences_table(results),
-        variants=variants_table(results),
     )
 
 
@@ -140,7 +120,9 @@ def html_page(markdown: str, title: str, pictures: Mapping[str, bytes]) -> str:
     body = reader.renderer.render(tokens, reader.options, {})
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
-    return _rendered("page.html.j2", title=visible(title), body=body, palette=PALETTE)
+    return render_template(
+        "serp.runs.comparison", "page.html.j2", title=visible(title), body=body, palette=PALETTE
+    )
 
 
 # Tables ----------------------------------------------------------------------------------------
@@ -154,10 +136,10 @@ def estimate_text(found: Estimate) -> str:
     return readable(found.value) + ends
 
 
-def _cell(results: Results, algorithm: str, name: str, variant: str | None = None) -> str:
+def _cell(results: Results, algorithm: str, name: str) -> str:
     """Return a measure with its interval, and how often a threshold was never reached."""
-    text = estimate_text(results.estimate(algorithm, name, variant))
-    values = results.values(algorithm, name, variant)
+    text = estimate_text(results.estimate(algorithm, name))
+    values = results.values(algorithm, name)
     never = int(np.isposinf(values).sum())
     return f"{text}, never in {never} of {len(values)}" if never else text
 
@@ -207,13 +189,16 @@ def differences_table(results: Results) -> str:
     return table(*_in_markdown(["difference", *(m.title for m in compared)], rows))
 
 
-def settings_table(results: Results, jobs: Sequence[Job], characteristics: Characteristics) -> str:
-    """Return the characteristics, and the settings that are not the same for all algorithms."""
-    texts = {name: dict(characteristics[name]) for name in results.algorithms}
+def settings_table(results: Results, jobs: Sequence[Job]) -> str:
+    """Return what the algorithms are, and the settings that are not the same for all of them."""
+    texts: dict[str, dict[str, str]] = {name: {} for name in results.algorithms}
     for job in jobs:
-        if job.trial.algorithm in texts and job.algorithm.make_external is None:
+        if job.trial.algorithm not in texts:
+            continue
+        own = texts[job.trial.algorithm] = {"algorithm": job.algorithm.description}
+        if job.algorithm.make_external is None:
             for section, values in job.settings.as_dict().items():
-                texts[job.trial.algorithm] |= {
+                own |= {
                     f"{section}.{name}": value if isinstance(value, str) else json.dumps(value)
                     for name, value in values.items()
                 }
@@ -224,46 +209,6 @@ def settings_table(results: Results, jobs: Sequence[Job], characteristics: Chara
             cells = (text.get(key, NOTHING) for text in texts.values())
             rows.append([*map(markdown_text, (key, *cells))])
     return table(["what", *map(markdown_text, texts)], rows, left=len(texts) + 1)
-
-
-def subject(results: Results) -> str:
-    """Return the algorithm whose results on domain files are shown: the first that uses one."""
-    names = [a for v in results.plan.variants[1:] for a in results.on(v) if a != PLANNER]
-    return names[0] if names else "serp"
-
-
-def variants_table(results: Results) -> str:
-    """Return a row a domain file: returns of planner and learners, and differences to others.
-
-    Empty if there is only one.
-    """
-    ours = subject(results)
-    variants = [v for v in results.plan.variants if results.of(ours, v)]
-    if len(variants) < 2:
-        return ""
-    names = ("training_area", "first_50", "final_learner")
-    rows = []
-    for variant in variants:
-        early = {
-            PLANNER: results.known(PLANNER, "first_50", variant),
-            DQN: results.known(DQN, "first_50"),  # without a domain file: it ran on the base alone
-        }
-        better = max(early, key=lambda name: early[name].mean() if len(early[name]) else -np.inf)
-        final = difference(
-            results.known(ours, "final_learner", variant), results.known(DQN, "final_learner")
-        )
-        gained = difference(results.known(ours, "first_50", variant), early[better])
-        rows.append([
-            variant,
-            _cell(results, PLANNER, "final_policy", variant),
-            *(_cell(results, ours, name, variant) for name in names),
-            estimate_text(final),
-            f"{estimate_text(gained)} ({better})",
-        ])  # fmt: skip
-    titles = {measure.name: measure.title for measure in results.measures}
-    head = ["domain file", "planner alone", *(titles[name] for name in names),
-            f"final: {ours} − {DQN}", f"first 50: {ours} − better"]  # fmt: skip
-    return table(*_in_markdown(head, rows))
 
 
 # Figures ---------------------------------------------------------------------------------------
@@ -361,66 +306,10 @@ def _curves(
 def measures_csv(results: Results) -> str:
     """Return a row per trial, a column per measure; empty if not measured, `inf` for never."""
     names = [measure.name for measure in results.measures]
-    rows = (
-        [*trial, *(row.get(name, "") for name in names)] for trial, row in results.measured.items()
-    )
-    return _csv(names, rows)
-
-
-def evaluations_csv(results: Results) -> str:
-    """Return the evaluation episodes of all trials."""
-    tables = {record.trial: record.evaluations for record in results.records}
-    names = list(next(iter(tables.values()), ()))
-    rows = ((trial, zip(*columns.values(), strict=True)) for trial, columns in tables.items())
-    return _csv(names, ((*trial, *row) for trial, several in rows for row in several))
-
-
-def _csv(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["algorithm", "variant", "seed", *names])
-    writer.writerows(["" if cell != cell else cell for cell in row] for row in rows)
+    writer.writerow([*Trial._fields, *names])
+    for trial, row in results.measured.items():
+        cells = (row.get(name, math.nan) for name in names)
+        writer.writerow([*trial, *("" if math.isnan(cell) else cell for cell in cells)])
     return text.getvalue()
-
-
-def comparison_json(results: Results) -> str:
-    """Return request, statistics and differences as strict JSON; null: not measured, infinite."""
-    plan = results.plan
-    first, *others = results.algorithms or ("",)
-
-    def statistic(algorithm: str, name: str, variant: str) -> dict[str, Any]:
-        values = results.known(algorithm, name, variant)
-        return {
-            "seeds": len(values),
-            "mean": float(values.mean()) if len(values) else None,
-            "std": float(values.std(ddof=1)) if len(values) > 1 else None,
-            "median": float(np.median(values)) if len(values) else None,
-            "iqm": results.estimate(algorithm, name, variant)._asdict(),
-        }
-
-    content = {
-        **plan.model_dump(),
-        "machine": machine(),
-        "versions": dict(versions()),
-        "caution": results.caution,
-        "measures": {measure.name: measure._asdict() for measure in results.measures},
-        "statistics": {
-            variant: {
-                algorithm: {m.name: statistic(algorithm, m.name, variant) for m in results.measures}
-                for algorithm in results.on(variant)
-            }
-            for variant in plan.variants
-        },
-        "differences": [
-            {
-                "algorithm": other,
-                "less": first,
-                "measure": measure.name,
-                "iqm": results.difference(other, first, measure.name)._asdict(),
-            }
-            for other in others
-            for measure in results.measures
-            if measure.compared
-        ],
-    }
-    return json_text(finite(content))

@@ -10,7 +10,6 @@ The generator has a fixed seed, so that equal data give equal intervals.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -319,24 +318,22 @@ def evaluation_curves(records: Iterable[Record]) -> Curves:
 
 
 class Results:
-    """Complete trials and their measures. Methods that take a variant use the base by default.
+    """Complete trials and their measures.
 
     Attributes:
         plan: The plan of the comparison.
-        records: In the order of algorithms, variants (the base first) and seeds.
+        records: In the order of algorithms and seeds.
+        algorithms: Names of the algorithms with a complete trial, in order.
         measured: Trial → name of a measure → value.
         measures: All measures of this comparison: those that every trial has, then the task's own.
     """
 
     def __init__(self, records: Iterable[Record], plan: ComparisonPlan) -> None:
         self.plan = plan
-        algorithms, variants = plan.algorithms, plan.variants
         self.records = sorted(
-            records,
-            key=lambda r: (
-                algorithms.index(r.trial.algorithm), variants.index(r.trial.variant), r.trial.seed
-            ),
-        )  # fmt: skip
+            records, key=lambda r: (plan.algorithms.index(r.trial.algorithm), r.trial.seed)
+        )
+        self.algorithms = list(dict.fromkeys(r.trial.algorithm for r in self.records))
         self.measured: dict[Trial, dict[str, float]] = {
             record.trial: measure(record, plan.protocol.env_steps, plan.threshold)
             for record in self.records
@@ -344,54 +341,41 @@ class Results:
         own = {name for values in self.measured.values() for name in values if "." in name}
         self.measures = MEASURES + tuple(map(_task_measure, sorted(own)))
 
-    def of(self, algorithm: str, variant: str | None = None) -> list[Record]:
-        """Return the trials of an algorithm on a variant, by seed."""
-        key = (algorithm, variant or self.plan.base)
-        return [record for record in self.records if record.trial[:2] == key]
-
-    def on(self, variant: str) -> list[str]:
-        """Return the algorithms with a complete trial on a variant, in order."""
-        return list(dict.fromkeys(t.algorithm for t in self.measured if t.variant == variant))
-
-    @cached_property
-    def algorithms(self) -> list[str]:
-        """Algorithms with a complete trial on the base variant."""
-        return self.on(self.plan.base)
+    def of(self, algorithm: str) -> list[Record]:
+        """Return the trials of an algorithm, by seed."""
+        return [record for record in self.records if record.trial.algorithm == algorithm]
 
     @property
     def caution(self) -> str | None:
         """A warning of too few seeds; None if there are enough. It is shown with intervals."""
-        fewest = min(
-            (len(self.of(name, v)) for v in self.plan.variants for name in self.on(v)),
-            default=ENOUGH,
-        )
+        fewest = min((len(self.of(name)) for name in self.algorithms), default=ENOUGH)
         if fewest >= ENOUGH:
             return None
         return f"Few seeds ({fewest}): intervals are rough. Take at least {ENOUGH}."
 
-    def values(self, algorithm: str, name: str, variant: str | None = None) -> Array:
-        """Return a measure of every trial of an algorithm on a variant, by seed.
+    def values(self, algorithm: str, name: str) -> Array:
+        """Return a measure of every trial of an algorithm, by seed.
 
         An outcome that a trial never had counts 0; NaN is what was not measured.
         """
         absent = 0.0 if name.startswith("outcome.") else np.nan
-        trials = (record.trial for record in self.of(algorithm, variant))
+        trials = (record.trial for record in self.of(algorithm))
         return np.array([self.measured[trial].get(name, absent) for trial in trials], np.float64)
 
-    def known(self, algorithm: str, name: str, variant: str | None = None) -> Array:
+    def known(self, algorithm: str, name: str) -> Array:
         """Return the values of a measure for intervals, without those that are unknown.
 
         The time until a threshold that was never reached counts as the whole budget: a difference
         in favour of an algorithm that reached it is at least that large.
         """
-        values = self.values(algorithm, name, variant)
+        values = self.values(algorithm, name)
         values = np.where(np.isposinf(values), float(self.plan.protocol.env_steps), values)
         return values[~np.isnan(values)]
 
-    def estimate(self, algorithm: str, name: str, variant: str | None = None) -> Estimate:
+    def estimate(self, algorithm: str, name: str) -> Estimate:
         """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
-        return estimate(self.known(algorithm, name, variant))
+        return estimate(self.known(algorithm, name))
 
     def difference(self, first: str, second: str, name: str) -> Estimate:
-        """Estimate by how much a measure of one algorithm exceeds another's on the base variant."""
+        """Estimate by how much a measure of one algorithm exceeds another's."""
         return difference(self.known(first, name), self.known(second, name))

@@ -70,11 +70,10 @@ class Trial(NamedTuple):
     """The key of a trial; the seed is that of everything random in its training."""
 
     algorithm: str
-    variant: str
     seed: int
 
     def __str__(self) -> str:
-        return f"{self.algorithm} on {self.variant}, seed {self.seed}"
+        return f"{self.algorithm}, seed {self.seed}"
 
 
 class TrialProtocol(BaseModel):

@@ -29,16 +29,14 @@ from serp.model.learned.robust_regression import CERTAIN
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.runs.diagnosis.findings import (
+    END,
+    REWARD,
     Findings,
     MissingEffect,
     ObservedOutcome,
     ParameterFinding,
     symbol_of,
 )
-
-REWARD: Final = "reward"
-END: Final = "terminal"
-"""Names of the quantities beside the fluents."""
 
 WELL: Final = 0.1
 """A quantity is predicted well if its error is at most this share of its change."""

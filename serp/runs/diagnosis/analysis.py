@@ -6,8 +6,7 @@ import contextlib
 import dataclasses
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +30,10 @@ from serp.model.learned.regression_data import (
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import Place
-from serp.runs.diagnosis.accuracy import END, REWARD, Steps, forecast_with
+from serp.runs.diagnosis.accuracy import Steps, forecast_with
 from serp.runs.diagnosis.findings import (
+    END,
+    REWARD,
     EffectTerm,
     Findings,
     MissingEffect,
@@ -275,83 +276,64 @@ class _Line(NamedTuple):
     place: Place | None
 
 
-@dataclass
-class _Count:
-    """The steps of a line: those in which it was predicted, and sums of rewards or ends."""
+class _Case(NamedTuple):
+    """A step in which a line was predicted to apply, or is to blame for what was observed."""
 
-    predicted: int = 0
-    correct: int = 0
-    unpredicted: int = 0
-    expected: float = 0.0
-    observed: float = 0.0
-    unpredicted_sum: float = 0.0
-    squares: float = 0.0
+    predicted: bool
+    expected: float
+    observed: float
+    blame: float
 
 
 def _rules(model: TransitionModel, steps: Steps) -> tuple[RuleFinding, ...]:
     """Return the lines whose rewards or ends differ from the observed ones, the worst first."""
-    sample = steps.sample
-    lines = _Lines(model)
-    counts: dict[str, dict[_Line, _Count]] = {REWARD: {}, END: {}}
-    units = dict(zip(counts, steps.units[-2:].tolist(), strict=True))
+    sample, lines = steps.sample, _Lines(model)
+    cases: dict[str, dict[_Line, list[_Case]]] = {REWARD: {}, END: {}}
     pairs = np.stack((steps.predicted[:, -2:], steps.after[:, -2:]), axis=1)
     for row in np.flatnonzero((pairs != 0.0).any(axis=(1, 2)) & np.isfinite(pairs).all((1, 2))):
         state, action = sample.states[row], int(sample.actions[row])
         predicted = lines.predicted(state, action, pairs[row, 0])
-        observed = lines.judged(state, action, sample.next_states[row])
-        for name, (expected, came) in zip(counts, pairs[row].T.tolist(), strict=True):
-            _count(counts[name], predicted[name], observed[name], expected, came, 0.1 * units[name])
+        judged = lines.judged(state, action, sample.next_states[row])
+        for name, (expected, observed) in zip(cases, pairs[row].T.tolist(), strict=True):
+            said, seen = predicted[name], judged[name]
+            if observed == 0.0:  # a line that applies to the observed state cannot be the cause
+                seen = seen & said
+            squared = (observed - expected) ** 2
+            blamed = (said ^ seen or said or {_Line("", None)}) if squared else set()
+            for line in said | blamed:
+                blame = squared / len(blamed) if line in blamed else 0.0
+                case = _Case(line in said, expected, observed, blame)
+                cases[name].setdefault(line, []).append(case)
+    units = dict(zip(cases, steps.units[-2:].tolist(), strict=True))
     found = [
-        RuleFinding(
-            schema=line.schema,
-            place=line.place,
-            fluent=name,
-            predicted=count.predicted,
-            correct=count.correct,
-            unpredicted=count.unpredicted,
-            expected=count.expected / max(1, count.predicted),
-            observed=count.observed / count.predicted
-            if count.predicted
-            else count.unpredicted_sum / max(1, count.unpredicted),
-            samples=len(sample),
-            cost=count.squares / units[name] ** 2 / len(sample),
-        )
-        for name, own in counts.items()
-        for line, count in own.items()
-        if count.squares > 0.0
+        _rule(name, line, _Case(*np.array(own).T), units[name], len(sample))
+        for name, by_line in cases.items()
+        for line, own in by_line.items()
+        if any(case.blame for case in own)
     ]
     return tuple(
         sorted(found, key=lambda f: (-f.cost, f.fluent, -1 if f.place is None else f.place.start))
     )
 
 
-def _count(
-    lines: dict[_Line, _Count],
-    predicted: set[_Line],
-    judged: set[_Line],
-    expected: float,
-    observed: float,
-    tolerance: float,
-) -> None:
-    """Count a step by the lines that apply to the predicted and to the observed next state."""
-    right, squared = abs(observed - expected) <= tolerance, (observed - expected) ** 2
-    for line in predicted:
-        count = lines.setdefault(line, _Count())
-        count.predicted += 1
-        count.correct += right
-        count.expected += expected
-        count.observed += observed
-    if not squared:
-        return
-    if observed == 0.0:  # a line that applies to the observed state cannot be the cause
-        judged = judged & predicted
-    blamed = predicted ^ judged or predicted or {_Line("", None)}
-    for line in blamed:
-        count = lines.setdefault(line, _Count())
-        count.squares += squared / len(blamed)
-        if line not in predicted and not right:
-            count.unpredicted += 1
-            count.unpredicted_sum += observed
+def _rule(name: str, line: _Line, cases: Any, unit: float, samples: int) -> RuleFinding:
+    """Return the finding on a line; `cases` has a column `[N]` for each field of `_Case`."""
+    said = cases.predicted > 0.0
+    right = np.abs(cases.observed - cases.expected) <= 0.1 * unit
+    unpredicted = ~said & ~right
+    counted = said if said.any() else unpredicted
+    return RuleFinding(
+        schema=line.schema,
+        place=line.place,
+        fluent=name,
+        predicted=int(said.sum()),
+        correct=int((said & right).sum()),
+        unpredicted=int(unpredicted.sum()),
+        expected=float(cases.expected[said].sum()) / max(1, int(said.sum())),
+        observed=float(cases.observed[counted].sum()) / max(1, int(counted.sum())),
+        samples=samples,
+        cost=float(cases.blame.sum()) / unit**2 / samples,
+    )
 
 
 class _Lines:

@@ -29,7 +29,6 @@ from serp.runs.diagnosis.accuracy import (
 )
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.findings import Finding, Findings
-from serp.runs.diagnosis.remarks import place_of, remark, symbols_of
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,6 @@ class Diagnosis:
         recorded: The data that the run recorded.
         steps: The transitions that the file is compared with, and its predictions.
         expected: `[N, F + 2]` predictions of the file patched with the findings worth mentioning.
-        findings: All findings.
         worthwhile: Findings worth mentioning; `serp repair` writes them into the file.
         remarks: These in words, the most costly first.
         quantities: The accuracy for each symbol, the reward and the end.
@@ -121,7 +119,6 @@ class Diagnosis:
     recorded: Recorded
     steps: Steps
     expected: Vector
-    findings: Findings
     worthwhile: Findings
     remarks: tuple[Remark, ...]
     quantities: tuple[Quantity, ...]
@@ -201,12 +198,11 @@ def make_diagnosis(recorded: Recorded, found: Findings) -> Diagnosis:
     remarks = []
     listed: list[Finding] = [*kept.parameters, *kept.missing, *kept.stochastic, *kept.rules]
     for finding in sorted(listed, key=lambda finding: -finding.cost):
-        error = sum(q.squared for q in quantities if q.name in symbols_of(finding))
+        error = sum(q.squared for q in quantities if q.name in finding.symbols)
         share = min(1.0, max(0.0, finding.cost / error)) if error > 0 else 0.0
-        place = place_of(finding)
-        line = None if place is None else place.line
-        remarks.append(Remark(remark(finding, model.ground), share, line, finding))
-    return Diagnosis(recorded, steps, expected, found, kept, tuple(remarks), quantities)
+        line = None if finding.place is None else finding.place.line
+        remarks.append(Remark(finding.sentence(model.ground), share, line, finding))
+    return Diagnosis(recorded, steps, expected, kept, tuple(remarks), quantities)
 
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -232,7 +228,6 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "not_explained": diagnosis.unexplained,
         "remarks": [_plain(remark) for remark in diagnosis.remarks],
-        "parameters": _plain(diagnosis.findings.parameters),
         "model_in_use": recorded.adoption.as_dict(),
     }
 

@@ -1,4 +1,4 @@
-"""Findings about a domain file from observed transitions, and how a file writes them.
+"""Findings about a domain file from observed transitions, and how a sentence or a file says them.
 
 `samples` is the number of transitions that a finding is based on. `cost` is the fraction of the
 one-step prediction error that it accounts for: the reduction of the squared error of its quantity,
@@ -10,10 +10,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
-from serp.model.ground import Parameter
+from serp._util.text import measured, percent_measured, plain, plural, readable
+from serp.model.ground import GroundModel, Parameter
 from serp.model.learned.robust_regression import CERTAIN
 from serp.pddl.source import Place
+
+REWARD: Final = "reward"
+END: Final = "terminal"
+"""Names of the quantities beside the fluents."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +65,30 @@ class ParameterFinding:
     cost: float
 
     @property
+    def place(self) -> Place:
+        """Where the number is written."""
+        return self.parameter.place
+
+    @property
+    def symbols(self) -> set[str]:
+        """The symbol of the function."""
+        return {self.fluent}
+
+    @property
     def number(self) -> str:
         """What the file should have; 0 where the estimate has an uncertain sign and turned."""
         turned = self.estimate * self.written < 0.0
         if turned and abs(self.estimate) <= CERTAIN * self.error:
             return "0"
         return decimal(self.estimate, self.error)
+
+    def sentence(self, ground: GroundModel) -> str:
+        """Return what to write, and what was observed."""
+        return (
+            f"{_where(self)}: write {self.number} instead of {self.place.text} for "
+            f"`({self.fluent})`; observed {measured(self.estimate, self.error)} in "
+            f"{plural(self.samples, 'step')}"
+        )
 
 
 @dataclass(frozen=True)
@@ -85,10 +109,21 @@ class MissingEffect:
     samples: int
     cost: float
 
+    @property
+    def symbols(self) -> set[str]:
+        """The symbol of the fluent."""
+        return {symbol_of(self.fluent)}
+
     def effect(self, term: EffectTerm) -> str:
         """Return the effect of one term in PDDL."""
         value = term.size if self.schema else f"(* #t {term.size})"
         return f"({'decrease' if term.coefficient < 0 else 'increase'} ({self.fluent}) {value})"
+
+    def sentence(self, ground: GroundModel) -> str:
+        """Return what to add."""
+        effects = " ".join(map(self.effect, self.terms))
+        how = f"{_where(self)}: add" if self.schema else "after every action: add a process with"
+        return f"{how} `{effects}`; observed in {plural(self.samples, 'step')}"
 
 
 @dataclass(frozen=True)
@@ -110,6 +145,17 @@ class ObservedOutcome:
     written: bool
     like: str = ""
 
+    def text(self, predicates: set[str]) -> str:
+        """Return the changes as a part of a sentence."""
+        if not self.changes:
+            return "nothing changes"
+        return " and ".join(
+            f"({fluent}) becomes {'true' if change > 0 else 'false'}"
+            if symbol_of(fluent) in predicates
+            else f"({fluent}) {'+' if change > 0 else '−'}{plain(abs(change))}"
+            for fluent, change in self.changes
+        )
+
 
 @dataclass(frozen=True)
 class StochasticEffect:
@@ -120,6 +166,32 @@ class StochasticEffect:
     outcomes: tuple[ObservedOutcome, ...]
     samples: int
     cost: float
+
+    @property
+    def symbols(self) -> set[str]:
+        """The symbols of all fluents that change."""
+        return {symbol_of(name) for outcome in self.outcomes for name, _ in outcome.changes}
+
+    def sentence(self, ground: GroundModel) -> str:
+        """Return what happens, and how often."""
+        return f"{_where(self)}: {self.observation(ground)}"
+
+    def observation(self, ground: GroundModel) -> str:
+        """Return the observed outcomes as a part of a sentence."""
+        predicates = {f.symbol for f in ground.fluents if not f.numeric}
+        written = [o for o in self.outcomes if o.written]
+        steps = plural(self.samples, "step")
+        text = f"never does what the file says, in {steps}"
+        if written:
+            share = percent_measured(sum(o.probability for o in written), written[0].error)
+            own = written[0].text(predicates)
+            text = f"does what the file says ({own}) in {share} of {steps}"
+        instead = ", ".join(
+            f"{o.text(predicates)} in {percent_measured(o.probability, o.error)}"
+            for o in self.outcomes
+            if not o.written
+        )
+        return f"{text}; instead {instead}" if instead else text
 
 
 @dataclass(frozen=True)
@@ -153,6 +225,39 @@ class RuleFinding:
     samples: int
     cost: float
 
+    @property
+    def symbols(self) -> set[str]:
+        """`reward` or `terminal`."""
+        return {self.fluent}
+
+    def sentence(self, ground: GroundModel) -> str:
+        """Return which line differs, and how."""
+        where = _where(self)
+        if self.place is not None:
+            where += f": `{self.place.text}`"
+        return f"{where}, {self.observation(ground)}" if where else self.observation(ground)
+
+    def observation(self, ground: GroundModel) -> str:
+        """Return what was observed of the line, as a part of a sentence."""
+        ends, unpredicted = self.fluent == END, plural(self.unpredicted, "step")
+        observed = readable(self.observed)
+        if not self.schema:
+            if ends:
+                return f"the task ended in {unpredicted}, and no line of the file says so"
+            return f"{unpredicted} without a predicted reward had a reward of {observed} on average"
+        if not self.predicted:
+            reward = "" if ends else f", with reward {observed} on average"
+            return f"never predicted; it applied in {unpredicted}{reward}"
+        text = f"predicted in {plural(self.predicted, 'step')}"
+        if ends:
+            text += f"; the task ended in {self.correct:,} of them"
+        else:
+            text += f", reward {readable(self.expected)} on average; it was {observed}"
+            text += f", and {self.correct:,} steps were as predicted"
+        return text + (
+            f"; it also applied in {unpredicted} unpredicted" if self.unpredicted else ""
+        )
+
 
 Finding = ParameterFinding | MissingEffect | StochasticEffect | RuleFinding
 
@@ -166,6 +271,14 @@ class Findings:
     stochastic: tuple[StochasticEffect, ...] = ()
     rules: tuple[RuleFinding, ...] = ()
     samples: int = 0
+
+
+def _where(finding: Finding) -> str:
+    where, place = f"`{finding.schema}`" if finding.schema else "", finding.place
+    if place is not None:
+        file = "problem, " if place.source.name.endswith("problem.pddl") else ""
+        where += f", {file}line {place.line}"
+    return where
 
 
 def symbol_of(name: str) -> str:

@@ -7,10 +7,9 @@ are only commented on. `serp.runs.diagnosis.accuracy` decides which findings are
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from serp._util.text import measured
@@ -32,17 +31,12 @@ from serp.runs.diagnosis.findings import (
     Findings,
     MissingEffect,
     ParameterFinding,
+    RuleFinding,
+    StochasticEffect,
     symbol_of,
 )
-from serp.runs.diagnosis.remarks import outcomes_text, rule_text
 
 _ASCII = str.maketrans({"−": "-", "…": "...", "×": "*", "±": "+/-"})
-_HEAD = "Not explained by what serp observed"
-_IMPLYING = {
-    ":numeric-fluents": {":numeric-fluents", ":fluents", ":action-costs", ":hybrid"},
-    ":time": {":time", ":hybrid", ":processes", ":events", ":continuous-effects"},
-}
-"""Requirement → the requirements that imply it."""
 
 
 @dataclass(frozen=True)
@@ -51,87 +45,34 @@ class Repaired:
 
     Attributes:
         text: The whole text.
-        changes: For each effect or comment that is changed or new: the line of the file as it was;
-            for an addition the line of what it is added to.
-        open: Sentences about what is not repaired: quantities that the findings do not explain, and
-            findings about the problem file. If there are changes, the head of the file lists them.
+        changes: For each number, effect or comment that is changed or new: the line of the file as
+            it was; for an addition the line of what it is added to.
+        in_problem: Sentences about findings in the problem file, which is not changed.
     """
 
     text: str
     changes: tuple[int, ...]
-    open: tuple[str, ...] = ()
+    in_problem: tuple[str, ...] = ()
 
 
-def repair(domain: Domain, findings: Findings, unexplained: Sequence[str] = ()) -> Repaired:
+def repair(domain: Domain, findings: Findings) -> Repaired:
     """Return the domain file with findings written into it.
 
     Parameters are changed and missing effects are added; findings on stochastic effects, rewards
     and ends become comments. The result has been parsed and instantiated.
-
-    Args:
-        domain: The domain; its problem file is not changed.
-        findings: The findings to write.
-        unexplained: Sentences about quantities that the findings do not explain.
 
     Raises:
         DomainError: The repaired file and the problem would not be valid.
     """
     writer = _Writer(domain, findings)
     edits = writer.edits()
-    left = (*unexplained, *writer.in_problem)
     if not writer.changes:
-        return Repaired(domain.source.text, (), left)
-    text = edited(domain.source.text, [*writer.head(left), *edits])
+        return Repaired(domain.source.text, (), tuple(writer.in_problem))
+    text = edited(domain.source.text, edits)
     source = Source(f"{domain.source.name} (repaired)", text)
     limit = domain.max_ground_schemas
     Domain.parse(source, domain.problem_source, max_ground_schemas=limit).model  # noqa: B018
-    return Repaired(text, tuple(sorted(writer.changes)), left)
-
-
-@dataclass
-class _EffectEdit:
-    """An effect on a number in a schema, and its edits; comments go above places inside it."""
-
-    schema: str
-    effect: x.ChangeFunction
-    change: x.Change
-    evidence: list[tuple[Place, str]] = field(default_factory=list)
-    numbers: dict[Place, str] = field(default_factory=dict)
-    added: Sequence[EffectTerm] = ()
-
-    def edits(self) -> list[Edit]:
-        """Return the edits; a negative factor exchanges `increase` and `decrease`."""
-        change, effect = self.change, self.effect
-        opposite = {x.Change.INCREASE: x.Change.DECREASE, x.Change.DECREASE: x.Change.INCREASE}
-        edits = []
-        for place, number in self.numbers.items():
-            if number.startswith("-") and change in opposite and _is_factor(effect.value, place):
-                change, number = opposite[change], number.removeprefix("-")
-            if number != place.text:
-                edits.append(Edit(place.start, place.end, number))
-        if change is not effect.change:
-            head = re.compile(r"\(\s*([^\s();]+)").match(
-                effect.place.source.text, effect.place.start
-            )
-            assert head is not None
-            edits.append(Edit(head.start(1), head.end(1), change.value))
-        start, end = effect.value.place.start, effect.value.place.end
-        for term in self.added:  # the first one innermost
-            sign = "-" if term.coefficient < 0 else "+"
-            edits.insert(0, Edit(start, start, f"({sign} "))
-            edits.append(Edit(end, end, f" {term.size})"))
-        return edits
-
-
-def _is_factor(value: x.Expression, place: Place) -> bool:
-    """Return whether a value is the number at a place, or a product with it."""
-    if isinstance(value, x.Number):
-        return value.place == place
-    return (
-        isinstance(value, x.Arithmetic)
-        and value.operator in ("*", "/")
-        and any(_is_factor(operand, place) for operand in value.operands)
-    )
+    return Repaired(text, tuple(sorted(writer.changes)), tuple(writer.in_problem))
 
 
 class _Writer:
@@ -150,14 +91,8 @@ class _Writer:
         self._syntax = domain.syntax
         self._text = domain.source.text
         self._newline = newline_of(self._text)
-        self._top = read_group(domain.source)
-        self._groups = [item for item in self._top.items if isinstance(item, Group)]
-        self._effects = [
-            _EffectEdit(schema.name, effect, effect.change)
-            for schema in self._syntax.schemas
-            for effect in _changes(schema.effects)
-        ]
-        self._needs: set[str] = set()
+        top = read_group(domain.source)
+        self._groups = [item for item in top.items if isinstance(item, Group)]
         self._names = {
             *(schema.name for schema in self._syntax.schemas),
             *self._syntax.declarations,
@@ -168,45 +103,29 @@ class _Writer:
     def edits(self) -> list[Edit]:
         """Return all edits, and note the lines that they change."""
         source, findings = self._domain.source, self._findings
-        for finding in findings.parameters:
-            self._set_parameter(finding)
-        edits = self._additions()
-        ground = self._domain.model.ground
-        comments = [(rule.place, rule_text(rule)) for rule in findings.rules]
-        comments += [(e.place, outcomes_text(e, ground)) for e in findings.stochastic]
-        for place, text in comments:
-            if place is not None and place.source is source:
-                self.changes.append(place.line)
-                edits.append(self._comment_above(place, f"Observed: {text}."))
-        for effect in self._effects:
-            if effect.evidence:
-                self.changes.append(effect.effect.place.line)
-            edits += effect.edits()
-            edits += [self._comment_above(place, text) for place, text in effect.evidence]
-        return edits + self._requirements()
+        edits = [edit for finding in findings.parameters for edit in self._number(finding)]
+        edits += self._additions()
+        observed: list[RuleFinding | StochasticEffect] = [*findings.rules, *findings.stochastic]
+        for finding in observed:
+            if finding.place is not None and finding.place.source is source:
+                self.changes.append(finding.place.line)
+                observation = finding.observation(self._domain.model.ground)
+                edits.append(self._comment_above(finding.place, f"Observed: {observation}."))
+        return edits
 
-    def head(self, lines: Sequence[str]) -> list[Edit]:
-        """Return the edits that put a list at the head of the file, replacing an older one."""
-        end, text = 0, ""
-        if self._text.startswith(f"; {_HEAD}"):
-            end = self._text.find(self._newline * 2) + 2 * len(self._newline)
-        if lines:
-            title = f"{_HEAD}, in {self._findings.samples:,} steps:"
-            items = (self._comment(item, "") for item in (title, *(f"* {line}" for line in lines)))
-            text = "".join(items) + self._newline
-        return [Edit(0, end, text)] if text or end else []
-
-    def _set_parameter(self, finding: ParameterFinding) -> None:
-        place = finding.parameter.place
-        observed = measured(finding.estimate, finding.error)
+    def _number(self, finding: ParameterFinding) -> list[Edit]:
+        """Return the edits that write a parameter below its evidence."""
+        place, observed = finding.place, measured(finding.estimate, finding.error)
         if place.source is not self._domain.source:
             where = f"{Path(place.source.name).name}, line {place.line}"
             self.in_problem.append(f"{where}: {place.text} as written; observed {observed}")
-        elif float(finding.number) != finding.written:
-            edit = next(e for e in self._effects if place.within(e.effect.place))
-            edit.numbers[place] = finding.number
-            evidence = f"{place.text} as written; observed {observed} in {finding.samples:,} steps"
-            edit.evidence.append((place, evidence))
+            return []
+        if float(finding.number) == finding.written:
+            return []
+        self.changes.append(place.line)
+        evidence = f"{place.text} as written; observed {observed} in {finding.samples:,} steps"
+        number = Edit(place.start, place.end, finding.number)
+        return [self._comment_above(place, evidence), number]
 
     def _additions(self) -> list[Edit]:
         """Return the edits that add missing effects, in the order of the declarations."""
@@ -215,13 +134,11 @@ class _Writer:
         order = {symbol: k for k, symbol in enumerate(self._syntax.declarations)}
         for missing in sorted(self._findings.missing, key=lambda m: order[symbol_of(m.fluent)]):
             terms = sorted(missing.terms, key=lambda term: (len(term.fluents), term.fluents))
-            if missing.schema:
-                terms = self._into_assignment(missing, terms)
-            if not terms:
+            if (assignment := self._assignment(missing)) is not None:
+                edits += self._into_assignment(assignment, missing, terms)
                 continue
             line = self._place(missing.schema).line if missing.schema else self._last.line
             self.changes += [line] * len(terms)
-            self._needs.add(":numeric-fluents")
             steps, per = f"{missing.samples:,} steps", "" if missing.schema else " per unit of time"
             effects = [
                 (
@@ -238,31 +155,29 @@ class _Writer:
             edits += self._effects_in(self._place(name), effects)
         return edits
 
-    def _into_assignment(self, missing: MissingEffect, terms: list[EffectTerm]) -> list[EffectTerm]:
-        """Write terms into the assignment of the fluent, if there is one; return the rest."""
-        for edit in self._effects:
-            function = edit.effect.function
-            name = " ".join((function.name, *(term.name for term in function.arguments)))
-            if (edit.schema, edit.effect.change, name) == (
-                missing.schema, x.Change.ASSIGN, missing.fluent
-            ):  # fmt: skip
-                break
-        else:
-            return terms
-        steps, value = f"{missing.samples:,} steps", edit.effect.value
-        own = [t for t in terms if t.fluents == (missing.fluent,)]
-        if own and abs(own[0].coefficient - 1.0) <= 0.01:
-            # The old value plus a change is an increase.
-            edit.change = x.Change.INCREASE
-            if isinstance(value, x.Number):  # which may be negative
-                edit.numbers.setdefault(value.place, value.place.text)
-            rest = [t for t in terms if t not in own]
-            evidence = f"in {steps} it was added to the old value"
-        else:
-            edit.added, rest = terms, []
-            evidence = f"further terms found in {steps}"
-        edit.evidence.append((edit.effect.place, f"assigned as written; {evidence}"))
-        return rest
+    def _assignment(self, missing: MissingEffect) -> x.ChangeFunction | None:
+        """Return the assignment of the fluent in the action, if there is one."""
+        for schema in self._syntax.schemas:
+            for effect in _changes(schema.effects) if schema.name == missing.schema else ():
+                arguments = (term.name for term in effect.function.arguments)
+                name = " ".join((effect.function.name, *arguments))
+                if effect.change is x.Change.ASSIGN and name == missing.fluent:
+                    return effect
+        return None
+
+    def _into_assignment(
+        self, effect: x.ChangeFunction, missing: MissingEffect, terms: Sequence[EffectTerm]
+    ) -> list[Edit]:
+        """Return the edits that add terms to the value that is assigned."""
+        self.changes.append(effect.place.line)
+        evidence = f"assigned as written; further terms found in {missing.samples:,} steps"
+        edits = [self._comment_above(effect.place, evidence)]
+        start, end = effect.value.place.start, effect.value.place.end
+        for term in terms:  # the first one innermost
+            sign = "-" if term.coefficient < 0 else "+"
+            edits.insert(1, Edit(start, start, f"({sign} "))
+            edits.append(Edit(end, end, f" {term.size})"))
+        return edits
 
     def _effects_in(self, schema: Place, effects: Sequence[tuple[str, str]]) -> list[Edit]:
         """Return the edits that give an action further effects, each with its evidence."""
@@ -296,7 +211,6 @@ class _Writer:
 
     def _process(self, symbol: str, effects: Sequence[tuple[str, str]]) -> Edit:
         """Return the edit that adds a process after the last one, or else the last action."""
-        self._needs.add(":time")
         name, number = f"{symbol}-changes", 1
         while name in self._names:
             number += 1
@@ -318,19 +232,6 @@ class _Writer:
         """Place of the last process, or else of the last action."""
         processes = [g.place for g in self._groups if g.head == ":process"]
         return (processes or [g.place for g in self._groups if g.head == ":action"])[-1]
-
-    def _requirements(self) -> list[Edit]:
-        """Return the edits that add missing entries to `:requirements`."""
-        section = next((g for g in self._groups if g.head == ":requirements"), None)
-        listed = {word.text for word in section.items if isinstance(word, Word)} if section else ()
-        missing = [n for n in _IMPLYING if n in self._needs and not _IMPLYING[n] & set(listed)]
-        if not missing:
-            return []
-        if section is not None:
-            at = section.items[-1].place.end
-            return [Edit(at, at, "".join(f" {need}" for need in missing))]
-        at = self._top.items[1].place.end
-        return [Edit(at, at, f"{self._newline}  (:requirements {' '.join([':strips', *missing])})")]
 
     def _place(self, action: str) -> Place:
         schemas = self._syntax.schemas

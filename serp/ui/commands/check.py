@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -35,26 +35,20 @@ if TYPE_CHECKING:
         "serp check domain.pddl p01.pddl --portable",
         "serp check --task my_robot.py",
         "serp check robot.pddl --fix",
-        "serp check robot.pddl --watch",
-        "serp check domains/*.pddl --format sarif > findings.sarif",
+        "serp check domains/*.pddl --json > findings.json",
     ),
 )
 @click.argument("domains", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
 @click.option("--fix", is_flag=True,
               help="Correct what can only be meant one way; print the changes.")  # fmt: skip
-@click.option("--watch", is_flag=True, help="Check again whenever a file changes.")
-@click.option("--format", "form", type=click.Choice(["text", "json", "sarif"]),
-              default="text", show_default=True,
-              help="How findings are printed: for people, or for other programs.")  # fmt: skip
-@click.option("--json", "form", flag_value="json", help="The same as --format json.")
+@click.option("--json", "as_json", is_flag=True, help="Print findings as JSON.")
 @click.option("--portable", is_flag=True, help="Name functions that PDDL does not have.")
 @max_ground_schemas_option
 def command(
     domains: tuple[str, ...],
     fix: bool,
-    watch: bool,
-    form: str,
+    as_json: bool,
     portable: bool,
     max_ground_schemas: int | None,
 ) -> int:
@@ -71,43 +65,28 @@ def command(
     comment `; serp: ignore[code]` silences one.
     """
     from serp.authoring.lint.domain_pairs import DomainFiles, pairs
-    from serp.authoring.lint.fixing import changes
-    from serp.authoring.lint.formats import FORMATS
 
     own = asked_own_task()
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task")
     checks = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
-    if watch and form != "text":
-        raise click.UsageError("--watch prints for people; leave --format out")
-    if (watch or fix) and not any(
-        Path(name).suffix == ".pddl" or Path(name).is_file() for name in domains
-    ):
-        raise click.UsageError("--watch and --fix need files that are given by their paths")
     if fix:
+        if not any(Path(name).suffix == ".pddl" or Path(name).is_file() for name in domains):
+            raise click.UsageError("--fix needs files that are given by their paths")
         _fix(checks)
-
-    def examined() -> Iterator[_CheckedDomain]:
-        for pair in checks:
-            yield _CheckedDomain.of(
-                pair, own, portable=portable, max_ground_schemas=max_ground_schemas
-            )
-
-    if form != "text":
-        results = [*examined()]
-        click.echo(FORMATS[form](finding for result in results for finding in result.findings))
-        for result in results:
-            if result.failure:
-                say(result.failure)
-        return 1 if any(result.wrong for result in results) else 0
-    if not watch:
-        return _print(examined())
-    for _ in changes([path for pair in checks for path in pair[1:] if path is not None]):
-        click.clear()
-        click.echo(f"checking at {time.strftime('%H:%M:%S')}")
-        _print(examined())
-        click.echo("waiting for changes (Ctrl-C ends)")
-    return 0
+    checked = (
+        _CheckedDomain.of(pair, own, portable=portable, max_ground_schemas=max_ground_schemas)
+        for pair in checks
+    )
+    if not as_json:
+        return _print(checked)
+    results = [*checked]
+    findings = [finding.as_dict() for result in results for finding in result.findings]
+    click.echo(json.dumps(findings, indent=2, ensure_ascii=False))
+    for result in results:
+        if result.failure:
+            say(result.failure)
+    return 1 if any(result.wrong for result in results) else 0
 
 
 @dataclass

@@ -11,6 +11,7 @@ import click
 
 from serp.ui.asked import asked_task
 from serp.ui.options import (
+    domain_option,
     max_ground_schemas_option,
     own_task_name,
     own_task_option,
@@ -28,28 +29,23 @@ if TYPE_CHECKING:
     "compare",
     epilog=examples(
         "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
-        "serp compare --domain cartpole --model-variants all",
-        "serp compare --domain cartpole --model-variants cartpole-reversed,cartpole-cart-only",
+        "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
         "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
         "serp compare --out runs/soccer --algorithms ppo --seeds 10",
         "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
     ),
 )
-@click.option("--domain", metavar="NAME|FILE",
-              help="Installed task, or a domain file of one; any other file is a world, as in "
-                   "serp play.")  # fmt: skip
+@domain_option
 @own_task_option
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
               help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
-                   "with a setting changed. May be repeated.  "
+                   "with a setting changed, NAME@FILE one with another domain file. May be "
+                   "repeated.  "
                    "[default: serp,mrp,dqn]")  # fmt: skip
 @click.option("--seeds", metavar="N|A-B|A,B",
               help="How many seeds from 0 on, or the seeds themselves.  [default: 5]")  # fmt: skip
 @click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
               help="Budget of each training.")  # fmt: skip
-@click.option("--model-variants", multiple=True, metavar="FILE,...",
-              help="Other domain files for the task, to see how bad the model may be: files, "
-                   "names of files beside the task's own, or `all`. May be repeated.")  # fmt: skip
 @click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
               help="Change a setting of all of serp's algorithms that do not set it themselves; "
                    "may be repeated.")  # fmt: skip
@@ -82,7 +78,6 @@ def command(
     domain: str | None,
     algorithms: tuple[str, ...],
     seeds: str | None,
-    model_variants: tuple[str, ...],
     assignments: tuple[str, ...],
     max_ground_schemas: int | None,
     listing: bool,
@@ -91,8 +86,8 @@ def command(
     """Train several algorithms on one task, with the same budget, seeds, reward and observation.
 
     The report says how fast each learns, what it costs and what is left to chance. Each trial is a
-    run folder. With the same --out only what is missing is run: more algorithms, seeds or domain
-    files, or the rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
+    run folder. With the same --out only what is missing is run: more algorithms or seeds, or the
+    rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
     if listing:
         from serp.runs.comparison.algorithms import OWN, algorithm_entries
@@ -101,7 +96,7 @@ def command(
         rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]
         print_table(open_console(), ("algorithm", ""), rows)
         return None
-    task = asked_task(domain, max_ground_schemas, worlds=True)
+    task = asked_task(domain, max_ground_schemas)
     if task is None and options["out"] is None:
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
@@ -114,7 +109,6 @@ def command(
         "algorithms": _named(algorithms),
         "seeds": parse_seeds(seeds),
         "settings": parse_settings(assignments),
-        "model_variants": _named(model_variants),
     }
     from serp.errors import Interrupted
     from serp.runs.comparison.compare import compare

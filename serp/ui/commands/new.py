@@ -42,7 +42,7 @@ def command(name: Path, env: str | None) -> None:
         (f"  serp play {domain}", "step it by hand; `?` asks the planner"),
         (f"  serp check {domain}", "does it make sense, after each change"),
         (f"  serp test {domain}", "does the planner do what you expect"),
-        (f"  serp play {domain} --train", "let a learner practise in it"),
+        (f"  serp plan-and-learn --domain {domain}", "let a learner practise in it"),
     ]
     if env is not None:
         task = files[1]

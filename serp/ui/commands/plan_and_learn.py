@@ -9,7 +9,12 @@ import click
 from click.core import ParameterSource
 
 from serp.ui.asked import asked_task
-from serp.ui.options import max_ground_schemas_option, own_task_option, settings_option
+from serp.ui.options import (
+    domain_option,
+    max_ground_schemas_option,
+    own_task_option,
+    settings_option,
+)
 from serp.ui.output import examples
 from serp.ui.trained import train
 
@@ -21,13 +26,13 @@ from serp.ui.trained import train
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
         "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
         "serp plan-and-learn --domain cartpole --adapt off",
-        "serp plan-and-learn --domain taxi --planner far-sight+lookahead",
+        "serp plan-and-learn --domain delivery.pddl --planner far-sight",
         "serp plan-and-learn --domain cartpole --num-envs 16",
         "serp plan-and-learn --task my_robot.py",
         "serp plan-and-learn --resume runs/seven --episodes 500",
     ),
 )
-@click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
+@domain_option
 @own_task_option
 @click.option("--preset", metavar="default|paper", default="default", show_default=True,
               help="Settings to begin with.")  # fmt: skip
@@ -43,11 +48,7 @@ from serp.ui.trained import train
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
-@click.option(
-    "--planner",
-    metavar="NAME[+NAME…]",
-    help="The planner; the better one of several is found.  [default: by the preset]",
-)
+@click.option("--planner", metavar="NAME", help="The planner.  [default: by the preset]")
 @click.option("--num-envs", type=click.IntRange(min=1), metavar="N",
               help="Step N environments at the same time.  [default: 1]")  # fmt: skip
 @max_ground_schemas_option

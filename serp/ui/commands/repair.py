@@ -41,28 +41,22 @@ def command(run: Path, out: Path | None, force: bool) -> None:
 
     Numbers are changed where they stand, and missing effects are added, each with its evidence as
     a comment; everything else stays as it is. Rewards, unsafe and ends are never changed: comments
-    say what was observed of them, and of stochastic effects. The head of the file lists what is
-    not explained.
+    say what was observed of them, and of stochastic effects.
     """
-    if out is not None and not force:
-        _refuse_to_replace(out)
-
     from serp.runs.diagnosis.analysis import findings
     from serp.runs.diagnosis.diagnosis import make_diagnosis, read_recorded
     from serp.runs.diagnosis.repair import repair
 
     recorded = read_recorded(run)
     if out is not None:
-        _refuse_the_copies(recorded, out)
-        if not force:
-            _refuse_another_problem(recorded, out)
+        _refuse_to_replace(recorded, out, force)
     if recorded.notice is not None:
         say(recorded.notice)
     diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.experience))
-    repaired = repair(recorded.domain, diagnosis.worthwhile, diagnosis.unexplained)
+    repaired = repair(recorded.domain, diagnosis.worthwhile)
     console = open_console()
     name = recorded.files.get("domain.pddl", "domain.pddl")
-    steps = plural(len(diagnosis.sample), "step")
+    steps, changes = plural(len(diagnosis.sample), "step"), plural(len(repaired.changes), "change")
     if repaired.changes:
         new_name = "repaired" if out is None else str(out)
         old = recorded.domain.source.text
@@ -71,62 +65,50 @@ def command(run: Path, out: Path | None, force: bool) -> None:
         unwritten = "" if out is None else f", and {out} was not written"
         console.print(f"{name}: nothing to repair was found in {steps}{unwritten}")
         console.print(diagnosis.verdict)
-    if repaired.open:
-        say("\n  ".join(["Not explained, and left as it is:", *repaired.open]))
-    if not repaired.changes:
-        return
-    changes = plural(len(repaired.changes), "change")
-    if out is None:
+    if unrepaired := [*diagnosis.unexplained, *repaired.in_problem]:
+        say("\n  ".join(["Not explained, and left as it is:", *unrepaired]))
+    if repaired.changes and out is not None:
+        _write(recorded, repaired.text, out)
+        say(f"{changes}, from {steps}; the repaired file is {out}")
+    elif repaired.changes:
         say(f"{changes}, from {steps}; -o FILE.pddl writes the repaired file")
-        return
-    _write(recorded, repaired.text, out)
-    say(f"{changes}, from {steps}; the repaired file is {out}")
 
 
-def _refuse_to_replace(file: Path) -> None:
-    if os.path.lexists(file):
-        raise SerpError(f"{file} exists; give another name, or replace it with --force")
+def _refuse_to_replace(recorded: Recorded, out: Path, force: bool) -> None:
+    """Refuse names of the run's own copies and, without `force`, of files that exist."""
+    from serp.model.domain import problem_beside
 
-
-def _refuse_the_copies(recorded: Recorded, out: Path) -> None:
-    """Refuse the run's own copies, which say what its lines and numbers are about."""
     if os.path.realpath(out) in {os.path.realpath(recorded.run / n) for n in recorded.files}:
         raise SerpError(f"{out} belongs to the run; give a name outside {recorded.run}")
-
-
-def _refuse_another_problem(recorded: Recorded, out: Path) -> None:
-    """Refuse a name beside which a problem file stands that is not the run's own."""
-    beside, problem = _problem_beside(out), recorded.domain.problem_source
-    if problem is None and os.path.lexists(beside):
+    if force:
+        return
+    if os.path.lexists(out):
+        raise SerpError(f"{out} exists; give another name, or replace it with --force")
+    if os.path.lexists(beside := problem_beside(out)) and not _holds_problem(beside, recorded):
         raise SerpError(
-            f"{beside} would be taken for the problem of {out}, and the run has none; give another "
-            "name, or leave it there with --force"
+            f"{beside} exists, and would be taken for the problem of {out}; give another name, or "
+            "go on with --force"
         )
-    if problem is not None and not _holds(beside, problem.text):
-        _refuse_to_replace(beside)
 
 
 def _write(recorded: Recorded, text: str, out: Path) -> None:
     """Write the domain file and, where it is not there already, its problem file beside it."""
     from serp._util.files import write_together
+    from serp.model.domain import problem_beside
 
-    beside, problem = _problem_beside(out), recorded.domain.problem_source
-    if problem is None or _holds(beside, problem.text):
+    beside, problem = problem_beside(out), recorded.domain.problem_source
+    if problem is None or _holds_problem(beside, recorded):
         write_together({out: text})
         return
     write_together({beside: problem.text, out: text})
     say(f"Its problem file is copied to {beside}")
 
 
-def _problem_beside(out: Path) -> Path:
-    return out.with_name(f"{out.stem}-problem.pddl")
-
-
-def _holds(file: Path, text: str) -> bool:
-    try:
-        return file.read_bytes().removeprefix(codecs.BOM_UTF8) == text.encode("utf-8")
-    except OSError:
+def _holds_problem(file: Path, recorded: Recorded) -> bool:
+    problem = recorded.domain.problem_source
+    if problem is None or not file.is_file():
         return False
+    return file.read_bytes().removeprefix(codecs.BOM_UTF8) == problem.text.encode("utf-8")
 
 
 def _print_difference(console: Console, old: str, new: str, name: str, new_name: str) -> None:

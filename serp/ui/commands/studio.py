@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from serp.ui.asked import asked_own_task
-from serp.ui.options import own_task_name, own_task_option
+from serp.ui.options import own_task_option
 from serp.ui.output import examples, print_result
 from serp.ui.root import say
 
@@ -42,6 +42,6 @@ def command(name: str, port: int, no_browser: bool) -> None:
         from serp.ui.studio.serving import serve
     from serp.ui.studio.session import open_session
 
-    session = open_session(name, Path.cwd(), asked_own_task(), own_task_name())
+    session = open_session(name, Path.cwd(), asked_own_task())
     say("serp studio runs at this address; Ctrl-C ends it.")
     serve(session, port, browser=not no_browser, announce=print_result, warn=say)

@@ -12,6 +12,7 @@ import click
 from serp._util.text import readable
 from serp.ui.asked import asked_task
 from serp.ui.options import (
+    domain_option,
     max_ground_schemas_option,
     own_task_name,
     own_task_option,
@@ -34,9 +35,7 @@ if TYPE_CHECKING:
         "serp tune --domain soccer --vary learner.n_step=1..10 --algorithm dqn",
     ),
 )
-@click.option("--domain", metavar="NAME|FILE",
-              help="Installed task, or a domain file of one; any other file is a world, as in "
-                   "serp play.")  # fmt: skip
+@domain_option
 @own_task_option
 @click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME[=VALUES]",
               help="A setting and its values: a range (2..7, log:1e-4..1e-2), or values "
@@ -81,7 +80,7 @@ def command(
     With the same --out the study goes on. Its seeds are not those of `serp compare`, so that
     results are not those of the seeds that were tuned on.
     """
-    task = asked_task(domain, max_ground_schemas, worlds=True)
+    task = asked_task(domain, max_ground_schemas)
     if task is None:
         raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
     varied = {name: values for name, _, values in (text.partition("=") for text in vary)}

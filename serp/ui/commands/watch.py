@@ -1,8 +1,9 @@
-"""`serp watch`: a trained policy in a window or as a film."""
+"""`serp watch`: a film of a trained policy."""
 
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the environment; `serp evaluate` has the same episodes.")  # fmt: skip
 @click.option("-o", "--out", type=OutputFile(".gif", ".mp4"), metavar="FILE.gif|FILE.mp4",
-              help="Write a film there; no screen is needed.  [default: a window]")  # fmt: skip
+              help="The film.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
 @click.option("--speed", type=click.FloatRange(min=0.05, max=100), default=1.0,
               show_default=True, metavar="X", help="How much faster than real time.")  # fmt: skip
 def command(
@@ -45,28 +46,27 @@ def command(
     out: Path | None,
     speed: float,
 ) -> None:
-    """Show episodes of a policy of RUN, the folder that plan-and-learn made.
+    """Film episodes of a policy of RUN, the folder that plan-and-learn made.
 
     Below the picture stands who acts and what is done; in red what was refused, and why in the
-    words of the domain file. In the window, Space pauses and Escape closes. The steps are recorded
-    in RUN as those of an evaluation, for `serp why`.
+    words of the domain file. No screen is needed; on a terminal a film without --out is opened by
+    the program for its kind. The steps are recorded in RUN as those of an evaluation, for
+    `serp why`.
     """
     from serp.errors import needs_extra
 
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
     with needs_extra("watch", "watching a policy"):
         from serp.ui.pictures.film import FilmSettings, write_film
-        from serp.ui.pictures.window import show_film
 
-    is_gif = out is not None and out.suffix.lower() == ".gif"
-    fps, width = (50.0, 640) if is_gif else (60.0, None)
-    settings = FilmSettings(policy, episodes, seed, speed, fps, width)
-    loaded = open_run(run)
-    if out is None:
-        show_film(loaded, settings, f"{loaded.task.name}, policy {policy}, {run}", _report)
-        return
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
-    write_film(loaded, out, settings, _report)
-    open_console().print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+    path = out or run / "film.mp4"
+    fps, width = (50.0, 640) if path.suffix.lower() == ".gif" else (60.0, None)
+    write_film(
+        open_run(run), path, FilmSettings(policy, episodes, seed, speed, fps, width), _report
+    )
+    open_console().print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+    if out is None and sys.stdout.isatty():
+        click.launch(str(path))
 
 
 def _report(number: int, last: StepRecord) -> None:

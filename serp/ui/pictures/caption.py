@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -33,7 +31,6 @@ class Caption(NamedTuple):
         action: Name of the action.
         facts: Episode, step, return; if there is little room, the first ones are left out.
         marks: Texts marked red.
-        strip: The decisions so far, the newest last: who acted, and whether there was a veto.
         outcome: How the episode ended; empty while it runs, or if the environment does not say.
     """
 
@@ -41,7 +38,6 @@ class Caption(NamedTuple):
     action: str
     facts: tuple[str, ...]
     marks: tuple[Mark, ...] = ()
-    strip: Sequence[tuple[Actor, bool]] = ()
     outcome: str = ""
 
 
@@ -55,9 +51,7 @@ class CaptionBand:
         self._bold = ImageFont.truetype(fonts / "DejaVuSans-Bold.ttf", letters)
         self._pad = letters // 2
         self._line = round(1.5 * letters)
-        self._bar = max(4, letters // 3)
-        self._strip = round(0.6 * letters)
-        height = 3 * self._pad + 3 * self._line + self._strip
+        height = 3 * (self._pad + self._line)
         self.size = (width, height + height % 2)  # videos want even numbers
 
     def draw(self, caption: Caption) -> Image.Image:
@@ -65,24 +59,18 @@ class CaptionBand:
         image = Image.new("RGB", self.size, BACKGROUND)
         draw = ImageDraw.Draw(image)
         self._draw_decision(draw, caption)
-        self._draw_strip(draw, caption.strip)
         if caption.marks:
             self._draw_marks(draw, caption.marks)
         return image
 
     def _draw_decision(self, draw: ImageDraw.ImageDraw, caption: Caption) -> None:
         gap = "   "
-        on = {  # colour of text on an actor's colour
-            Actor.PLANNER: INK,
-            Actor.LEARNER: BACKGROUND,
-            Actor.EXPLORATION: INK,
-            Actor.FALLBACK: BACKGROUND,
-        }
         width, pad = self.size[0], self._pad
         middle = pad + self._line // 2
         left, right = pad, width - pad
         if (actor := caption.actor) is not None:
-            left = self._draw_label(draw, left, actor.value.upper(), ACTORS[actor], on[actor])
+            ink = BACKGROUND if actor in (Actor.LEARNER, Actor.FALLBACK) else INK
+            left = self._draw_label(draw, left, actor.value.upper(), ACTORS[actor], ink)
         if caption.outcome:
             word = _cut(self._bold, caption.outcome.upper(), width // 3)
             right -= round(self._bold.getlength(word)) + 2 * pad
@@ -107,18 +95,6 @@ class CaptionBand:
         draw.text((left + pad, pad + self._line // 2), word, fill=ink, font=self._bold, anchor="lm")
         return round(end) + pad
 
-    def _draw_strip(self, draw: ImageDraw.ImageDraw, strip: Sequence[tuple[Actor, bool]]) -> None:
-        half = self._pad // 2
-        top = self._pad + self._line + half
-        count = (self.size[0] - 2 * self._pad) // self._bar
-        for place, (actor, refused) in enumerate(strip[-count:]):
-            left = self._pad + place * self._bar
-            right = left + self._bar - 2
-            draw.rectangle((left, top, right, top + self._strip), fill=ACTORS[actor])
-            if refused:  # also recognisable by its position, not only by colour
-                upper = (left, top - half, right, top + self._strip // 2)
-                draw.rectangle(upper, fill=REFUSED)
-
     def _draw_marks(self, draw: ImageDraw.ImageDraw, marks: tuple[Mark, ...]) -> None:
         width, height = self.size
         pad = self._pad
@@ -138,7 +114,6 @@ def _cut(font: ImageFont.FreeTypeFont, text: str, room: float) -> str:
     """Return a text, cut to the available width."""
     if font.getlength(text) <= room:
         return text
-    length = bisect.bisect_right(
-        range(len(text)), room, key=lambda count: font.getlength(text[:count] + "…")
-    )
-    return text[: length - 1] + "…" if length else ""
+    while text and font.getlength(text + "…") > room:
+        text = text[:-1]
+    return text and text + "…"

@@ -19,12 +19,11 @@ from serp._util.figures import ACTORS, REFUSED
 from serp._util.files import replaced_durably
 from serp._util.numbers import real
 from serp.agent.agent import Agent
-from serp.agent.decision import Actor
 from serp.agent.refusals import why_unsafe
 from serp.agent.step_record import StepRecord
 from serp.errors import EnvironmentFailure, RunError, TaskError, needs_extra
 from serp.model.flags import RISKY, UNSAFE
-from serp.runs.evaluation import Episode, Policy, outcome_of, play
+from serp.runs.evaluation import Policy, outcome_of, play
 from serp.runs.recording import Recorder
 from serp.runs.run import Run
 from serp.tasks.task import BoundTask
@@ -116,7 +115,7 @@ class FilmSettings:
         speed: Speed relative to real time, above 0.
         fps: Largest number of frames per second. Pictures beyond it are left out, except the first
             and last of an episode and the first after a veto.
-        width, height: Largest size of a picture without caption, pixels; None for no limit.
+        width: Largest width, pixels; None for no limit.
     """
 
     policy: Policy = "serp"
@@ -125,7 +124,6 @@ class FilmSettings:
     speed: float = 1.0
     fps: float = 50.0
     width: int | None = None
-    height: int | None = None
 
 
 class Frame(NamedTuple):
@@ -144,19 +142,6 @@ class Frame(NamedTuple):
     step: StepRecord | None
 
 
-@contextlib.contextmanager
-def film_of_run(
-    run: Run, settings: FilmSettings, on_episode: OnEpisode | None = None
-) -> Iterator[Iterator[Frame]]:
-    """Yield the frames of a film of a run's policy; its steps are recorded as an evaluation."""
-    agent = run.agent
-    with (
-        run.environment(render_mode_of(run)) as task,
-        run.recorder(settings.policy, settings.seed) as recorder,
-    ):
-        yield film(agent, task, settings, on_episode, recorder)
-
-
 def film(
     agent: Agent,
     task: BoundTask,
@@ -164,33 +149,49 @@ def film(
     on_episode: OnEpisode | None = None,
     recorder: Recorder | None = None,
 ) -> Iterator[Frame]:
-    """Play a policy and return the frames of a film as they are made.
+    """Play a policy and yield the frames of a film as they are made.
 
     The environment of the task, made with a render mode of this module, is not used otherwise.
     """
-    episodes = play(
+    camera, frames = Camera(task), _Frames(settings)
+    for episode in play(
         agent, task, settings.policy, episodes=settings.episodes, seed=settings.seed,
         recorder=recorder,
-    )  # fmt: skip
-    filming = _Filming(agent, task, settings, on_episode)
-    return (frame for episode in episodes for frame in filming.frames(episode))
+    ):  # fmt: skip
+        number = f"episode {episode.number}"
+        frames.show_marks(())
+        for picture in camera.take()[-1:]:  # a reset is one moment
+            start = Caption(None, "start", (number,))
+            yield from frames.of(picture, camera.period(1), start, None, always=True)
+        for step in episode.steps:
+            decision = step.decision
+            if marks := marks_of(agent, step):
+                frames.show_marks(marks)
+            return_ = f"{step.episode.return_ + 0.0:+.2f}".replace("-", "−")
+            facts = (number, f"step {step.number}", f"return {return_}")
+            name = agent.task.actions.name(decision.action)
+            caption = Caption(decision.executed_by, name, facts)
+            pictures = camera.take()
+            period = camera.period(len(pictures))
+            for k, picture in enumerate(pictures):
+                end = step.last and k == len(pictures) - 1
+                if end:
+                    caption = caption._replace(outcome=outcome_of(step.info))
+                always = end or (bool(marks) and k == 0)
+                yield from frames.of(picture, period, caption, step, always=always, end=end)
+            if step.last and on_episode is not None:
+                on_episode(episode.number, step)
 
 
 def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
     """Return the marks of a step: a veto, and the execution of an unsafe or risky action."""
-    proposed = {
-        Actor.PLANNER: "the planner's",
-        Actor.LEARNER: "the learner's",
-        Actor.EXPLORATION: "a random",
-        Actor.FALLBACK: "the fallback's",
-    }
     decision, arbiter = step.decision, agent.arbiter
     marks = []
     if decision.vetoed:
         name = arbiter.actions.name(decision.proposed)
         why = arbiter.explain(decision, step.state).removeprefix(f"{name}: ")
-        whose = proposed[decision.proposed_by]
-        marks.append(Mark(f"Refused in step {step.number}: {whose} {name}", why))
+        what = f"Refused in step {step.number}: {name}, proposed by {decision.proposed_by}"
+        marks.append(Mark(what, why))
     if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
         name = arbiter.actions.name(decision.action)
         ground = int(decision.forecast.ground[decision.action])
@@ -200,51 +201,22 @@ def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
     return tuple(marks)
 
 
-class _Filming:
-    """Makes the frames of one film."""
+class _Frames:
+    """Makes frames of pictures: which of them are due, for how long, and with which marks."""
 
-    def __init__(
-        self, agent: Agent, task: BoundTask, settings: FilmSettings, on_episode: OnEpisode | None
-    ) -> None:
-        self._agent = agent
+    def __init__(self, settings: FilmSettings) -> None:
         self._settings = settings
-        self._on_episode = on_episode
-        self._camera = Camera(task)
         self._band: CaptionBand | None = None
         self._size = (0, 0)
         self._due = 0.0  # frames due so far minus frames shown
         self._marks: tuple[Mark, ...] = ()
-        self._marked = 0.0  # remaining time of the mark, s
+        self._marked = 0.0  # remaining time of the marks, s
 
-    def frames(self, episode: Episode) -> Iterator[Frame]:
-        self._marked = 0.0
-        number = f"episode {episode.number}"
-        strip: list[tuple[Actor, bool]] = []
-        for picture in self._camera.take()[-1:]:  # a reset is one moment
-            start = Caption(None, "start", (number,))
-            yield from self._shoot(picture, self._camera.period(1), start, None, always=True)
-        for step in episode.steps:
-            decision = step.decision
-            strip.append((decision.executed_by, decision.vetoed))
-            marks = marks_of(self._agent, step)
-            if marks:
-                self._marks, self._marked = marks, HOLD
-            name = self._agent.task.actions.name(decision.action)
-            return_ = f"{step.episode.return_ + 0.0:+.2f}".replace("-", "−")
-            facts = (number, f"step {step.number}", f"return {return_}")
-            caption = Caption(decision.executed_by, name, facts, strip=tuple(strip))
-            pictures = self._camera.take()
-            period = self._camera.period(len(pictures))
-            for k, picture in enumerate(pictures):
-                end = step.last and k == len(pictures) - 1
-                if end:
-                    caption = caption._replace(outcome=outcome_of(step.info))
-                always = end or (bool(marks) and k == 0)
-                yield from self._shoot(picture, period, caption, step, always=always, end=end)
-            if step.last and self._on_episode is not None:
-                self._on_episode(episode.number, step)
+    def show_marks(self, marks: tuple[Mark, ...]) -> None:
+        """Show these marks in place of those before, for a time in which they can be read."""
+        self._marks, self._marked = marks, HOLD if marks else 0.0
 
-    def _shoot(
+    def of(
         self,
         picture: Picture,
         period: float,
@@ -270,8 +242,7 @@ class _Filming:
     def _compose(self, picture: Picture, caption: Caption) -> Image.Image:
         image = Image.fromarray(picture)
         if self._band is None:
-            limits = (self._settings.width or math.inf, self._settings.height or math.inf)
-            scale = min(1.0, limits[0] / image.width, limits[1] / image.height)
+            scale = min(1.0, (self._settings.width or math.inf) / image.width)
             self._size = (_even(scale * image.width), _even(scale * image.height))
             self._band = CaptionBand(self._size[0])
         if image.size != self._size:
@@ -298,8 +269,13 @@ def write_film(
         SerpError: The task cannot be loaded or draws no pictures, or its environment failed.
     """
     write = write_gif if path.suffix.lower() == ".gif" else write_mp4
-    with replaced_durably(path) as aside, film_of_run(run, settings, on_episode) as frames:
-        write(aside, frames)
+    agent = run.agent
+    with (
+        replaced_durably(path) as aside,
+        run.environment(render_mode_of(run)) as task,
+        run.recorder(settings.policy, settings.seed) as recorder,
+    ):
+        write(aside, film(agent, task, settings, on_episode, recorder))
 
 
 def write_gif(path: Path, frames: Iterator[Frame]) -> None:

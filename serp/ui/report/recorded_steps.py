@@ -15,15 +15,13 @@ from serp.errors import RunError
 from serp.model.transition_model import Vector
 from serp.runs.evaluation import interval_of
 from serp.runs.recording import (
-    NEXT_STATE_COLUMNS,
+    REASONS,
     VETO_COLUMNS,
     Recording,
     evaluations_of,
-    next_states,
     open_recording,
     vetoed,
 )
-from serp.runs.recording_format import REASONS
 from serp.runs.run import Run
 from serp.runs.summary import Metrics, binned_shares, moving_interval, moving_mean
 
@@ -70,7 +68,7 @@ class RecordedSteps:
         episodes: The episodes, in the order in which they begin.
         positions: Positions in the recording.
         columns: Columns of a recording.
-        next_states: `[N, F]`; NaN where it was not recorded.
+        next_states: `[N, F]`.
         ground: Ground action executed, -1 where the model does not know it.
         vetoed: Whether a proposal was refused.
         no_safe: Whether no action was predicted safe.
@@ -154,7 +152,7 @@ def chosen_steps(
             chosen.append(episode)
             room -= len(episode)
     chosen.sort(key=lambda each: each.number)
-    everything = recording.columns(*dict.fromkeys((*_SHOWN, *NEXT_STATE_COLUMNS)))
+    everything = recording.columns(*_SHOWN, "next_state")
     rows = np.concatenate([np.zeros(0, np.int64), *(each.positions for each in chosen)])
     columns = {name: everything[name][rows] for name in _SHOWN}
     executed = columns["action"][:, None]
@@ -162,7 +160,7 @@ def chosen_steps(
         episodes=tuple(chosen),
         positions=rows,
         columns=columns,
-        next_states=next_states(everything)[rows],
+        next_states=everything["next_state"][rows],
         ground=np.take_along_axis(columns["ground"], executed, 1)[:, 0].astype(np.int64),
         vetoed=vetoed(columns),
         no_safe=np.isin(columns["reason"], _NO_SAFE),

@@ -22,8 +22,7 @@ from serp._util.text import percent, plural, readable
 from serp.errors import Notice, needs_extra
 from serp.pddl.source import Source
 from serp.runs.agreeing import RunModel
-from serp.runs.recording import Recording
-from serp.runs.recording_format import ACTORS, RECORDING
+from serp.runs.recording import ACTORS, RECORDING, Recording
 from serp.runs.report import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
 from serp.runs.run import Run
@@ -45,12 +44,12 @@ from serp.ui.report.tables import (
     error_table,
     model_errors,
     prevented,
-    veto_table,
 )
 
 with needs_extra("report", "a report of a run"):
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
+
+    from serp._util.templates import render
 
 
 @dataclass(frozen=True)
@@ -103,18 +102,13 @@ def page(content: Content) -> str:
     scripts = ("data", "charts", "scene", "tables", "strip", "replay", "main")
     summary = summarize(content.run.metrics, content.run.config)
     meta, arrays = _data(content)
-    environment = Environment(
-        loader=PackageLoader("serp.ui.report", "page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
     style = f":root {{ {colors}}}\n" + _text("style.css")
     script = "".join(_text(f"{name}.js") for name in scripts)
     sources = content.read.domain.sources
-    return environment.get_template("page.html.j2").render(
+    return render(
+        "serp.ui.report",
+        "page.html.j2",
         title=visible(title(summary)),
         lead=visible(lead(summary)),
         style=Markup(style),
@@ -127,7 +121,6 @@ def page(content: Content) -> str:
         baseline=content.baseline,
         notes=[visible(note) for note in content.notes],
         evaluation=content.evaluation,
-        vetoes=veto_table(content.recording, content.actions),
         prevented=_prevented(content),
         more_prevented=max(0, len(content.cards) - 24),
         errors=error_table(content.errors, content.read.model, content.actions, content.steps),
@@ -297,7 +290,7 @@ def _json(value: Any) -> str:
 
 
 def _text(name: str) -> str:
-    return (files("serp.ui.report") / "page" / name).read_text(encoding="utf-8")
+    return (files("serp.ui.report") / "templates" / name).read_text(encoding="utf-8")
 
 
 def _digest(text: str) -> str:

@@ -19,7 +19,7 @@ from serp.agent.refusals import schema_of
 from serp.pddl.source import Source
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
-from serp.runs.recording_format import ACTORS, REASONS
+from serp.runs.recording import ACTORS, REASONS
 from serp.runs.step_sentences import who_decided, why_refused
 from serp.ui.report.recorded_steps import RecordedSteps
 from serp.ui.report.scene import DrawnScenes

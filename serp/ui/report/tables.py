@@ -15,8 +15,7 @@ from serp.agent.decision import Reason
 from serp.agent.explanation import step_causes
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import TransitionModel, Vector
-from serp.runs.recording import VETO_COLUMNS, Recording, vetoed
-from serp.runs.recording_format import REASONS
+from serp.runs.recording import REASONS
 from serp.runs.step_account import error_units, in_units, predicted_states
 from serp.ui.report.recorded_steps import RecordedSteps
 
@@ -157,7 +156,7 @@ def error_table(
         return {
             "shown": text if about.numeric else percent(size**2),
             "heat": sum(size >= limit for limit in (0.1, 0.5, 1.0, 2.0)),
-            "test": {"executed": [a], "fluents": [f]} if large else None,
+            "test": {"executed": a, "fluent": f} if large else None,
             "says": f"{actions[a]}: ({about.name}) {wrong}",
         }
 
@@ -179,72 +178,6 @@ def error_table(
         ],
         "actions": [actions[a] for a in shown],
         "omitted": " and ".join(omitted),
-        "worst": _worst(of, model, steps, actions),
-    }
-
-
-def _worst(
-    of: ModelErrors, model: TransitionModel, steps: RecordedSteps, actions: list[str]
-) -> list[dict[str, Any]]:
-    """Return the worst steps: of each fluent and action the worst one, and the worst of these."""
-    errors, executed = np.nan_to_num(of.errors), steps["action"]
-    cells = []
-    for action in np.unique(executed).tolist():
-        rows = np.flatnonzero(executed == action)
-        for f, at in enumerate(errors[rows].argmax(axis=0).tolist()):
-            cells.append((-float(errors[rows[at], f]), int(rows[at]), f))
-    worst = []
-    for error, step, f in sorted(cells)[:12]:
-        if -error >= 0.1:
-            about = model.fluents[f]
-            predicted, observed = (
-                readable(float(values[step, f]))
-                if about.numeric
-                else str(bool(values[step, f])).lower()
-                for values in (of.predicted, steps.next_states)
-            )
-            text = f"({about.name}) predicted {predicted}, observed {observed}"
-            says = f"after {actions[int(executed[step])]}: {text}"
-            worst.append({"step": step, "where": steps.place_of(step), "says": says})
-    return worst
-
-
-def veto_table(recording: Recording, actions: list[str]) -> dict[str, Any]:
-    """Return the refused proposals of a whole recording by action and reason, for the page."""
-    most_refused = 20
-    columns = recording.columns("proposed", *VETO_COLUMNS)
-    refused = vetoed(columns)
-    pairs = zip(
-        columns["proposed"][refused].tolist(), columns["reason"][refused].tolist(), strict=True
-    )
-    counts = Counter(pairs)
-    reasons = sorted({reason for _, reason in counts})
-    by_action: Counter[int] = Counter()
-    for (action, _), count in counts.items():
-        by_action[action] += count
-    most = max(counts.values(), default=1)
-
-    def cell(action: int, reason: int) -> dict[str, Any]:
-        count = counts[action, reason]
-        return {
-            "shown": f"{count:,}" if count else "",
-            "heat": min(4, 1 + int(4 * count / most)) if count else 0,
-            "test": {"vetoed": True, "proposed": action, "reason": reason} if count else None,
-            "says": f"{actions[action]}: {REASONS[reason]}",
-        }
-
-    omitted = len(by_action) - most_refused
-    return {
-        "rows": [
-            {
-                "action": actions[action],
-                "cells": [cell(action, reason) for reason in reasons],
-                "sum": f"{total:,}",
-            }
-            for action, total in by_action.most_common(most_refused)
-        ],
-        "reasons": [REASONS[reason].removeprefix("proposal ") for reason in reasons],
-        "omitted": f"{plural(omitted, 'action')} with fewer omitted" if omitted > 0 else "",
     }
 
 

@@ -141,14 +141,8 @@ def save_together(domain: Document, problem: Document | None, *, anyway: bool) -
     They move into the working folder together: commands look for the problem beside the domain.
     """
     documents = [domain] if problem is None else [domain, problem]
-    moving = any(document.changed for document in documents) or misplaced(domain, problem)
+    moving = any(document.changed for document in documents) or (
+        problem is not None and problem.path.resolve() != problem_beside(domain.path).resolve()
+    )
     changed = [d for d in documents if d.changed or (moving and d.elsewhere)]
     return [document.save(anyway=anyway) for document in changed]
-
-
-def misplaced(domain: Document, problem: Document | None) -> Path | None:
-    """Return where commands look for the problem of a domain, if it is not this one."""
-    beside = problem_beside(domain.path)
-    if problem is None:
-        return beside if beside.is_file() else None
-    return None if problem.path.resolve() == beside.resolve() else beside

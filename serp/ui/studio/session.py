@@ -1,8 +1,7 @@
-"""What is open in the studio, without a browser: the files, the state, an episode, a training."""
+"""What is open in the studio, without a browser: the files, the state, an episode."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -19,10 +18,8 @@ from serp.runs.run import read_run_metadata
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
-from serp.ui.studio.document import Document, misplaced, save_together
+from serp.ui.studio.document import Document, save_together
 from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
-from serp.ui.studio.scenarios import EditedScenarios
-from serp.ui.studio.training import BackgroundTraining
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
 DOMAIN, PROBLEM, SCENARIOS = "domain", "problem", "scenarios"
@@ -37,7 +34,6 @@ class Session:
         problem: The problem file; None where there is none.
         surroundings: Control period and planner.
         task: The task that the file belongs to; None for a file alone.
-        task_name: What `--task` says, for commands; None where it is not given.
         recorded: The run whose steps can be looked at; None for none.
 
     Attributes:
@@ -45,7 +41,6 @@ class Session:
         shown: The state that decisions are shown for.
         played: The episode that was played last, if any.
         step: The step of it that is shown, from 0; None for none.
-        training: The training that was begun last, if any.
         owner: Number of the page that changes the session, counted up from 1; 0 for none.
     """
 
@@ -56,7 +51,6 @@ class Session:
         problem: Document | None,
         surroundings: Surroundings,
         task: Task | None = None,
-        task_name: str | None = None,
         recorded: RecordedRun | None = None,
     ) -> None:
         self.folder = folder
@@ -64,7 +58,6 @@ class Session:
         beside = [path.with_suffix(SUFFIX) for path in (domain.target, domain.path)]
         scenarios = next((path for path in beside if path.exists()), beside[0])
         self.documents[SCENARIOS] = Document(scenarios, folder)
-        self.task_name = task_name
         self.surroundings = surroundings
         self.task = task
         self.shown = ShownState(
@@ -73,7 +66,6 @@ class Session:
         self.recorded = recorded
         self.played: ShownEpisode | None = None
         self.step: int | None = None
-        self.training: BackgroundTraining | None = None
         self.owner = 0
         self._veto = -1  # the step of the run that was shown last for its veto
         self._let_go: Callable[[], None] = lambda: None
@@ -165,8 +157,9 @@ class Session:
         seen = {} if self.played is None else self.played.ranges()
         if self.recorded is not None:
             seen = self.recorded.ranges
-        draw = None if self.task is None else self.task.draw
-        return Request(self.version, self.surroundings, self.shown, seen, draw)
+        document = self.documents[SCENARIOS]
+        scenarios = Source(str(document.path), document.text)
+        return Request(self.version, self.surroundings, self.shown, seen, self.task, scenarios)
 
     def set_fluent(self, name: str, value: float | bool) -> None:
         """Change one fluent of the state."""
@@ -223,69 +216,27 @@ class Session:
         self.show_step(number)
         return True
 
-    # Scenarios and trainings ---------------------------------------------------------------------
-
-    @property
-    def scenarios(self) -> EditedScenarios:
-        """The scenarios, and what they are about, as they are edited."""
-        document = self.documents[SCENARIOS]
-        source = Source(str(document.path), document.text)
-        return EditedScenarios(source, self.version, self.surroundings, self.task)
-
-    def begin_training(self, env_steps: int, seed: int) -> None:
-        """Begin a training on the saved file, in a new run folder in the working folder.
-
-        A file without a task is trained on in its own world.
-
-        Raises:
-            SerpError: The file is not saved, or a training would read another problem.
-        """
-        document = self.documents[DOMAIN]
-        if self.changed:
-            raise SerpError("Save first: a training reads the files.")
-        if (problem := misplaced(document, self.documents.get(PROBLEM))) is not None:
-            raise SerpError(
-                f"A training would read the problem from {problem}, which is not what is open "
-                "here. Press Ctrl+S if the files come from another folder; else make that file the "
-                "problem that you mean, and open the studio anew."
-            )
-        command = ["play", str(document.path), "--train"]
-        if self.task is not None:
-            command = ["plan-and-learn", "--domain", str(document.path)]
-        command += [] if self.task_name is None else ["--task", self.task_name]
-        run = self.folder / "runs" / f"{document.path.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
-        if not run.resolve().is_relative_to(self.folder.resolve()):
-            raise SerpError(f"{run} leads out of the working folder {self.folder}")
-        command += ["--env-steps", str(env_steps), "--seed", str(seed)]
-        self.training = BackgroundTraining(command, run)
-
     def close(self) -> list[str]:
-        """Keep unsaved texts, and stop the training; return what became of each text."""
-        messages = [each.keep() for each in self.documents.values() if each.changed]
-        if self.training is not None:
-            self.training.stop(wait=20.0)
-        return messages
+        """Keep unsaved texts; return what became of each."""
+        return [each.keep() for each in self.documents.values() if each.changed]
 
 
 # Opening -----------------------------------------------------------------------------------------
 
 
-def open_session(
-    name: str, folder: Path, own: Task | None = None, own_name: str | None = None
-) -> Session:
+def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
     Args:
         name: A domain file, its scenarios, the name of an installed task, or the folder of a run.
         folder: The working folder.
         own: The task of `--task`.
-        own_name: What `--task` says.
 
     Raises:
         SerpError: There is no such file, task or run.
     """
     if (Path(name) / CONFIG).is_file():
-        return _open_run(Path(name), folder, own, own_name)
+        return _open_run(Path(name), folder, own)
     if Path(name).suffix == SUFFIX:
         name = str(Path(name).with_suffix(".pddl"))
     file, task, problem = find_domain_file(name), own, None
@@ -303,10 +254,10 @@ def open_session(
     if task is not None:
         planner = resolve("default", task.settings).planner
         surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
-    return Session(folder, *documents, surroundings, task, own_name)
+    return Session(folder, *documents, surroundings, task)
 
 
-def _open_run(path: Path, folder: Path, own: Task | None, own_name: str | None) -> Session:
+def _open_run(path: Path, folder: Path, own: Task | None) -> Session:
     """Open the steps of a run, and the file of its name in the working folder.
 
     Where there is none, the run's copies are opened, and saved elsewhere: they stay as they are.
@@ -332,7 +283,7 @@ def _open_run(path: Path, folder: Path, own: Task | None, own_name: str | None) 
     task = None
     if metadata.world is None:
         task = own or load_task(metadata.task)
-    return Session(folder, *documents, surroundings, task, own_name, RecordedRun(path))
+    return Session(folder, *documents, surroundings, task, RecordedRun(path))
 
 
 def _documents(file: Path, problem: Path, folder: Path) -> tuple[Document, Document | None]:

@@ -1,7 +1,8 @@
-"""What the page shows of the texts in a state: findings, the planner's decision, a drawing."""
+"""What the page shows of the texts in a state: findings, a decision, a drawing, scenarios."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 from collections.abc import Mapping, Sequence
@@ -15,14 +16,16 @@ from serp.agent.explanation import Explanation, explain
 from serp.agent.sentences import between, special_about
 from serp.authoring.lint.conditions import threshold
 from serp.authoring.lint.findings import Finding, examine
+from serp.authoring.scenarios.checking import Result
+from serp.authoring.scenarios.files import ScenarioFile, add_situation, recorded_values
 from serp.errors import SerpError
 from serp.model import ground as g
 from serp.model.domain import Domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import DomainError, Source
 from serp.planning.replanner import MonitorReplanner, Plan
-from serp.settings import PlannerSettings
-from serp.tasks.task import Draw
+from serp.settings import PlannerSettings, resolve
+from serp.tasks.task import Task
 from serp.ui.pictures.plan_picture import plan_svg
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -197,13 +200,23 @@ class View:
 
 @dataclass(frozen=True)
 class Request:
-    """What a view is asked of; whatever is edited meanwhile does not change it."""
+    """What is shown is asked of this; whatever is edited meanwhile does not change it.
+
+    Attributes:
+        version: The texts.
+        surroundings: Control period and planner.
+        shown: The state.
+        seen: The ranges of the fluents.
+        task: The task that the file belongs to; None for a file alone.
+        scenarios: The scenarios, as they are edited.
+    """
 
     version: Version
     surroundings: Surroundings
     shown: ShownState
     seen: Ranges
-    draw: Draw | None
+    task: Task | None
+    scenarios: Source
 
     def view(self) -> View:
         """Read the version and decide in the state; this may run in a thread."""
@@ -217,12 +230,39 @@ class Request:
         except SerpError as error:
             return View(findings, str(error))
         drawing = ""
-        if self.draw is not None:
-            try:
-                drawing = str(self.draw(planner.model.values(state)))
-            except Exception:  # the task's own code, on values that no environment may ever give
-                drawing = ""
+        if self.task is not None and self.task.draw is not None:
+            # The task's own code, on values that no environment may ever give.
+            with contextlib.suppress(Exception):
+                drawing = str(self.task.draw(planner.model.values(state)))
         return View(findings, "", decision, drawing)
+
+    def run_scenarios(self) -> list[Result]:
+        """Check all scenarios as `serp test` does; this may take some seconds.
+
+        Raises:
+            SerpError: A text is wrong.
+        """
+        return list(self._scenario_file().run(recorded_values))
+
+    def with_scenario(self, title: str) -> str:
+        """Return the scenarios with one more: what holds in the state.
+
+        Raises:
+            SerpError: A text is wrong.
+        """
+        file = self._scenario_file()
+        model = file.decider.model
+        state = self.shown.state(model)
+        values = {name: float(value) for name, value in model.values(state).items()}
+        remark = " ".join(self.shown.origin.split()) or "set by hand"
+        return add_situation(file, " ".join(title.split()), values, remark)
+
+    def _scenario_file(self) -> ScenarioFile:
+        task = self.task
+        observed = task is not None and not task.closed
+        domain = Domain.parse(*self.version.sources(), observed=observed)
+        settings = resolve("default", None if task is None else task.settings)
+        return ScenarioFile.open(self.scenarios, domain, settings, self.surroundings.dt, task)
 
 
 def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecision:

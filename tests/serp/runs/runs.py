@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from serp.runs.checkpoint import NEWEST, load
-from serp.runs.recording_format import RECORDING
+from serp.runs.recording import RECORDING
 from serp.runs.run import Run
 from serp.runs.train import plan_and_learn
 from serp.tasks.task import Task

@@ -139,7 +139,7 @@ def test_other_options_are_checked(tmp_path: Path) -> None:
         ({"algorithm": "ppo"}, "`ppo`"),
         ({"seeds": []}, "tune.seeds"),
         ({"objective": "fun"}, "tune.objective must be 'training' or 'evaluation'"),
-        ({"out": tmp_path}, "holds other files"),
+        ({"out": tmp_path}, "is not empty"),
         ({"env_steps": 1, "trials": 1}, "no episode ended within 1 env steps"),
     ]
     for options, message in wrong:

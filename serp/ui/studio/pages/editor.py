@@ -12,7 +12,7 @@ import asyncio
 import functools
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from html import escape
 from typing import Any, Final
 
@@ -77,12 +77,6 @@ class EditorPane:
     def _edited(self, which: str, event: Any) -> None:
         self._session.edit(which, event.value or "")
         self._live.changed()
-
-    def keys(self, keys: Mapping[str, Callable[[], None]]) -> None:
-        """Bind keys in the text, such as `F8`."""
-        for editor in self._editors.values():
-            for key, pressed in keys.items():
-                editor.map_key(key, pressed)
 
     def underline(self, which: str, marks: list[dict[str, Any]]) -> None:
         """Underline places of a document."""
@@ -162,11 +156,9 @@ class FindingsPane:
         self._findings: tuple[Finding, ...] = ()
         self._listed: list[str] | None = None
         self._underlined: dict[str, list[tuple[str, int]]] = {}
-        self._position = -1
         self._summary = ui.label().classes("serp-summary").props('role="status"')
         self._list = ui.html(tag="ul").classes("serp-findings")
         self._list.on("click", self._clicked, js_handler=clicked)
-        editor.keys({"F8": lambda: self._next(1), "Shift-F8": lambda: self._next(-1)})
         live.shows(self.show)
 
     def show(self, request: Request, view: View) -> None:
@@ -176,7 +168,7 @@ class FindingsPane:
         listed = [finding.rendered for finding in view.findings] + [view.failure]
         if listed == self._listed:
             return
-        self._listed, self._position = listed, -1
+        self._listed = listed
         counted = Counter(sorted(finding.severity for finding in view.findings))
         counts = ", ".join(plural(count, kind) for kind, count in counted.items())
         self._summary.set_text(view.failure or counts or "Nothing is wrong here.")
@@ -227,20 +219,7 @@ class FindingsPane:
             if self._session.mend(finding):
                 self._editor.refresh()
                 self._live.changed()
-        else:
-            self._position = int(position)
-            self._go(finding)
-
-    def _next(self, step: int) -> None:
-        placed = [k for k, finding in enumerate(self._findings) if finding.place is not None]
-        if placed:
-            at = placed.index(self._position) + step if self._position in placed else 0
-            self._position = placed[at % len(placed)]
-            self._go(self._findings[self._position])
-
-    def _go(self, finding: Finding) -> None:
-        which = self._session.document_of(finding.place)
-        if which is not None and finding.place is not None:
+        elif (which := self._session.document_of(finding.place)) and finding.place:
             self._editor.reveal(which, finding.place.line, finding.place.column)
 
 

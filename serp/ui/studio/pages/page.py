@@ -12,7 +12,7 @@ from serp.ui.studio.document import Document
 from serp.ui.studio.pages.decision import DecisionPane
 from serp.ui.studio.pages.editor import EditorPane, FindingsPane
 from serp.ui.studio.pages.live import Live
-from serp.ui.studio.pages.panes import ScenariosPane, TrainingPane
+from serp.ui.studio.pages.scenarios import ScenariosPane
 from serp.ui.studio.pages.situation import ScenePane
 from serp.ui.studio.session import SCENARIOS, Session
 from serp.ui.studio.view import Request, View
@@ -59,7 +59,6 @@ async def show_page(session: Session) -> None:
         panes: dict[str, Callable[[], object]] = {
             "Decision": lambda: DecisionPane(session, live, editor.jump),
             "Scenarios": lambda: ScenariosPane(session, live, editor),
-            "Training": lambda: TrainingPane(session),
         }
         with splitter.after, ui.element("div").classes("serp-right"):
             scene = ScenePane(session, live)

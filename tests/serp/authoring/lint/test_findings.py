@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -10,8 +9,7 @@ import pytest
 
 from serp.authoring.lint.codes import CODES
 from serp.authoring.lint.findings import Finding, findings_of
-from serp.authoring.lint.fixing import changes, mended, write_changed
-from serp.authoring.lint.formats import as_sarif
+from serp.authoring.lint.fixing import mended, write_changed
 from serp.pddl.source import Source
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
@@ -143,28 +141,6 @@ def test_files_are_mended_until_nothing_sure_is_left_and_keep_every_other_byte(
     assert file.stat().st_mode & 0o777 == 0o640
 
 
-def test_sarif_names_places() -> None:
-    findings = found_in(WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)"), WALK_PROBLEM)
-    log = json.loads(as_sarif(findings))
-    assert log["version"] == "2.1.0"
-    ((rule,), (result,)) = log["runs"][0]["tool"]["driver"]["rules"], log["runs"][0]["results"]
-    # GitHub takes rules with all of these, and results with a location.
-    assert {*rule} == {"id", "shortDescription", "fullDescription", "help"}
-    assert rule["shortDescription"] == {"text": CODES["unknown-name"]}
-    unread = json.loads(as_sarif(findings_of("no-such.pddl")))["runs"][0]["results"][0]
-    assert unread["locations"] == [{"physicalLocation": {"artifactLocation": {"uri": "."}}}]
-    assert (result["ruleId"], result["ruleIndex"], result["level"]) == ("unknown-name", 0, "error")
-    (location,) = result["locations"]
-    region = {"startLine": 10, "startColumn": 51, "endLine": 10, "endColumn": 56}
-    assert location["physicalLocation"] == {
-        "artifactLocation": {"uri": "d.pddl"}, "region": region,
-    }  # fmt: skip
-    (change,) = result["fixes"][0]["artifactChanges"]
-    assert change["replacements"] == [
-        {"deletedRegion": region, "insertedContent": {"text": "walked"}}
-    ]
-
-
 def page_rows() -> list[tuple[str, str, str]]:
     rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \| (?:`(.*?)`)? \|$", PAGE.read_text(), re.M)
     return [(code, meaning, example or "") for code, meaning, example in rows]
@@ -193,16 +169,6 @@ def test_the_page_explains_every_code_with_an_example_that_has_it() -> None:
 
 
 PROBLEM = "(:init (on desk) (= (level) 1)) (:goal (and))"
-
-
-def test_a_file_that_is_written_is_noticed(tmp_path: Path) -> None:
-    file = tmp_path / "d.pddl"
-    noticed = changes([file])
-    next(noticed)
-    (tmp_path / "d-problem.pddl").write_text("(define (problem p))")
-    next(noticed)
-    file.write_text("(define (domain d))")
-    next(noticed)
 
 
 def test_a_lost_parenthesis_is_told_in_its_place_and_once() -> None:

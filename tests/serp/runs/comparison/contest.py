@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -83,7 +83,7 @@ def job(
     """A trial with a folder."""
     found = find_algorithm(algorithm)
     settings = found.settings(task, {})
-    return Job(Trial(algorithm, "walk", seed), found, task.loaded(), settings, protocol, folder)
+    return Job(Trial(algorithm, seed), found, task.loaded(), settings, protocol, folder)
 
 
 def small(
@@ -135,8 +135,6 @@ class Drawing:
 
     What it has learned is how many steps it has made.
     """
-
-    characteristics: Mapping[str, str] = {"learner": "none", "who acts": "chance"}
 
     def __init__(self, env: gym.Env[Any, Any], task: str, seed: int) -> None:
         self.env = env

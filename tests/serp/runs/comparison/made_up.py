@@ -15,7 +15,7 @@ LEVELS = {"serp": 90.0, "mrp": 50.0, "dqn": 30.0}
 
 def record(
     returns: Sequence[float], lengths: Sequence[int] | None = None, *,
-    trial: tuple[str, str, int] = ("serp", "base", 0),
+    trial: tuple[str, int] = ("serp", 0),
     evaluations: Sequence[tuple[int, str, float]] = (), outcomes: Sequence[str] = (),
     slips: Sequence[float] = (), unsafe: int = 0,
 ) -> Record:  # fmt: skip
@@ -51,17 +51,17 @@ def record(
     return Record(Trial(*trial), episodes, table, {"serp": "1"})
 
 
-def records(seeds: Iterable[int] = range(4), variant: str = "base") -> list[Record]:
+def records(seeds: Iterable[int] = range(4)) -> list[Record]:
     """Trials of some algorithms, each at its level from its first episode to its last."""
     found = []
     for name, level in LEVELS.items():
         for seed in seeds:
-            rng = np.random.default_rng([seed, len(name), len(variant)])
+            rng = np.random.default_rng([seed, len(name), 4])
             own = level + float(rng.normal(0, 5))
             rows = [(at, "learner", own) for at in (200, 400, 600)] if name != "mrp" else []
             rows += [(600, "policy", own)] if name != "dqn" else []
             returns = rng.normal(own, 1, 60).tolist()
-            found.append(record(returns, trial=(name, variant, seed), evaluations=rows))
+            found.append(record(returns, trial=(name, seed), evaluations=rows))
     return found
 
 
@@ -70,7 +70,7 @@ def plan_of(found: Sequence[Record], **more: Any) -> ComparisonPlan:
     plan: dict[str, Any] = {
         "task": "walkway",
         "algorithms": tuple(dict.fromkeys(r.trial.algorithm for r in found)),
-        "variants": tuple(dict.fromkeys(["base", *(r.trial.variant for r in found)])),
+        "domains": {"base": ("",)},
         "seeds": tuple(sorted({r.trial.seed for r in found})),
         "protocol": TrialProtocol(env_steps=600, evaluate_every=200),
         "settings": {},

@@ -19,7 +19,6 @@ def test_the_algorithms_of_serp_have_settings_that_exist() -> None:
     for name, algorithm in OWN.items():
         assert find_algorithm(name) is algorithm
         resolve(algorithm.preset, None, algorithm.changes)
-        assert algorithm.uses_model == (name not in ("dqn", "dqn-paper"))
     assert {"ppo", "sb3-dqn"} <= set(algorithms.algorithm_entries())
 
 
@@ -46,7 +45,7 @@ def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
 ) -> None:
     algorithm = find_algorithm("drawing")
     assert (algorithm.kind, algorithm.description) == ("external", "Draws its actions")
-    assert algorithm.make_external is contest.Drawing and not algorithm.uses_model
+    assert algorithm.make_external is contest.Drawing
     assert pickle.loads(pickle.dumps(algorithm)) == algorithm  # other processes need it
     with pytest.raises(SettingsError, match="`drawing` has no settings that serp could change"):
         find_algorithm("drawing:learner.members=1")

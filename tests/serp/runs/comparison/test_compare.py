@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -16,6 +17,7 @@ import pytest
 from serp.errors import Interrupted, RunError, SerpError, SettingsError, TaskError
 from serp.pddl.source import DomainError
 from serp.runs.comparison.compare import compare
+from serp.runs.comparison.trial import file_name
 from tests.serp.runs.comparison.contest import (
     Pothole,
     Walk,
@@ -53,9 +55,8 @@ def again(folder: Path, **options: Any) -> Any:
 def test_everything_that_was_asked_for_is_run_and_reported(whole: Path, copy: Path) -> None:
     folder = whole / "c"
     assert set(trials_in(folder)) == {"serp-0", "serp-1", "dqn-0", "dqn-1"}
-    for name in ("report.md", "report.html", "measures.csv", "evaluations.csv", "comparison.json"):
+    for name in ("report.md", "report.html", "measures.csv"):
         assert (folder / name).stat().st_size > 0
-    assert (folder / "domains" / "walk.pddl").read_text() == CORRIDOR
     before = trials_in(copy / "c")
     head, rows = again(copy).overview()  # nothing is left to do
     assert trials_in(copy / "c") == before
@@ -81,20 +82,21 @@ def test_only_what_is_missing_is_run(copy: Path, more: Any, added: set[str]) -> 
     assert after.results.plan.algorithms[:2] == ("serp", "dqn")  # the first stays
 
 
-def test_domain_files_that_come_later_are_run_by_all_that_use_one(copy: Path) -> None:
+def test_a_domain_file_is_another_algorithm_and_the_plan_keeps_its_text(copy: Path) -> None:
     coarse = copy / "coarse.pddl"
     coarse.write_text(CORRIDOR.replace("increase (x) 1", "increase (x) 2"))
     before = trials_in(copy / "c")
-    comparison = again(copy, model_variants=[coarse], report=True)
-    # What a domain file is worth is what its planner is worth.
+    again(copy, algorithms=["serp@coarse"])
     assert set(trials_in(copy / "c")) - set(before) == {
-        f"{name}-{seed}{variant}" for seed in (0, 1)
-        for name, variant in (("serp", "-coarse"), ("mrp", "-coarse"), ("mrp", ""))
-    }  # fmt: skip
-    assert comparison.results.plan.variants == ("walk", "coarse")
-    assert "## How bad may the model be?" in (copy / "c" / "report.md").read_text()
+        f"{file_name('serp@coarse')}-{seed}" for seed in (0, 1)
+    }
     coarse.unlink()
-    assert len(again(copy, seeds=3).results.records) == 3 * 5
+    results = again(copy, seeds=3).results
+    assert len(results.records) == 3 * 3
+    assert results.known("serp@coarse", "training_area").tolist() != []
+    coarse.write_text(CORRIDOR)
+    with pytest.raises(RunError, match="the domain file `coarse` was edited"):
+        again(copy)
 
 
 def test_settings_are_the_same_when_it_is_continued(tmp_path: Path) -> None:
@@ -140,7 +142,7 @@ def test_an_installed_task_by_its_name_and_continued_by_nothing_but_the_folder(
     small("cartpole", out, algorithms=["mrp"], seeds=1, settings={"planner": {"depth": 2}})
     (tmp_path / "cartpole.pddl").unlink()
     comparison = small(None, out, seeds=2)
-    assert (out / "domains" / "cartpole.pddl").read_text() == own
+    assert comparison.results.plan.domains == {"cartpole": (own,)}
     assert len(comparison.results.records) == 2
     assert comparison.results.plan.threshold == 475.0
 
@@ -154,10 +156,10 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(
     with pytest.raises(RunError) as failure:
         small(walk(tmp_path, Pothole), tmp_path / "c", report=True)
     message = str(failure.value)
-    assert message.startswith("2 of 4 trials failed; the first, serp on walk, seed 1: ")
+    assert message.startswith("2 of 4 trials failed; the first, serp, seed 1: ")
     assert "cable cut" in message and str(tmp_path / "c") in message
     report = (tmp_path / "c" / "report.md").read_text()
-    assert "not complete: 2 of 4 trials are finished" in report and "serp on walk, seed 1" in report
+    assert "not complete: 2 of 4 trials are finished" in report and "serp, seed 1" in report
     small(walk(tmp_path), tmp_path / "c")
     assert everything(tmp_path / "c") == everything(whole / "c")
 
@@ -210,13 +212,16 @@ def test_what_cannot_change_is_refused(copy: Path, options: Any, message: str) -
 def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy: Path) -> None:
     edited = CORRIDOR.replace("decrease (reward) 5", "decrease (reward) 6")
     (copy / "corridor.pddl").write_text(edited)
-    with pytest.raises(RunError, match="differs from the domain file `walk`, which was edited"):
+    with pytest.raises(RunError, match="the domain file `corridor` was edited"):
         again(copy)
-    (copy / "c" / "domains" / "walk.pddl").write_text(edited)  # the kept one, behind its back
+    plan = json.loads((copy / "c" / "plan.json").read_text())
+    plan["domains"]["corridor"] = [edited]  # behind its back
+    (copy / "c" / "plan.json").write_text(json.dumps(plan))
     with pytest.raises(RunError, match="was made with another domain file than now"):
         again(copy)
     (copy / "corridor.pddl").write_text(CORRIDOR)
-    (copy / "c" / "domains" / "walk.pddl").write_text(CORRIDOR)
+    plan["domains"]["corridor"] = [CORRIDOR]
+    (copy / "c" / "plan.json").write_text(json.dumps(plan))
     with pytest.raises(RunError, match="compares on task walk, not on ride"):
         small(walk(copy, name="ride"), copy / "c")
     task = walk(copy, settings={"*": {**walk(copy).settings["*"], "planner": {"depth": 1}}})
@@ -236,14 +241,12 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy:
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
         ({"address": "a:1"}, SettingsError, "compare.address is for an engine of a cluster"),
         ({"sedes": 3}, SettingsError, "no setting `compare.sedes`; did you mean `seeds`"),
-        ({"model_variants": ["a/other.pddl", "b/other.pddl"]}, SettingsError,
-         "two model variants are called `other`"),
-        ({"model_variants": ["nosuch.pddl"]}, TaskError, "nosuch.pddl"),
-        ({"model_variants": ["a/broken.pddl"]}, DomainError, "broken.pddl"),
-        ({"model_variants": ["walk.pddl"]}, SettingsError, "needs another name"),
-        ({"model_variants": ["odd.pddl"]}, TaskError, "5 ground actions, the environment 4"),
+        ({"algorithms": ["serp@nosuch"]}, TaskError, "no domain file nosuch"),
+        ({"algorithms": ["dqn@odd"]}, SettingsError, "`dqn` uses no domain file"),
+        ({"algorithms": ["mrp@a/broken.pddl"]}, DomainError, "broken.pddl"),
+        ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, the environment 4"),
         ({"out": "a\0b"}, SettingsError, "out must be the name of a folder"),
-        ({"out": "a"}, RunError, "a holds other files"),
+        ({"out": "a"}, RunError, "a is not empty"),
     ],
 )  # fmt: skip
 def test_mistakes_leave_nothing_behind(
@@ -252,9 +255,7 @@ def test_mistakes_leave_nothing_behind(
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     (tmp_path / "walk.pddl").write_text(CORRIDOR)
-    for name in ("a/other", "b/other"):
-        (tmp_path / name).parent.mkdir()
-        (tmp_path / f"{name}.pddl").write_text(CORRIDOR)
+    (tmp_path / "a").mkdir()
     (tmp_path / "a" / "broken.pddl").write_text("(define (domain")
     action = "(:action {} :parameters () :precondition (and) :effect (and))\n"
     more = action.format("jump") + action.format("fly") + "(:event pit"
@@ -279,7 +280,7 @@ def test_what_to_compare_on_has_to_be_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links are privileged there")
-@pytest.mark.parametrize("name", ["trials", "domains", "figures"])
+@pytest.mark.parametrize("name", ["trials", "figures"])
 def test_nothing_is_written_or_removed_behind_a_link(copy: Path, tmp_path: Path, name: str) -> None:
     """A comparison that somebody sent may have a link in it to a folder of one's own."""
     own, folder = tmp_path / "own", copy / "c"

@@ -106,7 +106,7 @@ def repaired_by(domain: Domain, experience: TransitionMemory, dt: float) -> Repa
     """The domain repaired by what was observed."""
     run = taken(domain, experience, dt)
     diagnosis = make_diagnosis(run, findings(run.model, experience))
-    return repair(domain, diagnosis.worthwhile, diagnosis.unexplained)
+    return repair(domain, diagnosis.worthwhile)
 
 
 # Findings

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from serp.model.transition_model import TransitionModel
 from serp.runs.diagnosis.findings import EffectTerm, decimal
-from serp.runs.diagnosis.remarks import remark
 from tests.serp.runs.diagnosis.made_up import chances, missing, parameter
 
 SIZES = st.floats(1e-6, 1e6).flatmap(lambda x: st.sampled_from([x, -x]))
@@ -56,18 +55,18 @@ def line_of(text: str, model: TransitionModel) -> int:
 
 def test_a_remark_says_what_to_write(model: TransitionModel) -> None:
     line = line_of("0.2 (*", model)
-    assert remark(parameter(model, 1, 0.4), model.ground) == (
+    assert parameter(model, 1, 0.4).sentence(model.ground) == (
         f"`drive`, line {line}: write 0.40 instead of 0.2 for `(battery)`; "
         "observed 0.40 ± 0.02 in 412 steps"
     )
     line = line_of("(:action drive", model)
     absent = missing(model, "warmth", {("place ?r",): -0.5, (): 2.0})
-    assert remark(absent, model.ground) == (
+    assert absent.sentence(model.ground) == (
         f"`drive`, line {line}: add `(decrease (warmth) (* 0.50 (place ?r))) "
         "(increase (warmth) 2.00)`; observed in 412 steps"
     )
     lasting = replace(absent, schema="", place=None, terms=absent.terms[1:])
-    assert remark(lasting, model.ground) == (
+    assert lasting.sentence(model.ground) == (
         "after every action: add a process with `(increase (warmth) (* #t 2.00))`; "
         "observed in 412 steps"
     )
@@ -79,11 +78,12 @@ def test_outcomes_have_their_probabilities(model: TransitionModel) -> None:
         model, "drive", ({"place": 1.5}, 0.334, True), ({}, 0.333, False),
         ({"place": -1.0, "lit ?r": -1.0}, 0.333, False),
     )  # fmt: skip
-    assert remark(finding, model.ground) == (
+    assert finding.sentence(model.ground) == (
         f"`drive`, line {line}: does what the file says ((place) +1.5) in 33 ± 2 % of 412 steps; "
         "instead nothing changes in 33 ± 2 %, (place) −1 and (lit ?r) becomes false in 33 ± 2 %"
     )
     never = chances(model, "light", ({"lit": 1.0}, 1.0, False))
-    assert "never does what the file says, in 412 steps; instead (lit) becomes true" in remark(
-        never, model.ground
+    assert (
+        "never does what the file says, in 412 steps; instead (lit) becomes true"
+        in never.sentence(model.ground)
     )

@@ -17,8 +17,7 @@ from serp.model.flags import APPLICABLE, UNSAFE
 from serp.runs.agreeing import RunModel
 from serp.runs.evaluation import evaluate
 from serp.runs.folder import DECISIONS, METRICS
-from serp.runs.recording import open_recording
-from serp.runs.recording_format import COLUMNS
+from serp.runs.recording import COLUMNS, open_recording
 from serp.runs.step_account import FoundStep, account_of_step
 from tests.serp import lava
 from tests.serp.runs.runs import without_pictures

@@ -12,8 +12,7 @@ import pytest
 
 from serp.agent.agent import account_of
 from serp.errors import Notice
-from serp.runs.recording import open_recording
-from serp.runs.recording_format import EVALUATIONS
+from serp.runs.recording import EVALUATIONS, open_recording
 from serp.runs.run import load_run
 from tests.serp.ui.cli.conftest import Run
 

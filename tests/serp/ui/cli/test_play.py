@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import select
 import subprocess
 import sys
@@ -14,8 +13,6 @@ from click.testing import CliRunner
 
 from serp.ui.root import serp
 from tests.serp.ui.cli.conftest import QUICK, Run
-
-ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def typed(lines: str, *arguments: str, expect: int = 0) -> str:
@@ -45,28 +42,23 @@ def test_a_situation_is_saved_as_a_scenario_that_holds(run: Run, walk: Path) -> 
     assert "line 1: cartpole.pddl is the file of an installed task; play a copy" in told
 
 
-def test_keys_and_options_that_do_not_fit_are_refused(walk: Path) -> None:
-    shown = typed("x\n", "walk.pddl", "--keys=x=go home shop,left=rest")
-    assert "x     go home shop" in shown and "step 1: go home shop" in shown
+def test_disturbances_that_cannot_be_are_refused(walk: Path) -> None:
     for wrong, said in (
-        ("--keys=p=rest", "expected key=action"),
-        ("--keys=x=reset", "expected key=action"),
         ("--noise=-1", "--noise must be greater than or equal to 0, not -1"),
-        ("--env-steps=5", "--env-steps is for a training: add --train"),
         ("--failure=.7 --slip=.6", "--failure and --slip are 0.7 and 0.6; an action fails, slips"),
     ):
         assert said in typed("", "walk.pddl", *wrong.split(), expect=2)
 
 
 def test_a_training_in_the_world_of_a_file_is_a_run_like_any_other(run: Run, walk: Path) -> None:
-    limits = ("--max-steps=5", "--env-steps=9")
-    arguments = ("--train", "--slip=0.1", *limits, "--planner=lookahead", "--quiet", *QUICK)
-    run("play", "walk.pddl", *arguments, "--out=run", "--state=walked=3")
+    arguments = ("--planner=lookahead", "--env-steps=9", "--quiet", "--out=run", *QUICK)
+    run("plan-and-learn", "--domain=walk.pddl", *arguments)
     walk.unlink()
     assert "mean return" in run("evaluate", "run", "--episodes=2").stdout
-    assert "(= (walked) 3.0)" in Path("run/problem.pddl").read_text()
     Path("dull.pddl").write_text("(define (domain dull) (:action a))")
-    assert "nothing about reward" in run("play", "dull.pddl", "--train", expect=1).stderr
+    Path("dull-problem.pddl").write_text("(define (problem p) (:domain dull) (:init))")
+    told = run("plan-and-learn", "--domain=dull.pddl", expect=1).stderr
+    assert "says nothing about reward" in told
 
 
 def test_a_file_that_belongs_to_no_task_is_a_world_to_compare_in(run: Run, walk: Path) -> None:
@@ -79,34 +71,23 @@ def test_a_file_that_belongs_to_no_task_is_a_world_to_compare_in(run: Run, walk:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no pseudo-terminals")
-def test_on_a_terminal_a_key_is_an_action(walk: Path) -> None:
+def test_on_a_terminal_an_empty_line_repeats_and_a_mistake_ends_nothing(walk: Path) -> None:
     import pty
 
     here, there = pty.openpty()
     command = [sys.executable, "-m", "serp", "play", "walk.pddl"]
     process = subprocess.Popen(command, stdin=there, stdout=there, stderr=there)
+    os.close(there)
+    os.write(here, b"1\n\nwalked = 7\nzz\nq\n")
+    shown = b""
     try:
-        os.close(there)
-        shown = ""
-        typing = ("1", "\r", ":", "walked = 7\r", "z", "q")
-        for prompt, keys in zip((" > ", " > ", " > ", ":", " > ", " > "), typing, strict=True):
-            shown += until(here, prompt)
-            os.write(here, keys.encode())
+        while b"`zz`" not in shown:
+            assert select.select([here], [], [], 20)[0], shown
+            shown += os.read(here, 4096)
         assert process.wait(20) == 0
     finally:
         process.kill()
         os.close(here)
-    assert "1 go home shop  2 go home field > 1" in shown
-    assert "step 2: go home shop is not applicable, and nothing is done" in shown  # return: again
-    assert "walked    7" in shown and "there is no action or command `z`" in shown
-
-
-def until(terminal: int, end: str) -> str:
-    """What a terminal shows until it waits with a prompt."""
-    sent, shown = b"", ""
-    while not shown.endswith(end):
-        ready, _, _ = select.select([terminal], [], [], 20)
-        assert ready, shown
-        sent += os.read(terminal, 4096)
-        shown = ESCAPES.sub("", sent.decode(errors="replace"))
-    return shown
+    assert b"1 go home shop  2 go home field >" in shown
+    assert b"step 2: go home shop is not applicable, and nothing is done" in shown
+    assert b"walked    7" in shown and b"there is no action or command `zz`" in shown

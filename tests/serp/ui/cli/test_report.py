@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from serp.errors import Notice, RunError
 from serp.runs.agreeing import RunModel
-from serp.runs.recording_format import Layout, blocks_in, decode, encode
+from serp.runs.recording import Layout, blocks_in, decode, encode
 from serp.runs.rollout import training_seed
 from serp.runs.run import load_run
 from serp.runs.tables import read_metrics
@@ -100,7 +100,9 @@ def test_the_page_has_what_was_recorded(trained: Path, page: Path) -> None:
     assert ((arrays["card"] > 0) == (arrays["bits"] & 1 > 0)).all()
     # What the last step of an episode led to is that of no other step.
     last = arrays["last"].reshape(fluents, -1).T
-    np.testing.assert_allclose(last, recording.columns("final_state")["final_state"], rtol=2e-5)
+    steps = recording.columns("next_state", "terminated", "truncated")
+    ends = steps["terminated"] | steps["truncated"]
+    np.testing.assert_allclose(last, steps["next_state"][ends], rtol=2e-5)
 
 
 def test_pictures_end_where_the_environment_does_otherwise(trained: Path) -> None:

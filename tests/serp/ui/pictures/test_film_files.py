@@ -14,8 +14,7 @@ from PIL import Image, ImageColor
 
 from serp._util import figures
 from serp.errors import EnvironmentFailure, RunError
-from serp.runs.recording import open_recording
-from serp.runs.recording_format import EVALUATIONS
+from serp.runs.recording import EVALUATIONS, open_recording
 from serp.runs.run import Run, load_run
 from serp.ui.pictures.film import FilmSettings, Frame, film, write_film, write_gif, write_mp4
 from tests.serp.sample_tasks import CableCut

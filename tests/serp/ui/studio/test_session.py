@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import shutil
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from serp.tasks.registry import load_task
 from serp.ui.studio.document import ChangedOnDisk, Document
 from serp.ui.studio.serving import Guard
 from serp.ui.studio.session import DOMAIN, Session, open_session
-from serp.ui.studio.training import BackgroundTraining
 from serp.ui.studio.view import ShownState, Surroundings, read
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
@@ -155,9 +153,7 @@ def test_a_page_that_opens_shows_what_other_programs_wrote_unless_something_is_n
     assert session.documents[DOMAIN].text == "mine\n"
 
 
-def test_a_problem_moves_with_its_domain_so_that_the_training_is_of_what_is_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_problem_moves_with_its_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     theirs, mine = tmp_path / "theirs", tmp_path / "mine"
     for folder in (theirs, mine):
         folder.mkdir()
@@ -167,35 +163,6 @@ def test_a_problem_moves_with_its_domain_so_that_the_training_is_of_what_is_show
     session = open_session("../theirs/switch.pddl", mine)
     session.edit("domain", SWITCH + "; mine\n")
     assert session.save() == [mine / "switch.pddl", mine / "switch-problem.pddl"]
-    commands: list[list[str]] = []
-    (mine / "runs").symlink_to(theirs)
-    with pytest.raises(SerpError, match="leads out of the working folder"):
-        session.begin_training(100, 0)
-    (mine / "runs").unlink()
-    monkeypatch.setattr(
-        "serp.ui.studio.session.BackgroundTraining", lambda command, *_: commands.append(command)
-    )
-    session.begin_training(100, 0)
-    assert commands[0][:3] == ["play", str(mine / "switch.pddl"), "--train"]
-    (mine / "other.pddl").write_text(SWITCH)
-    session = open_session("other.pddl", mine)
-    (mine / "other-problem.pddl").write_text(PROBLEM)
-    with pytest.raises(SerpError, match="would read the problem from"):
-        session.begin_training(100, 0)
-
-
-def test_a_training_runs_no_python_file_of_the_working_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("click", "random", "serp"):
-        (tmp_path / f"{name}.py").write_text("import os; os._exit(99)")
-    monkeypatch.chdir(tmp_path)
-    training = BackgroundTraining(["play", "none.pddl", "--train"], tmp_path / "run")
-    for _ in range(600):
-        if "none.pddl" in (said := training.state):
-            return
-        time.sleep(0.05)
-    raise AssertionError(said)
 
 
 def test_each_text_that_was_not_saved_is_kept(tmp_path: Path, session: Session) -> None:
@@ -288,13 +255,13 @@ def test_a_websocket_of_another_page_is_refused(
 
 def test_a_state_becomes_a_scenario_that_holds_until_the_file_changes(session: Session) -> None:
     session.shown = ShownState({"heat": 70.0, "on": True})
-    text = session.scenarios.with_state("it is\nhot", session.shown)
+    text = session.request().with_scenario("it is\nhot")
     assert "scenario it is hot\n" in text and "refuses press because unsafe" in text
     session.edit("scenarios", text)
-    (result,) = session.scenarios.run()
+    (result,) = session.request().run_scenarios()
     assert result.passed
     session.edit("domain", SWITCH.replace("75.0", "95.0"))
-    (result,) = session.scenarios.run()
+    (result,) = session.request().run_scenarios()
     assert [failure.expected for failure in result.failures] == ["refuses press because unsafe"]
     session.save()
     assert session.documents["scenarios"].path.read_text() == text
@@ -303,9 +270,6 @@ def test_a_state_becomes_a_scenario_that_holds_until_the_file_changes(session: S
 def test_the_steps_of_a_run_are_shown_with_the_file_in_the_working_folder(tmp_path: Path) -> None:
     shutil.copy(DOMAINS / "cartpole.pddl", tmp_path)
     session = open_session(str(tmp_path / "cartpole.pddl"), tmp_path)
-    session.edit("domain", session.documents["domain"].text + "\n")
-    with pytest.raises(SerpError, match="Save first"):
-        session.begin_training(100, 0)
     task = session.task
     assert task is not None
     run = plan_and_learn(task, env_steps=300, seed=1, out=tmp_path / "run", quiet=True)

@@ -241,13 +241,9 @@ function filterBy(button) {
   const wanted = JSON.parse(button.dataset.test);
   extra = {
     says: button.dataset.says,
-    test: (i) => (!wanted.vetoed || steps.bits[i] & VETOED)
-      && (wanted.proposed === undefined || steps.proposed[i] === wanted.proposed)
-      && (wanted.reason === undefined || steps.reason[i] === wanted.reason)
-      && (wanted.executed === undefined || wanted.executed.includes(steps.executed[i]))
-      && (wanted.fluents === undefined
-        || wanted.fluents.some((f) => isWrong(f, errorOf(f, i))))
-      && (wanted.card === undefined || steps.card[i] === wanted.card),
+    test: (i) => wanted.card === undefined
+      ? steps.executed[i] === wanted.executed && isWrong(wanted.fluent, errorOf(wanted.fluent, i))
+      : steps.card[i] === wanted.card,
   };
   refilter();
   if (hitList.length) jump(hitList[0]);
