@@ -11,7 +11,7 @@ from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import GOES_ON, OVER
-from serp.model.native import OUTCOMES, STACK, address_of, call_step, pointer_to
+from serp.model.native import OUTCOMES, address_of, call_step, pointer_to
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from tests.serp.model.learned.rolls import from_text
@@ -72,29 +72,6 @@ def test_the_likeliest_outcome_follows_and_the_reward_is_expected() -> None:
     assert why_unsafe(adaptation.model, np.array([0.0, 2.0, 10.0]), 0).endswith(
         " % risk of `(unsafe)` (line 12) through event hole"
     )
-
-
-def test_it_is_the_same_in_states_too_long_for_the_stack() -> None:
-    lamps = " ".join(f"lamp{k}" for k in range(STACK // 3))
-    text = GRID.replace("(:predicates", f"(:types lamp) (:constants {lamps} - lamp) (:predicates")
-    text = text.replace("(wet)", "(lit ?l - lamp) (wet)").rstrip().removesuffix(")")
-    light = "(:action light :parameters (?l - lamp) :precondition (and) :effect (and (lit ?l))))"
-    short, long = (adaptation_of(from_text(t).model) for t in (GRID, text + light))
-    names = [fluent.name for fluent in long.model.fluents]
-    columns = [names.index(name) for name in ("wet", "row", "column")]
-    right = next(k for k, a in enumerate(long.model.actions) if a.name == "right")
-    slip(short, 200, wet_slips=True)
-    for step in range(200):
-        states = np.zeros((2, len(names)))
-        states[:, columns] = short.experience.states[step], short.experience.next_states[step]
-        long.observe(states[0], right, states[1], False)
-    for wet, row, column in ((0.0, 2.0, 3.0), (1.0, 2.0, 3.0), (1.0, 0.0, 1.0)):
-        state = np.zeros(len(names))
-        state[columns] = wet, row, column
-        expected, reward, flags = prediction(short, wet, row, column)
-        found = prediction(long, *state, action=right)
-        assert found[0][columns].tolist() == expected.tolist()
-        assert found[1:] == (reward, flags)
 
 
 def test_a_context_that_matters_is_told_apart() -> None:
