@@ -106,7 +106,6 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "residual": [(f"{RESIDUAL}.learn", lambda *given: False)],
     "counts": [("model.learned.outcome_counts:OutcomeCounts.used", always(False))],
     "random-features": [("model.learned.residual_fit:_FEATURES_FROM", np.inf)],
-    "modes": [("model.learned.residual_features:FeatureGroup.bits", always(()))],
     "change-test": [(f"{RESIDUAL}._forget", lambda self: None)],
     "leverage": [(f"{ADAPTED}:AdaptedModel.native_uncertainty", lambda self: None),
                  (f"{ADAPTED}:AdaptedModel.uncertainty",

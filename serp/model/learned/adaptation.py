@@ -63,10 +63,9 @@ class GroupLearners:
         self._wholes = len(self._whole)
         schemas = len({action.schema for action in self._model.actions})
         self._counts = {key: OutcomeCounts(group, schemas) for key, group in self._groups.items()}
-        first = {key[1:]: group for key, group in reversed(self._groups.items())}
         regressions = self._buffer.regressions
         self._residuals = {
-            roles: ResidualRegression(first[roles], parameters, own)
+            roles: ResidualRegression(parameters, own)
             for (roles, parameters), own in zip(
                 regressions.items(), seed.spawn(len(regressions)), strict=True
             )

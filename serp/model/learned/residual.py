@@ -21,7 +21,6 @@ from serp.model.learned.adoption import BETTER, TrackRecord
 from serp.model.learned.residual_features import (
     FEW,
     SETTLED,
-    FeatureGroup,
     RegressionParameters,
     dot_chunk,
     features_of,
@@ -60,21 +59,21 @@ def update_whole(state, next_state, numeric, whole):
 
 
 @cached_njit(nogil=True)
-def account(sample, row, head, published, sizes, statistics):
+def account(sample, head, published, sizes, statistics):
     """Add a sample to the losses.
 
     A sample is the inputs `[d]`, `[T]` observed next values less those of effects and processes,
     `[T]` whether that is observed, and `[T]` the change. `published` are views of
-    `RegressionParameters`; `sizes` are its features, known columns, columns and heads.
+    `RegressionParameters`; `sizes` are its features, known columns and columns.
     `statistics` are `[4, T]` moving averages of errors by predictor, `[T]` samples in them,
-    `[T]` the mean change, `[R, T]` samples of each row, `[1]` the fraction of surprises.
+    `[T]` the mean change, `[H, T]` samples of each head, `[1]` the fraction of surprises.
 
     Returns:
         The weight of the sample in the regression, and whether the world may have changed.
     """
     x, y, valid, change = sample
     centre, shrink, frequency, phase, linear, amplitude, kinds, inverse, typical, scale = published
-    features, known, columns, heads = sizes
+    features, known, columns = sizes
     loss, seen, spread, samples, surprises = statistics
     depth, count = x.shape[0], y.shape[0]
     room = np.empty(depth + 2 * r.SMOOTH + 4 * count)
@@ -86,7 +85,7 @@ def account(sample, row, head, published, sizes, statistics):
     for t in range(count):
         errors[r.FILE, t] = y[t]
         for kind in range(3):
-            errors[1 + kind, t] = y[t] - linear_of(pointer_to(linear[row, kind, t], 0), u, depth)
+            errors[1 + kind, t] = y[t] - linear_of(pointer_to(linear[head, kind, t], 0), u, depth)
     share = 1.0
     known = columns_in_use(known, columns, kinds.max())
     for chunk in range(max(1, features // r.SMOOTH)):
@@ -99,19 +98,18 @@ def account(sample, row, head, published, sizes, statistics):
                     errors[r.CURVED + kind, t] -= dot_chunk(weights, z, scratch)
         if chunk == 0:
             share = leverage(
-                pointer_to(inverse, 0), inverse.shape[0], known, columns, heads, row, head, u,
-                depth, z,
+                pointer_to(inverse, 0), inverse.shape[0], known, columns, head, u, depth, z,
             )  # fmt: skip
     worst, surprise = 0.0, False
     for t in range(count):
-        if valid[t] and samples[row, t] >= FEW:
+        if valid[t] and samples[head, t] >= FEW:
             error = errors[int(kinds[t]), t]
             least = 1e-9 * (1.0 + abs(y[t] - error))
-            variance = typical[row, t] ** 2 + share * scale[0, t] ** 2 + least * least
+            variance = typical[head, t] ** 2 + share * scale[0, t] ** 2 + least * least
             ratio = error * error / variance
             worst = max(worst, ratio)
             if ratio > _ROBUST * _ROBUST and abs(error) > _NOTICED * spread[t]:
-                surprise = surprise or samples[row, t] >= SETTLED
+                surprise = surprise or samples[head, t] >= SETTLED
     weight = 1.0 if worst <= _ROBUST * _ROBUST else _ROBUST * _ROBUST / worst
     surprises[0] = _RECENT * surprises[0] + (1.0 - _RECENT if surprise else 0.0)
     for t in range(count):
@@ -119,12 +117,12 @@ def account(sample, row, head, published, sizes, statistics):
             continue
         error = errors[int(kinds[t]), t]
         size = abs(error)
-        samples[row, t] += 1.0
-        if samples[row, t] > SETTLED:
-            limited = min(size, 4.0 * typical[row, t] + 1e-12)
-            typical[row, t] += 0.02 * weight * (limited - typical[row, t])
+        samples[head, t] += 1.0
+        if samples[head, t] > SETTLED:
+            limited = min(size, 4.0 * typical[head, t] + 1e-12)
+            typical[head, t] += 0.02 * weight * (limited - typical[head, t])
         else:
-            typical[row, t] += (size * weight - typical[row, t]) / samples[row, t]
+            typical[head, t] += (size * weight - typical[head, t]) / samples[head, t]
         rate = rate_of(seen[t], _MEMORY) * weight  # hardly any for far outliers
         # Over all samples: where a robot keeps still, little changes, and noise is most of it.
         spread[t] += weight / (1.0 + seen[t]) * (abs(change[t]) - spread[t])
@@ -180,20 +178,14 @@ what a robot meets at the end of an episode only."""
 class ResidualRegression:
     """Learns the one-step error of the targets of alike groups; `parameters` receive the result."""
 
-    def __init__(
-        self,
-        group: FeatureGroup,
-        parameters: RegressionParameters,
-        seed: np.random.SeedSequence,
-    ) -> None:
+    def __init__(self, parameters: RegressionParameters, seed: np.random.SeedSequence) -> None:
         p = self._parameters = parameters
-        count, rows = p.count, p.rows
-        self._bits = group.bits
+        count = p.count
         self._published = (
             p.centre, p.shrink, p.frequency, p.phase, p.linear, p.amplitude, p.kinds, p.inverse,
             p.typical, p.scale,
         )  # fmt: skip
-        self._loss, self._samples = np.zeros((4, count)), np.zeros((rows, count))
+        self._loss, self._samples = np.zeros((4, count)), np.zeros((p.heads, count))
         self._seen, self._spread, self._surprises = np.zeros(count), np.zeros(count), np.zeros(1)
         self._statistics = (
             self._loss, self._seen, self._spread, self._samples, self._surprises,
@@ -226,12 +218,11 @@ class ResidualRegression:
         p, fit = self._parameters, self._fit
         if not valid.any() or not fit.accepts(x):
             return bool(p.kinds.any())
-        row = self._row(head, x)
         weight, changed = account(
-            (x, y, valid, change), row, head, self._published,
-            (p.features, p.known, p.columns, p.heads), self._statistics,
+            (x, y, valid, change), head, self._published,
+            (p.features, p.known, p.columns), self._statistics,
         )  # fmt: skip
-        fit.keep(x, y, valid, change, row, weight)
+        fit.keep(x, y, valid, change, head, weight)
         self._of_episode += 1
         self._alarms = self._alarms + 1 if changed else 0
         if changed and (self._of_episode < REMEMBERED or self._alarms > _LONG):
@@ -248,29 +239,11 @@ class ResidualRegression:
     def track_records(self, schema: str, head: int) -> list[TrackRecord]:
         """Return what is known of the residual of each target, after actions of a schema."""
         p, loss = self._parameters, self._loss
-        steps = self._samples[p.head_of_rows == head].sum(axis=0)
+        steps = self._samples[head]
         learned = loss[r.LINEAR :].min(axis=0) if p.features else loss[r.LINEAR]
         errors = loss[r.FILE].tolist(), learned.tolist()
         columns = zip((p.kinds != r.FILE).tolist(), steps.tolist(), *errors, strict=True)
         return [TrackRecord(schema, use, int(seen), *both) for use, seen, *both in columns]
-
-    def _row(self, head: int, x: Vector) -> int:
-        """Return the row of an input, adding a mode while there is room."""
-        if not self._bits:
-            return head
-        p = self._parameters
-        bits = sum(2**k for k, bit in enumerate(self._bits) if x[bit] != 0.0)
-        code = float(r.CODES * head + bits)
-        known: list[float] = p.codes[p.heads : p.heads + p.modes].tolist()
-        if code in known:
-            return p.heads + known.index(code)
-        if p.heads + p.modes == p.rows:
-            return head
-        row: int = p.heads + p.modes
-        p.modes += 1
-        p.codes[row] = code
-        p.linear[row] = p.linear[head]
-        return row
 
     def _forget(self) -> None:
         """Forget all but the newest samples, because the environment has changed."""

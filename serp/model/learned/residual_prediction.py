@@ -13,7 +13,6 @@ from serp.model.learned.residual_features import (
     features_of,
     linear_of,
     normalise,
-    row_of,
 )
 from serp.model.native import STACK, STEP_SIGNATURE, advanced, pointer_to, stack_room
 from serp.model.transition_model import UNKNOWN
@@ -32,7 +31,7 @@ def columns_in_use(known, columns, most):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def leverage(inverse, stride, known, columns, heads, row, head, u, depth, z):
+def leverage(inverse, stride, known, columns, head, u, depth, z):
     """Return the leverage of an input: 0 where much is known, 1 where nothing is.
 
     It is q / (1 + q), where q is the posterior variance of the smooth model in units of that of an
@@ -44,14 +43,7 @@ def leverage(inverse, stride, known, columns, heads, row, head, u, depth, z):
     block = 1 + depth
     for i in range(known):
         total, at = 0.0, i * stride
-        for place in range(3):
-            start = 0
-            if place == 1:
-                start = (1 + head) * block
-            elif place == 2:
-                if row < heads:
-                    break
-                start = (1 + row) * block
+        for start in (0, (1 + head) * block):
             if start > i:
                 break
             total += inverse[at + start]
@@ -64,12 +56,12 @@ def leverage(inverse, stride, known, columns, heads, row, head, u, depth, z):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def leverage_at(buffer, part, row, head, most, u, depth, z):
+def leverage_at(buffer, part, head, most, u, depth, z):
     """Return the leverage of normalised inputs where `most` is the largest kind in use.
 
     `z` receives the features.
     """
-    columns = (1 + int(buffer[part + r.R_ROWS])) * (1 + depth)
+    columns = (1 + int(buffer[part + r.R_HEADS])) * (1 + depth)
     known = columns_in_use(int(buffer[part + r.R_KNOWN]), columns, most)
     if known > columns:
         features_of(
@@ -78,7 +70,7 @@ def leverage_at(buffer, part, row, head, most, u, depth, z):
         )  # fmt: skip
     return leverage(
         advanced(buffer, int(buffer[part + r.R_INVERSE])), columns + r.SMOOTH, known, columns,
-        int(buffer[part + r.R_HEADS]), row, head, u, depth, z,
+        head, u, depth, z,
     )  # fmt: skip
 
 
@@ -99,9 +91,8 @@ def add_residual(buffer, action, state, out):
             inputs, targets = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_TARGETS])
             depth, count = int(buffer[group + b.G_DEPTH]), int(buffer[group + b.G_COUNT])
             head = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_HEAD])
-            row = row_of(buffer, part, head, inputs, state)
             kinds = int(buffer[part + r.R_KINDS])
-            linear = int(buffer[part + r.R_LINEAR]) + 3 * row * count * (1 + depth)
+            linear = int(buffer[part + r.R_LINEAR]) + 3 * head * count * (1 + depth)
             amplitude = int(buffer[part + r.R_AMPLITUDE])
             most = 0
             for t in range(count):
@@ -113,7 +104,7 @@ def add_residual(buffer, action, state, out):
                 for i in range(depth):
                     inside = inside and abs(u[i]) <= r.RANGE
                 if not inside:
-                    far = leverage_at(buffer, part, row, head, most, u, depth, z) >= UNKNOWN
+                    far = leverage_at(buffer, part, head, most, u, depth, z) >= UNKNOWN
                     most = r.LINEAR if far else most
             for t in range(count):
                 kind = min(int(buffer[kinds + t]), most)
@@ -154,19 +145,18 @@ def uncertainty_of(buffer, action, state):
             inputs, count = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_COUNT])
             depth = int(buffer[group + b.G_DEPTH])
             head = int(buffer[shared + b.S_HEAD])
-            row = row_of(buffer, part, head, inputs, state)
             known, kinds = int(buffer[part + r.R_KNOWN]), int(buffer[part + r.R_KINDS])
-            rows, typical = int(buffer[part + r.R_ROWS]), int(buffer[part + r.R_TYPICAL])
+            heads, typical = int(buffer[part + r.R_HEADS]), int(buffer[part + r.R_TYPICAL])
             change = int(buffer[part + r.R_SCALE]) + count
             most, written = 0.0, known > 0
             for t in range(count):
                 most = max(most, buffer[kinds + t])
-                for each in range(rows):  # a row without samples says nothing of the file
+                for each in range(heads):  # a head without samples says nothing of the file
                     if buffer[typical + each * count + t] > 0.5 * buffer[change + t]:
                         written = False
             if not (written and most == r.FILE):
                 normalise(buffer, part, inputs, depth, state, u)
-                unknown = max(unknown, leverage_at(buffer, part, row, head, most, u, depth, z))
+                unknown = max(unknown, leverage_at(buffer, part, head, most, u, depth, z))
         group += b.GROUP
     return unknown
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from serp.model.learned.residual_features import MAX_BITS, FeatureGroup, feature_groups_of
+from serp.model.learned.residual_features import FeatureGroup, feature_groups_of
 from serp.model.transition_model import TransitionModel
 from tests.serp.model.learned import worlds
 from tests.serp.model.learned.rolls import from_text
@@ -32,25 +32,13 @@ def test_every_number_is_predicted_once_and_a_key_says_what_it_is_predicted_from
         for group in of_action:
             assert len(set(group.inputs)) == len(group.inputs)
             assert set(group.targets) | set(group.predicates) <= set(group.inputs)
-            assert not any(model.fluents[group.inputs[place]].numeric for place in group.bits)
+            assert not any(
+                model.fluents[group.inputs[place]].numeric for place in group.predicate_inputs
+            )
             # What shares a key has the same symbols in the same places.
             symbols = [
                 [model.fluents[column].symbol for column in columns]
                 for columns in (group.inputs, group.targets, group.predicates)
             ]
-            shape = (action.schema, symbols, group.bits)
+            shape = (action.schema, symbols, group.predicate_inputs)
             assert shapes.setdefault(group.key, shape) == shape
-
-
-def test_so_many_predicates_make_no_modes() -> None:
-    def bits(count: int) -> int:
-        flips = " ".join(f"(p{k})" for k in range(count))
-        model = from_text(
-            f"(define (domain d) (:predicates {flips}) (:functions (x))"
-            f" (:action go :parameters () :precondition (and)"
-            f" :effect (and (increase (x) 1) {flips})))"
-        ).model
-        return max(len(group.bits) for group in groups_of(model, "go"))
-
-    assert bits(MAX_BITS) == MAX_BITS
-    assert bits(MAX_BITS + 1) == 0

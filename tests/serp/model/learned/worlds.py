@@ -221,8 +221,6 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
 def _publish(
     part: RegressionParameters, rng: np.random.Generator, numbers: tuple[float, ...]
 ) -> None:
-    part.modes = int(rng.integers(part.rows - part.heads + 1))
-    part.codes[part.heads :] = rng.permutation(part.rows - part.heads)
     part.features = FEATURES if rng.random() < 0.5 else 0
     kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
     part.kinds[:] = rng.choice(kinds, size=part.kinds.shape)

@@ -94,7 +94,7 @@ def test_a_nonlinear_error_is_learned() -> None:
 
 
 @pytest.mark.parametrize("share", [0.5, 0.05])
-def test_different_things_are_learned_in_modes_however_seldom_they_are_met(share: float) -> None:
+def test_different_things_are_learned_by_predicates_however_seldom_they_hold(share: float) -> None:
     def world(state: Vector, action: int) -> Vector:
         icy, p, v = state
         push = (0.5 if action == PUSH else 0.0) * (0.2 if icy else 1.0)
