@@ -48,6 +48,7 @@ _NAMES = {
     "serp.settings": ("Settings",),
     "serp.tasks.file_world": ("file_task",),
     "serp.tasks.registry": ("load_task",),
+    "serp.tasks.symmetry": ("Symmetry",),
     "serp.tasks.task": ("Task",),
 }
 """Module → the public names that it defines."""
@@ -84,6 +85,7 @@ if TYPE_CHECKING:
     from serp.settings import Settings as Settings
     from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
+    from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
@@ -21,42 +22,40 @@ from serp.agent.strategy import Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
 from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import Proposal
+from serp.learning.reflection import Reflection
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.preference import free_of_risk
 from serp.settings import Settings
+from serp.tasks.symmetry import resolved
 from serp.tasks.task import BoundTask, reward_source
 
 MIN_VISITS = 4
 """In training, a planner prefers actions that were observed fewer times."""
 
 
-class ExplorationBonus:
-    """Makes a planner prefer actions with fewer visits than `min_visits`; 0: no preference.
+def exploration_bonus(visits: NDArray[np.int64], min_visits: int, forecast: Forecast) -> Forecast:
+    """Return a forecast whose choice is the least visited action that is safe.
 
-    `visits` `[A]` counts how often each ground action was observed; its owner updates it.
+    Args:
+        visits: `[A]` how often each ground action was observed.
+        min_visits: Actions with fewer visits are preferred; 0: none.
+        forecast: The forecast, which is returned where no action is preferred.
     """
-
-    def __init__(self, visits: NDArray[np.int64], min_visits: int) -> None:
-        self._visits = visits
-        self._min_visits = min_visits
-
-    def __call__(self, forecast: Forecast) -> Forecast:
-        """Return a forecast whose choice is the least visited action that is safe."""
-        if self._visits.min(initial=self._min_visits) >= self._min_visits:
-            return forecast
-        candidates = free_of_risk(forecast.flags)
-        lasting = candidates & (forecast.safe_steps == SAFE)
-        if lasting.any():
-            candidates = lasting
-        # If all known actions become unsafe, an unknown one is the better choice.
-        candidates &= self._visits < self._min_visits
-        if not candidates.any():
-            return forecast
-        least = np.where(candidates, self._visits, np.iinfo(np.int64).max)
-        return forecast._replace(choice=int(least.argmin()))
+    if visits.min(initial=min_visits) >= min_visits:
+        return forecast
+    candidates = free_of_risk(forecast.flags)
+    lasting = candidates & (forecast.safe_steps == SAFE)
+    if lasting.any():
+        candidates = lasting
+    # If all known actions become unsafe, an unknown one is the better choice.
+    candidates &= visits < min_visits
+    if not candidates.any():
+        return forecast
+    least = np.where(candidates, visits, np.iinfo(np.int64).max)
+    return forecast._replace(choice=int(least.argmin()))
 
 
 _FOR_LEARNER = (
@@ -79,12 +78,14 @@ class Agent:
         settings: All settings.
         seed: Seed of everything random in the agent.
         baseline: Whether the learner always acts, and nothing is refused.
+        reflection: That of an exported policy; None: the one that the task declares.
 
     Attributes:
         arbiter: The arbiter used in training.
         guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
         adaptation: The adaptation of the model.
-        notices: Messages for the user: a model that cannot adapt.
+        reflection: The reflection of inputs and actions that the learner uses; None for none.
+        notices: Messages for the user: a model that cannot adapt, a symmetry that does not fit.
     """
 
     def __init__(
@@ -94,6 +95,7 @@ class Agent:
         seed: int,
         *,
         baseline: bool = False,
+        reflection: Reflection | None = None,
     ) -> None:
         self.task = task
         self.settings = settings
@@ -116,7 +118,8 @@ class Agent:
             settings.arbiter,
             strategy,
             vetoes=VetoPolicy(actions, settings.arbiter, settings.planner.depth),
-            exploration_bonus=ExplorationBonus(
+            exploration_bonus=functools.partial(
+                exploration_bonus,
                 self.adaptation.visits,
                 MIN_VISITS if model is not task.model else 0,
             ),
@@ -126,14 +129,19 @@ class Agent:
             self.arbiter = Arbiter(
                 planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
             )
-        notice = self.adaptation.notice
-        self.notices: tuple[str, ...] = () if notice is None else (notice,)
+        unfit = None
+        if reflection is None and settings.learner.symmetry:
+            reflection, unfit = resolved(task)
+        self.reflection = reflection
+        notices = (unfit, self.adaptation.notice)
+        self.notices = tuple(notice for notice in notices if notice is not None)
         self.learner = make_learner(
             task.observation_size + len(task.model.fluents),
             task.actions.size,
             settings.learner,
             learner_seed,
             imitates=strategy.imitates,
+            reflection=reflection,
         )
         self._random = np.random.default_rng(random_seed)
         self._waiting: dict[int, list[tuple[Vector, int, Vector, int, float]]] = {}

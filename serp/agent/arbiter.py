@@ -8,12 +8,12 @@ from typing import ClassVar
 
 from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
+from serp.agent.explanation import explain
 from serp.agent.protocols import Planner, Proposer
-from serp.agent.refusals import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.agent.strategy import Mixture, Situation, Strategy
-from serp.agent.veto import NoVeto, VetoPolicy
+from serp.agent.veto import VetoPolicy
 from serp.learning.dqn import Proposal
-from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE, risk_of
+from serp.model.flags import RISKY, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import Forecast
 from serp.settings import ArbiterSettings, Settings
@@ -50,7 +50,7 @@ class Arbiter(Declared):
         settings: ArbiterSettings | None = None,
         strategy: Strategy | None = None,
         *,
-        vetoes: VetoPolicy | NoVeto | None = None,
+        vetoes: VetoPolicy | None = None,
         exploration_bonus: Callable[[Forecast], Forecast] = lambda forecast: forecast,
     ) -> None:
         self.planner = planner
@@ -95,9 +95,8 @@ class Arbiter(Declared):
         if preferred is not planned:
             action, planner = self.actions.project(preferred).choice, Actor.PLANNER
             if action >= 0 and situation.forecast.safe[action]:
-                return self._record(
-                    situation, action, planner, Reason.LITTLE_TRIED, action, planner
-                )
+                reason = Reason.LITTLE_TRIED
+                return Decision(action, planner, reason, action, planner, self.rho, *situation)
         return self._follow(situation, proposal)
 
     def decide_greedily(self, state: Vector, learner: Proposer) -> Decision:
@@ -144,7 +143,7 @@ class Arbiter(Declared):
 
     def _accept(self, situation: Situation, proposal: Proposal) -> Decision:
         actor, action = _proposer(proposal), int(proposal.action)
-        return self._record(situation, action, actor, Reason.ACCEPTED, action, actor)
+        return Decision(action, actor, Reason.ACCEPTED, action, actor, self.rho, *situation)
 
     def _planner_acts(
         self, situation: Situation, proposed: int, proposed_by: Actor, reason: Reason
@@ -162,7 +161,7 @@ class Arbiter(Declared):
             instead = self._fallback(forecast, proposed, otherwise=action)
             if instead != action:
                 action, executed_by = instead, Actor.FALLBACK
-        return self._record(situation, action, executed_by, reason, proposed, proposed_by)
+        return Decision(action, executed_by, reason, proposed, proposed_by, self.rho, *situation)
 
     def _fallback(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
         """Return the action to execute when the planner's choice is certain to do damage, or -1.
@@ -180,26 +179,6 @@ class Arbiter(Declared):
                 return proposed if proposed >= 0 and kind[proposed] else int(kind.argmax())
         return otherwise if otherwise >= 0 else max(proposed, 0)
 
-    def _record(
-        self,
-        situation: Situation,
-        action: int,
-        executed_by: Actor,
-        reason: Reason,
-        proposed: int,
-        proposed_by: Actor,
-    ) -> Decision:
-        return Decision.of(
-            situation.forecast,
-            situation.admissible,
-            action=action,
-            executed_by=executed_by,
-            reason=reason,
-            proposed=proposed,
-            proposed_by=proposed_by,
-            rho=self.rho,
-        )
-
     # Explaining --------------------------------------------------------------------------------
 
     def explain(self, decision: Decision, state: Vector) -> str:
@@ -207,22 +186,21 @@ class Arbiter(Declared):
         if decision.reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED, Reason.ACCEPTED):
             return ""
         shown = decision.proposed if decision.proposed >= 0 else decision.action
-        ground = int(decision.forecast.ground[shown])
-        if ground < 0:
-            return f"{self.actions.name(shown)}: the domain does not mention it"
-        flags = int(decision.forecast.flags[shown])
-        if not flags & APPLICABLE:
-            return why_not_applicable(self.model, state, ground)
-        if flags & (UNSAFE | RISKY):
-            return why_unsafe(self.model, state, ground)
-        name = self.model.actions[ground].name
+        why = self.remark(decision.forecast, state, shown)
         if decision.reason is Reason.LOW_REWARD:
-            return (
-                f"{name}: predicted reward {decision.forecast.reward[shown]:.4g} is below "
-                f"R_min {self.settings.r_min:g}"
-            )
-        steps = int(decision.forecast.safe_steps[shown])
-        return f"{name}: {unsafe_ahead(steps)}"
+            reward = decision.forecast.reward[shown]
+            why = f"predicted reward {reward:.4g} is below R_min {self.settings.r_min:g}"
+        ground = int(decision.forecast.ground[shown])
+        name = self.actions.name(shown) if ground < 0 else self.model.actions[ground].name
+        return f"{name}: {why}"
+
+    def remark(self, forecast: ActionForecast, state: Vector, action: int) -> str:
+        """Return what is special about an action, in terms of the domain file; may be empty."""
+        names = [self.actions.name(number) for number in range(self.actions.size)]
+        account = explain(
+            self.model, state, forecast, None, names=names, ground=forecast.ground.tolist()
+        )
+        return account.alternatives[action].remark
 
 
 def _proposer(proposal: Proposal) -> Actor:

@@ -6,12 +6,13 @@ reward of the step changed by there, so that the amounts of a step add up to its
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
 
+from serp._util.text import plural, readable
 from serp.model import ground as g
 from serp.model.emit import Passage
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
@@ -72,6 +73,51 @@ class Cause:
     comment: str = ""
     place: Location | None = None
     after: int = 0
+
+    @property
+    def schema(self) -> str:
+        """What it belongs to: `event push-wins left`, `the goal`."""
+        return f"{self.origin} {self.name}" if self.name else f"the {self.origin}"
+
+    @property
+    def quoted(self) -> str:
+        """Its text with its line, and the schema through which it comes if that is no action."""
+        line = "" if self.place is None else f" (line {self.place.line})"
+        through = "" if self.origin == "action" else f" through {self.schema}"
+        return f"`{self.text}`{line}{through}"
+
+    def failure(self, *, located: bool = True) -> str:
+        """Say what keeps a step from having a result; with its line, unless not `located`."""
+        quote = self.quoted if located else f"`{self.text}`"
+        if self.what == "failed":
+            reads = listed_values(self.reads)
+            return f"{quote} does not hold" + (f" ({reads})" if reads else "")
+        if self.what == "conflict":
+            return f"{quote} contradicts another effect"
+        if not self.text:
+            return f"{self.name or 'the reward'} gives no finite number"
+        return f"{quote} is neither true nor false, it has no value"
+
+
+def listed_values(values: Mapping[str, float | bool], most: int = 6) -> str:
+    """Return values as `x = 1.2, open = true`, and how many more there are."""
+    shown = [
+        f"{name} = {str(value).lower() if isinstance(value, bool) else readable(float(value))}"
+        for name, value in values.items()
+    ]
+    more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
+    return ", ".join(shown[:most]) + more
+
+
+def why_not_applicable(causes: Iterable[Cause]) -> str:
+    """Return why an action is not applicable, given what is behind its step.
+
+    The reason is a failed precondition, with the values that it reads; effects that contradict each
+    other or have no finite result; or a condition without a value, such as a division by zero.
+    """
+    failing = (cause for cause in causes if cause.what in ("failed", "conflict", "undefined"))
+    first = next(failing, None)
+    return "it has no result" if first is None else first.failure()
 
 
 def causes_of(model: TransitionModel, state: Vector, action: int) -> list[Cause]:

@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from serp._util.text import listed, plural
+from serp._util.text import listed
 from serp.model.transition_model import StateError
 
 if TYPE_CHECKING:
-    from serp.model.ground import Fluent
     from serp.model.transition_model import TransitionModel, Vector
 
 
@@ -82,7 +81,6 @@ def counterfactuals(
     now, changes = outcome(state), list[Counterfactual]()
     over = _is_over(model, state)
     omitted: list[str] = []
-    tried: list[Fluent] = []
     for fluent in model.fluents:
         low, high = float(ranges[0][fluent.index]), float(ranges[1][fluent.index])
         if fluent.numeric and not high > low:
@@ -90,7 +88,6 @@ def counterfactuals(
         if time.monotonic() > deadline:
             omitted.append(fluent.name)
             continue
-        tried.append(fluent)
         changed, value = state.copy(), float(state[fluent.index])
 
         def at(becomes: float, changed: Vector = changed, index: int = fluent.index) -> int:
@@ -114,7 +111,10 @@ def counterfactuals(
             name = called(at(nearest))
             changes.append(Counterfactual(fluent.name, shown(value), shown(nearest), name, share))
     changes.sort(key=lambda change: change.share)
-    return Counterfactuals(tuple(changes), _searched(tried, omitted, whole))
+    searched = "Each fluent was changed alone, within its observed range."
+    if omitted:
+        searched += f" There was no time for {listed(omitted)}."
+    return Counterfactuals(tuple(changes), searched)
 
 
 def _border(at: Callable[[float], int], now: int, value: float, end: float) -> float | None:
@@ -142,19 +142,3 @@ def _is_over(model: TransitionModel, state: Vector) -> bool:
     except StateError:
         return False
     return judged.terminal or judged.unsafe
-
-
-def _searched(tried: Iterable[Fluent], omitted: list[str], whole: Collection[int]) -> str:
-    kinds = ["predicate" if not f.numeric else f.index in whole for f in tried]
-    parts = []
-    if counted := kinds.count(True):
-        parts.append(f"{plural(counted, 'number')} at up to {_POINTS} whole numbers on either side")
-    if numbers := kinds.count(False):
-        parts.append(
-            f"{plural(numbers, 'number')} at {_POINTS} points to either end of the observed range, "
-            "then by bisection"
-        )
-    if predicates := kinds.count("predicate"):
-        parts.append(f"{plural(predicates, 'predicate')} negated")
-    searched = f"Each fluent was changed alone: {'; '.join(parts) or 'none varies'}."
-    return searched + (f" There was no time for {listed(omitted)}." if omitted else "")

@@ -49,15 +49,8 @@ class Decision(NamedTuple):
         proposed: The proposed action; -1 if the planner had none.
         proposed_by: Who proposed it.
         rho: ρ at the time of the decision.
-        predicted_reward: Predicted reward of the executed action, one step; NaN if the model does
-            not know it or it is not applicable.
-        unsafe: Whether the file as written flags the executed action.
-        risk: Predicted probability, in [0, 1], that it is unsafe; 1 if it is flagged, NaN if the
-            model does not know it or it is not applicable.
-        proposal_unsafe: Whether the proposed action is flagged, or its risk not accepted.
-        indifferent: Whether the planner had no reason to prefer one action.
-        admissible: `[E]` whether no veto refuses the action.
         forecast: The planner's forecast for the state.
+        admissible: `[E]` whether no veto refuses the action.
     """
 
     action: int
@@ -66,44 +59,40 @@ class Decision(NamedTuple):
     proposed: int
     proposed_by: Actor
     rho: float
-    predicted_reward: float
-    unsafe: bool
-    risk: float
-    proposal_unsafe: bool
-    indifferent: bool
-    admissible: NDArray[np.bool_]
     forecast: ActionForecast
+    admissible: NDArray[np.bool_]
 
-    @classmethod
-    def of(
-        cls,
-        forecast: ActionForecast,
-        admissible: NDArray[np.bool_],
-        *,
-        action: int,
-        executed_by: Actor,
-        reason: Reason,
-        proposed: int,
-        proposed_by: Actor,
-        rho: float,
-    ) -> Decision:
-        """Return the record of a decision; the rest of it follows from the forecast."""
-        flags = int(forecast.flags[action])
-        return cls(
-            action=action,
-            executed_by=executed_by,
-            reason=reason,
-            proposed=proposed,
-            proposed_by=proposed_by,
-            rho=rho,
-            predicted_reward=float(forecast.reward[action]) if flags & APPLICABLE else np.nan,
-            unsafe=bool(flags & UNSAFE),
-            risk=risk_of(flags) if flags & (APPLICABLE | UNSAFE) else np.nan,
-            proposal_unsafe=proposed >= 0 and bool(forecast.flags[proposed] & (UNSAFE | RISKY)),
-            indifferent=forecast.indifferent,
-            admissible=admissible,
-            forecast=forecast,
-        )
+    @property
+    def _flags(self) -> int:
+        return int(self.forecast.flags[self.action])
+
+    @property
+    def predicted_reward(self) -> float:
+        """Predicted reward of the executed action, one step; NaN if unknown or not applicable."""
+        return float(self.forecast.reward[self.action]) if self._flags & APPLICABLE else np.nan
+
+    @property
+    def unsafe(self) -> bool:
+        """Whether the file as written flags the executed action."""
+        return bool(self._flags & UNSAFE)
+
+    @property
+    def risk(self) -> float:
+        """Predicted probability, in [0, 1], that the executed action is unsafe.
+
+        1 if it is flagged, NaN if the model does not know it or it is not applicable.
+        """
+        return risk_of(self._flags) if self._flags & (APPLICABLE | UNSAFE) else np.nan
+
+    @property
+    def proposal_unsafe(self) -> bool:
+        """Whether the proposed action is flagged, or its risk not accepted."""
+        return self.proposed >= 0 and bool(self.forecast.flags[self.proposed] & (UNSAFE | RISKY))
+
+    @property
+    def indifferent(self) -> bool:
+        """Whether the planner had no reason to prefer one action."""
+        return self.forecast.indifferent
 
     @property
     def depth(self) -> int:

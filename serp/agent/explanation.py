@@ -7,18 +7,16 @@ behind an action is traced when it is read: of thousands of actions a few are sh
 from __future__ import annotations
 
 import functools
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from serp._util.text import percent
-from serp.agent.causes import Cause, causes_of
-from serp.agent.refusals import unsafe_ahead, what_fails, what_flags
+from serp._util.text import percent, plural
+from serp.agent.causes import Cause, causes_of, why_not_applicable
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
-from serp.model.transition_model import Outcome, TransitionModel, Vector
+from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.preference import PathScore, path_score, rank_of
 from serp.tasks.action_map import ActionForecast
@@ -270,47 +268,6 @@ def explain(
     return Explanation(model.values(state), tuple(alternatives), chosen, other, partial)
 
 
-def followed(
-    model: TransitionModel,
-    choose: Callable[[Vector], int],
-    state: Vector,
-    action: int,
-    most: int,
-) -> Iterator[tuple[int, Outcome]]:
-    """Yield what a planner does by the model from an action on: actions and what they lead to.
-
-    Args:
-        model: The model.
-        choose: State → position of the planner's action there; -1 for none.
-        state: `[F]`, in which the first action is executed.
-        action: The first ground action; -1 for none.
-        most: Most steps.
-    """
-    for _ in range(most):
-        step = model.step(state, action) if action >= 0 else None
-        if step is None or not step.applicable:
-            return
-        yield action, step
-        action, state = -1 if step.terminal else choose(step.state), step.state
-
-
-def paths_by(
-    model: TransitionModel,
-    choose: Callable[[Vector], int],
-    state: Vector,
-    most: int,
-    seconds: float,
-) -> list[list[int]]:
-    """Return the path that begins with each action, see `followed`; empty ones after some time."""
-    deadline = time.monotonic() + seconds
-    return [
-        [step for step, _ in followed(model, choose, state, action, most)]
-        if time.monotonic() < deadline
-        else []
-        for action in range(len(model.actions))
-    ]
-
-
 def step_causes(
     model: TransitionModel, state: Vector, ground: int, flags: int, reward: float | None
 ) -> list[Cause]:
@@ -358,15 +315,14 @@ def _remark(of: Alternative, ground: int, flags: int) -> str:
     if ground < 0:
         return "the domain does not mention it"
     if not flags & APPLICABLE:
-        failing = [c for c in of.causes if c.what in ("failed", "conflict", "undefined")]
-        return f"not applicable: {what_fails(failing[0]) if failing else 'it has no result'}"
+        return f"not applicable: {why_not_applicable(of.causes)}"
+    cause = next((c for c in of.causes if c.what in ("unsafe", "risk")), None)
     remarks = []
     if flags & UNSAFE:
-        flagging = [c for c in of.causes if c.what == "unsafe"]
-        remarks.append(f"unsafe: {what_flags(flagging[0])}" if flagging else "unsafe")
+        remarks.append("unsafe" if cause is None else f"unsafe: {cause.quoted}")
     elif flags & RISKY:
-        cause = next(c for c in of.causes if c.what == "risk")
-        source = "by what was learned" if cause.place is None else f"risk of {what_flags(cause)}"
+        known = cause is not None and cause.place is not None
+        source = f"risk of {cause.quoted}" if cause and known else "by what was learned"
         remarks.append(f"too risky: {percent(of.risk)} {source}")
     else:
         if of.risk:
@@ -378,3 +334,9 @@ def _remark(of: Alternative, ground: int, flags: int) -> str:
     if flags & TERMINAL:
         remarks.append("ends the task")
     return "; ".join(remarks)
+
+
+def unsafe_ahead(safe_steps: int) -> str:
+    """Say that something unsafe, or too risky, follows a first step that is safe."""
+    periods = plural(safe_steps, "control period")
+    return f"safe for {periods}, then nothing is left that is predicted safe"

@@ -28,10 +28,10 @@ class Planner(Protocol):
     returns a planner, is found by name through the entry-point group `serp.planners`. A forecast
     depends on nothing but the state, the model, what a `StatefulPlanner` saves and `visited`.
 
-    A planner may have an attribute `visited`, which is set to the visited states
-    (`serp.planning.cell_graph.Visited`); a method `begin_episode()`, called where an episode
-    begins, perhaps in another world; and a method `prefetch(states)`, which returns a context in
-    whose body the forecasts for these states are at hand.
+    A planner may have an attribute `visited`, which is set to the visited states, a
+    `serp.model.learned.transitions.TransitionMemory`; a method `begin_episode()`, called where an
+    episode begins, perhaps in another world; and a method `prefetch(states)`, which returns a
+    context in whose body the forecasts for these states are at hand.
     """
 
     def forecast(self, state: Vector) -> Forecast:

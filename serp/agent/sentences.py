@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from serp._util.text import percent, plural, readable
-from serp.agent.causes import Cause
+from serp.agent.causes import Cause, listed_values
 from serp.agent.counterfactuals import Counterfactual, Counterfactuals
 from serp.agent.explanation import Alternative, RunnerUp
-from serp.agent.refusals import schema_of, what_fails
 from serp.planning.edges import Bound
 from serp.planning.forecast import Forecast
 
@@ -179,7 +178,7 @@ def _line(run: Sequence[Sequence[Cause]]) -> str:
     ]
     brought = ", ".join(map(_what, causes, amounts))
     first = causes[0]
-    by = f" by {schema_of(first)}" if first.what in _BROUGHT else ""
+    by = f" by {first.schema}" if first.what in _BROUGHT else ""
     if first.origin == "learned":
         by = " by what the run has learned"
     return f"{when}{brought}{by}{_where(causes)}"
@@ -201,9 +200,9 @@ def _what(cause: Cause, amount: float | None) -> str:
         case "end":
             return "the end of the task"
         case "failed":
-            return f"not applicable: {what_fails(cause, located=False)}"
+            return f"not applicable: {cause.failure(located=False)}"
         case _:
-            return f"no defined result: {what_fails(cause, located=False)}"
+            return f"no defined result: {cause.failure(located=False)}"
 
 
 def _where(causes: Sequence[Cause]) -> str:
@@ -220,16 +219,6 @@ def _where(causes: Sequence[Cause]) -> str:
         if reads:
             details.append(listed_values(reads))
     return f"{text}. [{'; '.join(details)}]"
-
-
-def listed_values(values: dict[str, float | bool], most: int = 6) -> str:
-    """Return values as `x = 1.2, open = true`, and how many more there are."""
-    shown = [
-        f"{name} = {str(value).lower() if isinstance(value, bool) else readable(float(value))}"
-        for name, value in values.items()
-    ]
-    more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
-    return ", ".join(shown[:most]) + more
 
 
 def _signed(amount: float | None) -> str:

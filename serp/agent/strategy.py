@@ -92,14 +92,12 @@ class Strategy(Declared):
         seed: Seed of random draws.
 
     Attributes:
-        reads: Settings that only this strategy reads, such as `arbiter.rho_unit`.
         imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
             `imitation_weight`.
         env_index: Environment, from 0, that the next calls are about. Several environments play one
             episode each at the same time; what belongs to an episode is kept for each of them.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ()
     imitates: ClassVar[bool] = False
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
@@ -164,7 +162,6 @@ class Mixture(Strategy):
     The learner explores among all actions; its proposals may be refused.
     """
 
-    reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit")
     STATE: ClassVar[Mapping[str, Reader]] = {"_rho": probability, "_random": random}
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from serp._util.saved_state import Declared, Reader, count, part
 from serp._util.text import plural
 from serp.agent.decision import Reason
+from serp.agent.protocols import Mask
 from serp.agent.step_record import StepRecord
 from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE
 from serp.planning.forecast import SAFE
@@ -73,9 +73,6 @@ class LookaheadReliability(Declared):
     def cut_off(self, env_index: int = 0) -> None:
         """Note that the episode of an environment goes on no further."""
         self._since.pop(env_index, None)
-
-
-Mask = NDArray[np.bool_]
 
 
 class VetoPolicy(Declared):
@@ -163,38 +160,24 @@ class VetoPolicy(Declared):
         self._reliability.cut_off(self.env_index)
 
 
-class NoVeto(Declared):
-    """Refuses nothing. The guarantee of `serp.Arbiter` does not hold.
+class NoVeto(VetoPolicy):
+    """Refuses nothing, for baselines. The guarantee of `serp.Arbiter` does not hold.
 
-    It is for baselines. Their steps are forecast nevertheless, so that actions predicted unsafe are
-    counted.
+    Steps are forecast nevertheless, so that actions predicted unsafe are counted.
 
     Args:
         actions: The map between ground and environment actions.
-
-    Attributes:
-        available: `[E]` actions that the model does not know.
-        env_index: As in `VetoPolicy`; it does not matter.
     """
 
-    lookahead_reliable = False
-    lookahead_failures = ""
+    STATE: ClassVar[Mapping[str, Reader]] = {}
 
     def __init__(self, actions: ActionMap) -> None:
-        self.available: Mask = ~actions.modelled
-        self.env_index = 0
+        super().__init__(actions, ArbiterSettings())
 
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` True."""
         return np.ones(len(forecast.flags), dtype=np.bool_)
 
-    def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
-        """Raise: nothing is refused."""
-        raise AssertionError(f"action {action} is admissible")
-
     def observe(self, step: StepRecord) -> bool:
         """Return False: the lookahead is not used."""
         return False
-
-    def cut_off(self) -> None:
-        """Do nothing: nothing is kept from step to step."""

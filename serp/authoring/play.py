@@ -6,8 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from serp._util.numbers import seed_of
-from serp.agent.causes import Cause, causes_passed, changes_passed
-from serp.agent.refusals import why_not_applicable
+from serp.agent.causes import (
+    Cause,
+    causes_of,
+    causes_passed,
+    changes_passed,
+    why_not_applicable,
+)
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.model.transition_model import TransitionModel, Vector
@@ -183,9 +188,7 @@ class Game:
         model, state = self.model, self.moment.state
         if model.step(state, action).applicable:
             return ""
-        return why_not_applicable(model, state, action).removeprefix(
-            f"{model.actions[action].name}: "
-        )
+        return why_not_applicable(causes_of(model, state, action))
 
     def set(self, values: Mapping[str, float | bool]) -> None:
         """Change the state; facts that nothing else changes, too.

@@ -256,19 +256,16 @@ def _action_names(env: gym.Env[Any, Any], count: int) -> list[str] | None:
 
     None where there are none.
     """
-    layer: Any = env
-    while True:
-        candidates: list[Any] = []
+    for attribute in ("get_action_meanings", "action_names", "actions", "action_type"):
         with contextlib.suppress(Exception):  # the environment's own code
-            candidates.append(layer.get_action_meanings())
-        for owner in (layer, getattr(layer, "action_type", None)):
-            candidates += (getattr(owner, name, None) for name in ("action_names", "actions"))
-        for candidate in candidates:
-            if names := _names_in(candidate, count):
+            value = env.get_wrapper_attr(attribute)
+            if attribute == "get_action_meanings":
+                value = value()
+            elif attribute == "action_type":
+                value = value.actions
+            if names := _names_in(value, count):
                 return names
-        if not isinstance(layer, gym.Wrapper):
-            return None
-        layer = layer.env
+    return None
 
 
 def _names_in(value: Any, count: int) -> list[str] | None:

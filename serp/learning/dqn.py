@@ -22,9 +22,9 @@ import numpy.typing as npt
 from serp._util.numbers import FLOAT32_MAX, best_of
 from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
-from serp.learning.network import MeanQ
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
+from serp.learning.reflection import Reflection
 from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
 from serp.settings import LearnerSettings
 
@@ -34,9 +34,7 @@ class ReturnBounds:
 
     def __init__(self, discount: float) -> None:
         self._horizon = 1.0 / (1.0 - discount)
-        self._going_on = [math.inf, -math.inf]
-        self._terminal = [math.inf, -math.inf]
-        self._update()
+        self.load_state([math.inf, -math.inf] * 2)
 
     def observe(self, reward: float, terminated: bool) -> None:
         """Update the bounds with the reward of one step."""
@@ -60,9 +58,8 @@ class ReturnBounds:
 
     def load_state(self, state: Sequence[float]) -> None:
         """Continue from what `state` returned."""
-        low, high, terminal_low, terminal_high = map(float, state)
-        self._going_on = [low, high]
-        self._terminal = [terminal_low, terminal_high]
+        numbers = list(map(float, state))
+        self._going_on, self._terminal = numbers[:2], numbers[2:]
         self._update()
 
 
@@ -89,6 +86,7 @@ class DQN:
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
         imitates: Whether samples hold actions to be imitated.
+        reflection: A reflection that the task has; None for none.
 
     Attributes:
         imitates: As given.
@@ -105,6 +103,7 @@ class DQN:
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         imitates: bool = False,
+        reflection: Reflection | None = None,
     ) -> None:
         self.imitates = imitates
         self.imitation_weight = 0.0
@@ -114,10 +113,10 @@ class DQN:
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng)
+        self.replay = ReplayBuffer(spec, settings, sample_rng, reflection)
+        self._reflection = reflection
         self._bounds = ReturnBounds(settings.discount)
         self._explore_rng = explore_rng
-        self._mean_q = MeanQ(self.learning.online)
         self.env_steps = 0
         self._learn_calls = 0
 
@@ -145,18 +144,20 @@ class DQN:
         return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * done
 
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q of every action, the mean of the members.
+        """Return Q ``[A]`` of an input ``[F]``, or ``[B, A]`` of a batch.
 
-        Args:
-            x: One input ``[F]`` or a batch ``[B, F]``.
-
-        Returns:
-            ``[A]`` or ``[B, A]``, float32; a new array.
+        It is the mean of the members, and of the input's mirror image if there is a reflection.
 
         Raises:
             ValueError: The input has another shape.
         """
-        return self._mean_q.of(x)
+        mean_q, reflection = self.learning.online.mean_q, self._reflection
+        if reflection is None or x.shape[-1:] != (self.input_size,):
+            return mean_q(x)
+        both = mean_q(np.concatenate((np.atleast_2d(x), np.atleast_2d(reflection.of_inputs(x)))))
+        count = len(both) // 2
+        mean: type_F32 = (both[:count] + reflection.of_actions(both[count:])) * np.float32(0.5)
+        return mean if x.ndim == 2 else mean[0]
 
     def propose(
         self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
@@ -169,9 +170,6 @@ class DQN:
         Args:
             x: One input ``[F]``.
             explorable: ``[A]``; None, or none True: all.
-
-        Raises:
-            ValueError: The input has another shape.
         """
         rng = self._explore_rng
         if rng.random() >= self.epsilon:
@@ -185,7 +183,7 @@ class DQN:
         """Choose the action with the largest Q for one input ``[F]``; draw nothing at random."""
         if x.ndim != 1:
             raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
-        q = self._mean_q.of(x)
+        q = self.learning.online.mean_q(x)
         return Proposal(best_of(q), False, q)
 
     def remember(
@@ -230,7 +228,7 @@ class DQN:
         # Computed from whole counts, so that a ratio such as 0.1 never drifts.
         done = int(self._learn_calls * self.settings.updates_per_step)
         self._learn_calls += 1
-        return self._train(int(self._learn_calls * self.settings.updates_per_step) - done)
+        return self.pretrain(int(self._learn_calls * self.settings.updates_per_step) - done)
 
     def pretrain(self, updates: int) -> float | None:
         """Do gradient updates on the samples so far (Algorithm 1, line 1); return their mean loss.
@@ -238,26 +236,21 @@ class DQN:
         Raises:
             LearningFailure: The loss is not finite.
         """
-        if not self.replay.size:
-            return None
-        return self._train(updates)
-
-    def _train(self, updates: int) -> float | None:
-        if updates <= 0:
+        if updates <= 0 or not self.replay.size:
             return None
         with np.errstate(over="ignore", invalid="ignore"):  # visible in the loss
             return sum(self._update() for _ in range(updates)) / updates
 
     def _update(self) -> float:
-        batch = self.replay.sample()
         bounds = (-math.inf, math.inf)
         if self.settings.guarded_targets:
             bounds = (self._bounds.lower, self._bounds.upper)
+        batch = self.replay.sample()
         return self.learning.update(batch, bounds, self.imitation_weight, self.env_steps)
 
     def as_onnx(self) -> bytes:
-        """Return the network as ONNX; see `serp.learning.onnx_export.network_as_onnx`."""
-        return network_as_onnx(self.learning.online)
+        """Return the network as ONNX; see `network_as_onnx`."""
+        return network_as_onnx(self.learning.online, self._reflection)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

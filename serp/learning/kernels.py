@@ -1,8 +1,7 @@
 """The loops of a network's two passes other than matrix products, compiled by numba.
 
 As separate array operations, bias, LayerNorm, ReLU and their gradients cost more in calls than in
-arithmetic; compiled and fused they take 1 to 6 µs. Other loops of the learner are compiled by the
-same decorator in the modules that call them.
+arithmetic.
 
 All arrays are C-contiguous float32 unless stated otherwise. E is members, B batch, H a layer's
 outputs, P parameters of a member. A layer's vectors are stored in the flat parameters ``[E, P]``
@@ -27,10 +26,7 @@ from serp._util.compilation import cached_njit
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 NORM_EPSILON = 1e-5  # torch.nn.LayerNorm's
-
-_ZERO = np.float32(0.0)
-_ONE = np.float32(1.0)
-_NORM_EPSILON = np.float32(NORM_EPSILON)
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
 def aligned_zeros(*shape: int) -> npt.NDArray[np.float32]:
@@ -86,7 +82,7 @@ def normalize(z: Any, h: Any, inverse: Any, parameters: Any, at: int) -> None:
                 centred = row[j] - mean
                 row[j] = centred
                 variance += centred * centred
-            factor = _ONE / np.sqrt(variance * share + _NORM_EPSILON)
+            factor = _ONE / np.sqrt(variance * share + np.float32(NORM_EPSILON))
             inverse[e, i] = factor
             for j in range(outputs):
                 normal = row[j] * factor

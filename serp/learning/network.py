@@ -5,9 +5,6 @@ network and a checkpoint are single operations. The arithmetic is NumPy's matrix
 compiled loops of `serp.learning.kernels`, in preallocated buffers. For networks of this size that
 is several times faster than automatic differentiation, in which calls cost more than arithmetic.
 
-Threads: OpenBLAS uses one thread up to 64 × 64 × 64; the caller sets the number of NumPy's threads
-(OPENBLAS_NUM_THREADS in the environment).
-
 Determinism: equal parameters, inputs of equal shape and an equal number of BLAS threads give equal
 bits on one kind of machine. A single row and the same row in a batch agree only to float32
 accuracy, because BLAS adds in another order.
@@ -25,9 +22,6 @@ import numpy.typing as npt
 from serp.learning import kernels
 from serp.learning.kernels import aligned_zeros
 from serp.learning.replay import type_F32
-
-_NO_FLOOR = np.float32(-math.inf)
-_RELU_FLOOR = np.float32(0.0)
 
 
 class _DenseLayer:
@@ -113,9 +107,7 @@ class QNetwork:
     ) -> None:
         self.sizes = tuple(sizes)
         self.members = members
-        count = sum((n + 1) * m for n, m in pairwise(sizes))
-        if layer_norm:
-            count += 2 * sum(sizes[1:-1])
+        count = sum((n + 1) * m for n, m in pairwise(sizes)) + layer_norm * 2 * sum(sizes[1:-1])
         self.parameters = aligned_zeros(members, count)
         self.gradient = aligned_zeros(members, count)
         self.layers: list[_DenseLayer] = []
@@ -125,6 +117,7 @@ class QNetwork:
             layer = _DenseLayer(self, start, inputs, outputs, normalized)
             self.layers.append(layer)
             start = layer.end
+        self._work = Workspace(self, 1)
         if rng is not None:
             self._draw(rng)
 
@@ -157,8 +150,8 @@ class QNetwork:
             if layer.normalized:
                 kernels.normalize(here.z, here.h, here.inverse, self.parameters, layer.bias)
             else:
-                floor = _NO_FLOOR if layer is self.layers[-1] else _RELU_FLOOR
-                kernels.add_bias(here.z, self.parameters, layer.bias, floor)
+                floor = -math.inf if layer is self.layers[-1] else 0.0
+                kernels.add_bias(here.z, self.parameters, layer.bias, np.float32(floor))
             below = here.flat_h
         return work.q
 
@@ -180,31 +173,21 @@ class QNetwork:
         transposed_input = work._input.swapaxes(-1, -2)
         np.matmul(transposed_input, work._layers[0].flat_d, out=self.layers[0].weight_gradient)
 
+    def mean_q(self, x: npt.NDArray[np.floating]) -> type_F32:
+        """Return Q of every action, the mean of the members; see `DQN.q_values`."""
+        if x.ndim not in (1, 2) or x.shape[-1] != self.sizes[0]:
+            raise ValueError(
+                f"an input must have shape ({self.sizes[0]},) or (batch, {self.sizes[0]}), "
+                f"not {x.shape}"
+            )
+        rows = np.atleast_2d(x).astype(np.float32, copy=False)
+        if self._work.batch != len(rows):
+            self._work = Workspace(self, len(rows))
+        members = self.forward(rows, self._work)
+        q: type_F32 = members[0].copy() if self.members == 1 else members.mean(axis=0)
+        return q if x.ndim == 2 else q[0]
+
 
 def _squeezed(array: type_F32) -> type_F32:
     """Remove the axis of a single member: a plain matrix product is the fastest."""
     return array[0] if len(array) == 1 else array
-
-
-class MeanQ:
-    """Computes Q of a network, the mean over its members."""
-
-    def __init__(self, network: QNetwork) -> None:
-        self._network = network
-        self._single = Workspace(network, 1)
-        self._many = Workspace(network, 0)
-
-    def of(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q of every action; see `DQN.q_values`."""
-        size = self._network.sizes[0]
-        if x.ndim not in (1, 2) or x.shape[-1] != size:
-            raise ValueError(
-                f"an input must have shape ({size},) or (batch, {size}), not {x.shape}"
-            )
-        rows = np.atleast_2d(x)
-        if len(rows) != 1 and self._many.batch != len(rows):
-            self._many = Workspace(self._network, len(rows))
-        work = self._single if len(rows) == 1 else self._many
-        of_each = self._network.forward(rows.astype(np.float32, copy=False), work)
-        q: type_F32 = of_each[0].copy() if self._network.members == 1 else of_each.mean(axis=0)
-        return q if x.ndim == 2 else q[0]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from serp.errors import needs_extra
 from serp.learning import kernels
 from serp.learning.network import QNetwork
+from serp.learning.reflection import Reflection
 
 _OPSET: Final = 17
 """The first with LayerNormalization."""
@@ -17,18 +18,18 @@ _IR_VERSION: Final = 8
 """The version of the format that belongs to it, which older onnxruntimes read, too."""
 
 
-def network_as_onnx(network: QNetwork) -> bytes:
+def network_as_onnx(network: QNetwork, reflection: Reflection | None = None) -> bytes:
     """Return a network as ONNX: `x` float32 ``[F]`` → `q` float32 ``[A]``.
 
-    Q is the mean over members, as of `DQN.q_values`. Both agree to float32 accuracy: sums are added
-    in another order.
+    Q is the mean over members and mirror images, as of `DQN.q_values`. Both agree to float32
+    accuracy: sums are added in another order.
 
     Raises:
         MissingExtra: onnx is not installed.
     """
     with needs_extra("export", "the export of a network"):
         import onnx
-    writer = _OnnxWriter(network)
+    writer = _OnnxWriter(network, reflection)
     graph = writer.graph()
     model = onnx.helper.make_model(
         graph,
@@ -42,10 +43,14 @@ def network_as_onnx(network: QNetwork) -> bytes:
 
 
 class _OnnxWriter:
-    """Writes the nodes of one network of E members."""
+    """Writes the nodes of one network of E members; K is 2 with mirror images, else 1."""
 
-    def __init__(self, network: QNetwork) -> None:
+    def __init__(self, network: QNetwork, reflection: Reflection | None) -> None:
         self._network = network
+        same = Reflection(
+            range(network.sizes[0]), [1.0] * network.sizes[0], range(network.sizes[-1])
+        )
+        self._images = [same, *([reflection] if reflection else [])]
         self._nodes: list[Any] = []
         self._constants: list[Any] = []
 
@@ -53,10 +58,14 @@ class _OnnxWriter:
         import onnx
 
         sizes = self._network.sizes
-        h = self._node("Unsqueeze", "x", self._constant("row", np.zeros(1, np.int64)))  # [1, F]
+        columns = self._constant("columns", np.array([each.columns for each in self._images]))
+        signs = self._constant("signs", np.array([each.signs for each in self._images]))
+        h = self._node("Mul", self._node("Gather", "x", columns), signs)  # [K, F]
         for k in range(len(self._network.layers)):
-            h = self._layer(k, h)  # [E, 1, outputs]
-        self._node("ReduceMean", h, axes=[0, 1], keepdims=0, output="q")
+            h = self._layer(k, h)  # [E, K, outputs]
+        actions = np.array([[each.actions for each in self._images]] * self._network.members)
+        of_images = self._node("GatherElements", h, self._constant("actions", actions), axis=2)
+        self._node("ReduceMean", of_images, axes=[0, 1], keepdims=0, output="q")
         return onnx.helper.make_graph(
             self._nodes,
             "learner",

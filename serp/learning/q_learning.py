@@ -14,7 +14,7 @@ from serp.learning.replay import Samples, type_F32
 from serp.settings import LearnerSettings
 
 _BETA1, _BETA2, _EPSILON = 0.9, 0.999, 1e-8
-_DECAY1, _DECAY2 = np.float32(_BETA1), np.float32(_BETA2)
+_ZERO, _ONE, _TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
 
 class Adam:
@@ -28,7 +28,7 @@ class Adam:
         gradient: Likewise, read by `step`.
         learning_rate: The step size α > 0.
         largest_norm: Each member's gradient is scaled down to this Euclidean norm; None: never.
-        average: Likewise, parameters that follow (Polyak averaging); None for none.
+        average: Likewise, parameters that follow (Polyak averaging); ``[members, 0]`` for none.
         share: The fraction of the difference by which they follow in a step.
 
     Attributes:
@@ -41,16 +41,15 @@ class Adam:
         parameters: type_F32,
         gradient: type_F32,
         learning_rate: float,
-        largest_norm: float | None = None,
-        average: type_F32 | None = None,
-        share: float = 0.0,
+        largest_norm: float | None,
+        average: type_F32,
+        share: float,
     ) -> None:
         self._parameters, self._gradient = parameters, gradient
         self.first, self.second = (aligned_zeros(*parameters.shape) for _ in range(2))
         self._learning_rate = learning_rate
         self._largest_norm = np.float32(math.inf if largest_norm is None else largest_norm)
-        self._average = self.first[:, :0] if average is None else average
-        self._share = np.float32(share)
+        self._average, self._share = average, np.float32(share)
         self.steps = 0
 
     def step(self) -> None:
@@ -72,26 +71,22 @@ def _adam(
 ) -> None:  # fmt: skip
     """Do one step in place; all arrays are ``[E, P]``, `average` may be ``[E, 0]``."""
     members, count = parameters.shape
+    decay1, decay2 = np.float32(_BETA1), np.float32(_BETA2)
     for e in range(members):
         p, g, m, v = parameters[e], gradient[e], first[e], second[e]
-        square = np.float32(0.0)
+        square = _ZERO
         for i in range(count):
             square += g[i] * g[i]
         norm = np.sqrt(square)
         factor = largest_norm / norm if norm > largest_norm else np.float32(1.0)
         for i in range(count):
             slope = g[i] * factor
-            m[i] = _DECAY1 * m[i] + slope
-            v[i] = _DECAY2 * v[i] + slope * slope
+            m[i] = decay1 * m[i] + slope
+            v[i] = decay2 * v[i] + slope * slope
             p[i] -= rate * m[i] / (np.sqrt(v[i]) + epsilon)
         slow = average[e]
         for i in range(len(slow)):
             slow[i] += share * (p[i] - slow[i])
-
-
-_ZERO = np.float32(0.0)
-_ONE = np.float32(1.0)
-_TWO = np.float32(2.0)
 
 
 @compiled
@@ -200,22 +195,19 @@ class QLearning:
         self.online = QNetwork(sizes, layer_norm=norm, members=members, rng=rng)
         # Without a target network the network itself values the next state (paper, equation 3).
         self.target = self.online
-        if settings.target_polyak is not None:
-            self.target = QNetwork(sizes, layer_norm=norm, members=members)
-            self.target.parameters[:] = self.online.parameters
-        self.optimizer = Adam(
-            self.online.parameters,
-            self.online.gradient,
-            settings.learning_rate,
-            settings.gradient_clip,
-            None if self.target is self.online else self.target.parameters,
-            settings.target_polyak or 0.0,
-        )
+        following = self.online.parameters[:, :0]
         self._work = Workspace(self.online, settings.batch_size)
         self._next_work = Workspace(self.online, settings.batch_size)
         self._choice_work = self._next_work
-        if self.target is not self.online:
+        if settings.target_polyak is not None:
+            self.target = QNetwork(sizes, layer_norm=norm, members=members)
+            following = self.target.parameters
+            following[:] = self.online.parameters
             self._choice_work = Workspace(self.online, settings.batch_size)
+        self.optimizer = Adam(
+            self.online.parameters, self.online.gradient, settings.learning_rate,
+            settings.gradient_clip, following, settings.target_polyak or 0.0,
+        )  # fmt: skip
 
     def update(
         self,
@@ -247,13 +239,9 @@ class QLearning:
         self.online.backward(self._work)
         if not math.isfinite(loss):
             raise self.failure(f"the loss is {loss}", env_step, batch)
-        self.step()
-        return loss
-
-    def step(self) -> None:
-        """Move the network against its gradient; the target network follows."""
         self.optimizer.step()
         self.updates += 1
+        return loss
 
     def arrays(self) -> dict[str, type_F32]:
         """Return all arrays that a gradient update changes: name → view."""

@@ -5,7 +5,7 @@ Rewards are summed over n steps before storage (n-step returns, Sutton and Barto
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from serp._util.saved_state import LARGEST, Saved
 from serp.errors import RunError
+from serp.learning.reflection import Reflection
 from serp.settings import LearnerSettings
 
 type_F32 = npt.NDArray[np.float32]
@@ -89,53 +90,6 @@ class PendingStep:
     reward: float = 0.0
 
 
-class PendingSteps:
-    """The pending steps, at most `n_step`, the oldest first."""
-
-    def __init__(self, n_step: int, discount: float) -> None:
-        self._n_step = n_step
-        self.powers = [discount**k for k in range(n_step + 1)]
-        self.steps: deque[PendingStep] = deque()
-
-    def push(self, step: PendingStep, reward: float) -> None:
-        """Add a step; its reward counts for the earlier pending steps as well."""
-        self.steps.append(step)
-        for age, waiting in enumerate(reversed(self.steps)):
-            waiting.reward += self.powers[age] * reward
-
-    def state_dict(self, spec: SampleSpec) -> tuple[type_F32, dict[str, Any]]:
-        """Return the observations ``[pending, F]``, and the rest as JSON values."""
-        observations: type_F32 = np.zeros((len(self.steps), spec.input_size), np.float32)
-        for row, step in zip(observations, self.steps, strict=True):
-            row[:] = step.observation
-        meta: dict[str, Any] = {
-            "pending_action": [int(step.action) for step in self.steps],
-            "pending_return": [float(step.reward) for step in self.steps],
-        }
-        if spec.imitates:
-            meta["pending_imitated"] = [int(step.imitated) for step in self.steps]
-        return observations, meta
-
-    def checked(self, saved: Saved, spec: SampleSpec) -> deque[PendingStep]:
-        """Return the steps of a state.
-
-        Raises:
-            RunError: They do not fit this learner.
-        """
-        most = spec.action_count - 1
-        observations = saved.array("pending.observation", np.float32, (-1, spec.input_size))
-        count = len(observations)
-        if count >= self._n_step:  # the n-th step completes the first one
-            raise saved.wrong(f"{count} steps are pending, but at most {self._n_step - 1} can be")
-        columns = (
-            [row.copy() for row in observations],
-            saved.wholes("pending_action", count, 0, most),
-            saved.wholes("pending_imitated", count, -1, most) if spec.imitates else [-1] * count,
-            saved.reals("pending_return", count),
-        )
-        return deque(PendingStep(*entry) for entry in zip(*columns, strict=True))
-
-
 class ReplayBuffer:
     """A ring of samples with n-step returns, the oldest overwritten; allocated once.
 
@@ -143,6 +97,7 @@ class ReplayBuffer:
         spec: The shape of the samples.
         settings: The learner's settings.
         rng: Draws the samples; used exclusively by the buffer.
+        reflection: Half of the samples drawn are replaced by their mirror images; None for none.
 
     Attributes:
         size: Samples in the ring. A step becomes a sample when its n rewards are complete.
@@ -154,14 +109,18 @@ class ReplayBuffer:
         spec: SampleSpec,
         settings: LearnerSettings,
         rng: np.random.Generator,
+        reflection: Reflection | None = None,
     ) -> None:
+        self._reflection = reflection
         self._spec = spec
         self._settings = settings
         self.size = self._head = 0
         self._store = Samples.zeros(settings.buffer_size, spec)
         self._fields = self._store.arrays()
         self.env_index = 0
-        self._pending_of = {0: PendingSteps(settings.n_step, settings.discount)}
+        self._pending = defaultdict[int, deque[PendingStep]](deque)
+        """Environment → its pending steps, at most n, the oldest first."""
+        self._powers = [settings.discount**k for k in range(settings.n_step + 1)]
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
         self._rng = rng
         shape = (settings.members, settings.batch_size)
@@ -169,14 +128,6 @@ class ReplayBuffer:
         drawn = Samples.zeros(shape[0] * shape[1], spec)
         self._drawn = drawn.arrays()
         self._batch = drawn.split(*shape)
-
-    @property
-    def _pending(self) -> PendingSteps:
-        """The pending steps of the current environment."""
-        if self.env_index not in self._pending_of:
-            settings = self._settings
-            self._pending_of[self.env_index] = PendingSteps(settings.n_step, settings.discount)
-        return self._pending_of[self.env_index]
 
     def add(
         self,
@@ -200,24 +151,12 @@ class ReplayBuffer:
             terminated: The episode ended in a terminal state, whose value is 0.
             truncated: The episode was cut off; the value of its last state is estimated.
             next_allowed: ``[A]``, which actions may be chosen next; None, or none True: all.
-            imitated: Action to be imitated in the state before the step; -1: none. A buffer that
-                does not hold it takes -1 only.
-
-        Raises:
-            ValueError: An observation does not fit, or there is no such action.
+            imitated: Action to be imitated in the state before the step; -1: none.
         """
-        shape, actions = (self._spec.input_size,), self._spec.action_count
-        if observation.shape != shape or next_observation.shape != shape:
-            raise ValueError(
-                f"observations must have shape {shape}, not {observation.shape} and "
-                f"{next_observation.shape}"
-            )
-        if not 0 <= action < actions:
-            raise ValueError(f"an action must be in 0 ... {actions - 1}, not {action}")
-        if not -1 <= imitated < (actions if self._spec.imitates else 0):
-            raise ValueError(f"no action {imitated} can be imitated")
-        pending = self._pending
-        pending.push(PendingStep(np.array(observation, np.float32), action, imitated), reward)
+        pending = self._pending[self.env_index]
+        pending.append(PendingStep(np.array(observation, np.float32), action, imitated))
+        for age, waiting in enumerate(reversed(pending)):
+            waiting.reward += self._powers[age] * reward
 
         if next_allowed is None:
             self._next_forbidden.fill(False)
@@ -227,18 +166,21 @@ class ReplayBuffer:
                 self._next_forbidden.fill(False)
 
         ended = terminated or truncated
-        while pending.steps and (ended or len(pending.steps) == self._settings.n_step):
+        while pending and (ended or len(pending) == self._settings.n_step):
             self._emit(pending, next_observation, terminated)
 
     def _emit(
-        self, pending: PendingSteps, next_observation: npt.NDArray[np.floating], terminated: bool
+        self,
+        pending: deque[PendingStep],
+        next_observation: npt.NDArray[np.floating],
+        terminated: bool,
     ) -> None:
         """Turn the oldest pending step into a sample."""
         row, store = self._head, self._store
         self._head = (row + 1) % self._settings.buffer_size
         self.size = min(self.size + 1, self._settings.buffer_size)
-        store.discount[row] = 0.0 if terminated else pending.powers[len(pending.steps)]
-        step = pending.steps.popleft()
+        store.discount[row] = 0.0 if terminated else self._powers[len(pending)]
+        step = pending.popleft()
         store.observation[row] = step.observation
         store.action[row] = step.action
         store.reward[row] = step.reward
@@ -252,18 +194,28 @@ class ReplayBuffer:
 
         Returns:
             Samples with leading axes ``[members, batch]``, valid until the next draw.
-
-        Raises:
-            ValueError: There is no sample yet.
         """
-        if not self.size:
-            raise ValueError("the replay buffer has no sample yet")
         self._rng.random(out=self._uniform)
         rows = (self._uniform * self.size).astype(np.int64).ravel()
         for name, stored in self._fields.items():
             # mode="raise" would copy once more.
             stored.take(rows, axis=0, out=self._drawn[name], mode="clip")
+        if self._reflection is not None:
+            self._mirror(self._reflection)
         return self._batch
+
+    def _mirror(self, reflection: Reflection) -> None:
+        """Replace half of the samples drawn by their mirror images."""
+        self._rng.random(out=self._uniform)
+        chosen = np.flatnonzero(self._uniform >= 0.5)
+        for name, drawn in self._drawn.items():
+            if name.endswith("observation"):
+                drawn[chosen] = reflection.of_inputs(drawn[chosen])
+            elif name == "forbidden":
+                drawn[chosen] = reflection.of_actions(drawn[chosen])
+            elif name in ("action", "imitated"):
+                actions = drawn[chosen]
+                drawn[chosen] = np.where(actions == -1, -1, reflection.actions[actions])
 
     def _shapes(self) -> dict[str, int]:
         """Return the sizes that must be equal for a state to fit."""
@@ -279,17 +231,24 @@ class ReplayBuffer:
 
         Of several environments, all episodes must have ended.
         """
-        assert all(not pending.steps for k, pending in self._pending_of.items() if k > 0)
+        assert not any(pending for k, pending in self._pending.items() if k > 0)
         arrays: dict[str, npt.NDArray[Any]] = {
             name: array[: self.size].copy() for name, array in self._fields.items()
         }
-        arrays["pending.observation"], pending = self._pending_of[0].state_dict(self._spec)
-        meta = {
+        steps = self._pending[0]
+        rows: type_F32 = np.zeros((len(steps), self._spec.input_size), np.float32)
+        for row, step in zip(rows, steps, strict=True):
+            row[:] = step.observation
+        arrays["pending.observation"] = rows
+        meta: dict[str, Any] = {
             "shapes": self._shapes(),
             "head": self._head,
-            **pending,
+            "pending_action": [int(step.action) for step in steps],
+            "pending_return": [float(step.reward) for step in steps],
             "rng": self._rng.bit_generator.state,
         }
+        if self._spec.imitates:
+            meta["pending_imitated"] = [int(step.imitated) for step in steps]
         return arrays, meta
 
     def load_state_dict(
@@ -302,19 +261,6 @@ class ReplayBuffer:
                 buffer is unchanged.
         """
         saved = Saved("replay memory", arrays, meta)
-        self._check_shapes(saved)
-        size, head = self._saved_place(saved)
-        pending = self._pending_of[0].checked(saved, self._spec)
-        state = saved.generator_state("rng", self._rng)
-
-        self.size, self._head = size, head
-        for name, array in self._fields.items():
-            array[:size] = arrays[name]
-        self._pending_of = {0: self._pending_of[0]}
-        self._pending_of[0].steps = pending
-        self._rng.bit_generator.state = state
-
-    def _check_shapes(self, saved: Saved) -> None:
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
         for name, here in self._shapes().items():
             shapes.equal(name, here, "continue with the task and the settings it was saved with")
@@ -324,6 +270,32 @@ class ReplayBuffer:
                 f"the saved replay memory is that of a learner {'without' if imitates else 'with'} "
                 "a planner to imitate; continue with the settings it was saved with"
             )
+        size, head = self._saved_place(saved)
+        pending = self._saved_pending(saved)
+        state = saved.generator_state("rng", self._rng)
+
+        self.size, self._head = size, head
+        for name, array in self._fields.items():
+            array[:size] = arrays[name]
+        self._pending.clear()
+        self._pending[0] = pending
+        self._rng.bit_generator.state = state
+
+    def _saved_pending(self, saved: Saved) -> deque[PendingStep]:
+        most, last = self._settings.n_step - 1, self._spec.action_count - 1
+        observations = saved.array("pending.observation", np.float32, (-1, self._spec.input_size))
+        count = len(observations)
+        if count > most:  # the n-th step completes the first one
+            raise saved.wrong(f"{count} steps are pending, but at most {most} can be")
+        imitated = [-1] * count
+        if self._spec.imitates:
+            imitated = saved.wholes("pending_imitated", count, -1, last)
+        columns = (
+            [row.copy() for row in observations],
+            saved.wholes("pending_action", count, 0, last), imitated,
+            saved.reals("pending_return", count),
+        )  # fmt: skip
+        return deque(PendingStep(*entry) for entry in zip(*columns, strict=True))
 
     def _saved_place(self, saved: Saved) -> tuple[int, int]:
         """Check the samples; return their number, and the head: at the end until it is full."""
@@ -332,15 +304,11 @@ class ReplayBuffer:
         head = saved.whole("head", 0, capacity - 1)
         if size > capacity or (size < capacity and head != size):
             raise saved.wrong(f"there are {size} samples and the head is {head}")
+        last = self._spec.action_count - 1
+        bounds = {"discount": (0.0, 1.0), "action": (0, last), "imitated": (-1, last)}
         for name, array in self._fields.items():
-            low, high = (0.0, 1.0) if name == "discount" else (-LARGEST, LARGEST)
-            if name in _LEAST_ACTION:
-                low, high = _LEAST_ACTION[name], self._spec.action_count - 1
+            low, high = bounds.get(name, (-LARGEST, LARGEST))
             rows = saved.array(name, array.dtype, (size, *array.shape[1:]), low, high)
             if name == "forbidden" and rows.all(axis=1).any():
                 raise saved.wrong("forbidden forbids all actions")
         return size, head
-
-
-_LEAST_ACTION = {"action": 0, "imitated": -1}
-"""Fields that hold actions → the least valid value."""

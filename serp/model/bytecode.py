@@ -86,49 +86,10 @@ VARIABLES: Final = ("dt", "reward", "unsafe", "terminal")
 DT, REWARD, UNSAFE_SET, TERMINAL_SET = range(len(VARIABLES))
 """The registers of these variables."""
 
-POSITION: Final = (1 << SHIFT) - 1
-"""The bits of an operand that are the position."""
-
 JUMPS: Final = {
     Code.JUMP_IF, Code.JUMP_UNLESS, Code.JUMP, Code.IF_LESS, Code.IF_LESS_OR_EQUAL, Code.IF_EQUAL,
     Code.UNLESS_LESS, Code.UNLESS_LESS_OR_EQUAL, Code.UNLESS_EQUAL,
 }  # fmt: skip
-_OF_TWO: Final = {Code.ADD, Code.SUBTRACT, Code.MULTIPLY, Code.DIVIDE, Code.ATAN2}
-_WRITES: Final = {*_OF_TWO, Code.MOVE, Code.NEGATE, Code.SQRT, Code.SIN, Code.COS}
-_READS: Final = (
-    {Code.JUMP_IF, Code.JUMP_UNLESS} | (JUMPS - {Code.JUMP}),
-    (JUMPS - {Code.JUMP, Code.JUMP_IF, Code.JUMP_UNLESS}) | _WRITES,
-    _OF_TWO,
-)
-"""The codes that read their first, second and third operand."""
-
-
-def check(table: Table, sizes: dict[Memory, int]) -> None:
-    """Check that instructions read and write only inside of the memories, and end.
-
-    Raises:
-        ValueError: One does not.
-    """
-    codes = table[:, 0]
-    if not np.isin(codes, list(Code)).all() or codes[-1] not in (Code.RETURN, Code.JUMP):
-        raise ValueError("there is no such instruction, or the last one is followed by none")
-    targets = table[np.isin(codes, list(JUMPS)), 3]
-    if ((targets < 0) | (targets >= len(table))).any():
-        raise ValueError("a jump leaves the code")
-    room = np.array([sizes[memory] for memory in Memory])
-    written = np.isin(codes, list(_WRITES))
-    for column, readers in enumerate(_READS, 1):
-        operands = table[np.isin(codes, list(readers)) | (written & (column == 1)), column]
-        memory, position = operands >> SHIFT, operands & POSITION
-        if ((memory < 0) | (memory >= len(room))).any():
-            raise ValueError("there is no such memory")
-        if (position >= room[memory]).any():
-            raise ValueError("an operand lies outside of its memory")
-    targets = table[written, 1] >> SHIFT
-    if not np.isin(targets, [Memory.REGISTERS, Memory.OUT]).all():
-        raise ValueError("an instruction writes to what must not change")
-
-
 _ARRAYS: Final = {"s": Memory.STATE, "out": Memory.OUT, "theta": Memory.THETA}
 _ARITHMETIC: Final[dict[type, Code]] = {
     ast.Add: Code.ADD, ast.Sub: Code.SUBTRACT, ast.Mult: Code.MULTIPLY, ast.Div: Code.DIVIDE,
@@ -164,18 +125,11 @@ class Shape:
     jumps: NDArray[np.int64]
 
 
-def translate(text: str, constants: dict[float, int]) -> Shape:
-    """Translate statements, in which every position in an array is that of the occurrence.
-
-    Args:
-        text: The statements.
-        constants: The numbers that are written in the text; extended.
-    """
-    return _Translation(constants).shape(text)
-
-
 class _Translation:
-    """Translates the statements of one function."""
+    """Translates statements, in which every position in an array is that of the occurrence.
+
+    `constants` are the numbers that are written in the text; they are extended.
+    """
 
     def __init__(self, constants: dict[float, int]) -> None:
         self.constants = constants
@@ -426,7 +380,7 @@ class Assembler:
         if shape is None:
             count = itertools.count()
             numbered = _INDEX.sub(lambda found: f"{found[1]}[{next(count)}]", text)
-            shape = self._shapes[form] = translate(numbered, self.constants)
+            shape = self._shapes[form] = _Translation(self.constants).shape(numbered)
         start, end = self._length, [(Code.JUMP, 0, 0, following)] if following >= 0 else []
         table = np.concatenate((shape.table, np.array(end, dtype=np.int32).reshape(-1, 4)))
         table[shape.rows, shape.columns] += np.array(found, dtype=np.int32)[shape.order]
@@ -447,16 +401,19 @@ _CONSTANTS, _ENTRIES, _CODE = range(_HEAD)
 """Positions in the data of the positions of its parts; θ follows them."""
 
 _MEMORIES: Final = len(Memory)
+_POSITION: Final = (1 << SHIFT) - 1
+"""The bits of an operand that are the position."""
 
 _POINTER = types.CPointer(types.float64)
 _INTEGERS = types.CPointer(types.int32)
 _intrinsic: Any = intrinsic
 
-_JUMP_IF, _JUMP_UNLESS, _MOVE, _JUMP, _RETURN = 0, 1, 2, 3, 4
-_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _ATAN2 = 5, 6, 7, 8, 9
-_NEGATE, _SQRT, _SIN, _COS = 10, 11, 12, 13
-_LESS, _LESS_OR_EQUAL, _EQUAL = 14, 15, 16
-_NOT_LESS, _NOT_LESS_OR_EQUAL, _NOT_EQUAL = 17, 18, 19
+# As plain numbers: the compiled loop is slower with members of an enumeration.
+(
+    _JUMP_IF, _JUMP_UNLESS, _MOVE, _JUMP, _RETURN, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _ATAN2,
+    _NEGATE, _SQRT, _SIN, _COS, _IF_LESS, _IF_LESS_OR_EQUAL, _IF_EQUAL,
+    _UNLESS_LESS, _UNLESS_LESS_OR_EQUAL, _UNLESS_EQUAL,
+) = map(int, Code)  # fmt: skip
 
 
 def _address(builder, memories, position):
@@ -515,7 +472,7 @@ def _run(state, action, data, dt, out):
         a, b, c = np.int64(code[at + 1]), np.int64(code[at + 2]), np.int64(code[at + 3])
         at += 4
         one = _at(memories, a >> SHIFT)
-        i = a & POSITION
+        i = a & _POSITION
         if kind == _JUMP_IF:
             if one[i] != 0.0:
                 at = c
@@ -532,13 +489,13 @@ def _run(state, action, data, dt, out):
                 flags |= TERMINAL
             return a | (flags & b)
         else:
-            y = _at(memories, b >> SHIFT)[b & POSITION]
+            y = _at(memories, b >> SHIFT)[b & _POSITION]
             if kind == _MOVE:
                 one[i] = y
             elif kind == _NEGATE:
                 one[i] = -y
             elif kind < _NEGATE:
-                z = _at(memories, c >> SHIFT)[c & POSITION]
+                z = _at(memories, c >> SHIFT)[c & _POSITION]
                 if kind == _ADD:
                     one[i] = y + z
                 elif kind == _SUBTRACT:
@@ -549,7 +506,7 @@ def _run(state, action, data, dt, out):
                     one[i] = y / z
                 else:
                     one[i] = math.atan2(y, z)
-            elif kind < _LESS:
+            elif kind < _IF_LESS:
                 if kind == _SQRT:
                     one[i] = math.sqrt(y)
                 elif kind == _SIN:
@@ -558,15 +515,15 @@ def _run(state, action, data, dt, out):
                     one[i] = math.cos(y)
             else:
                 x = one[i]
-                if kind == _LESS:
+                if kind == _IF_LESS:
                     jumps = x < y
-                elif kind == _LESS_OR_EQUAL:
+                elif kind == _IF_LESS_OR_EQUAL:
                     jumps = x <= y
-                elif kind == _EQUAL:
+                elif kind == _IF_EQUAL:
                     jumps = x == y
-                elif kind == _NOT_LESS:
+                elif kind == _UNLESS_LESS:
                     jumps = not x < y
-                elif kind == _NOT_LESS_OR_EQUAL:
+                elif kind == _UNLESS_LESS_OR_EQUAL:
                     jumps = not x <= y
                 else:
                     jumps = x != y
@@ -595,17 +552,8 @@ class Machine:
         following = assembler.add(statements_of(ground, -1))
         entries = [assembler.add(statements_of(ground, action), following) for action in actions]
         table = assembler.table()
-        self._parameters = len(ground.parameters)
         self._constants = np.array(list(assembler.constants), dtype=np.float64)
         self._entries = np.array(entries, dtype=np.float64) * table.shape[1]
-        sizes = {
-            Memory.REGISTERS: REGISTERS,
-            Memory.STATE: len(ground.fluents),
-            Memory.OUT: len(ground.fluents) + 1,
-            Memory.THETA: self._parameters,
-            Memory.CONSTANTS: len(self._constants),
-        }
-        check(table, sizes)
         jumps = np.isin(table[:, 0], list(JUMPS))
         table[jumps, 3] *= table.shape[1]
         self._code = table.reshape(-1).view(np.float64)

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
+from serp._util.text import listed
 from serp.model import ground as g
 from serp.model.ground import ELAPSED, linear
 from serp.model.reachability import (
@@ -206,30 +207,26 @@ class _Instantiation:
             return None
         facts = self.facts
         initial: list[float] = []
-        missing: dict[str, list[str]] = {}
+        missing: dict[str, list[g.Fluent]] = {}
         for fluent in self.fluents:
-            if not fluent.numeric:
-                initial.append(1.0 if fluent.key in facts.true else 0.0)
-            elif fluent.key in facts.values:
-                initial.append(facts.values[fluent.key].value)
-            else:
-                initial.append(0.0)
-                missing.setdefault(fluent.symbol, []).append(fluent.name)
+            number = facts.values.get(fluent.key)
+            if fluent.numeric and number is None:
+                missing.setdefault(fluent.symbol, []).append(fluent)
+            initial.append(number.value if number else float(fluent.key in facts.true))
         if missing and not facts.closed:
             return None
-        used = {t for schema in schemas for t in (*g.reads(schema), *g.writes(schema))}
-        for node in (goal, metric.value if metric else None):
-            used.update(g.fluents_of(node) if node is not None else ())
-        for symbol, keys in missing.items():
-            names = [name for name in keys if self.index[tuple(name.split())] in used]
-            if not names:
-                continue
-            shown = ", ".join(f"`{name}`" for name in names[:3])
-            self.domain.declarations[symbol].place.warn(
-                f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} "
-                f"{'starts' if len(names) == 1 else 'start'} at 0, because :init gives no value",
-                "missing-value",
-            )
+        used = set(g.fluents_of(goal)) if goal is not None else set()
+        used.update(g.fluents_of(metric.value) if metric is not None else ())
+        for schema in schemas if missing else ():
+            used |= g.reads(schema) | g.writes(schema)
+        for symbol, fluents in missing.items():
+            names = [fluent.name for fluent in fluents if fluent.index in used]
+            if names:
+                self.domain.declarations[symbol].place.warn(
+                    f"{listed(names, 3)} {'starts' if len(names) == 1 else 'start'} at 0, because "
+                    ":init gives no value",
+                    "missing-value",
+                )
         return tuple(initial)
 
     def _static_values(self) -> dict[str, float]:

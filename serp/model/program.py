@@ -33,7 +33,6 @@ class Functions(dict[tuple[Part, int], _Function]):
         self.load = load
 
     def __missing__(self, key: tuple[Part, int]) -> _Function:
-        """Load a function."""
         function = self[key] = self.load(*key)
         return function
 
@@ -76,19 +75,11 @@ class Program:
         functions: Functions | None = None,
         amend: Amendment | None = None,
     ) -> int:
-        """Carry out an action; return the flags.
+        """Carry out an action, -1 for none while the world goes on; return the flags.
 
-        Args:
-            state: `[F]`, not changed.
-            action: Position of the ground action; -1 for none, while the world goes on.
-            theta: Parameters, `[P]`.
-            dt: Control period, seconds.
-            out: A copy of the state and the reward 0; receives the next state and the reward.
-            functions: What `traced` returned, or None.
-            amend: Called before the events are evaluated.
+        `functions` are what `traced` returned; `amend` is called before the events are evaluated.
         """
-        if functions is None:
-            functions = self.functions
+        functions = functions if functions is not None else self.functions
         flags = APPLICABLE
         if action >= 0:
             flags = functions["action", action](state, theta, dt, out)
@@ -112,8 +103,7 @@ class Program:
         functions: Functions | None = None,
     ) -> int:
         """Return the flags of an observed transition; action -1 is not one of the model's."""
-        if functions is None:
-            functions = self.functions
+        functions = functions if functions is not None else self.functions
         flags = APPLICABLE
         if action >= 0:
             flags = functions["judged_action", action](state, theta, dt, out)
@@ -145,11 +135,9 @@ class Program:
     # As machine code ---------------------------------------------------------------------------
 
     def native(self, part: Part = "step") -> Any:
-        """Return a compiled C callback.
+        """Return the compiled C callback of a part, or of the virtual machine for the whole step.
 
-        It is the whole step, effects and processes without events (`flow`), or events, goal and
-        metric, given the flags of the action (`settle`); the last two only of a model with code of
-        its own. Bytecode has no other callback than that of the virtual machine.
+        Only a model with code of its own has `flow` and `settle`.
         """
         if not self.has_own_code:
             from serp.model.bytecode import virtual_step
@@ -180,7 +168,10 @@ class Program:
 
     @property
     def has_own_code(self) -> bool:
-        """Whether the model is small enough to be compiled to machine code in reasonable time."""
+        """Whether the model is small enough to be compiled to machine code in reasonable time.
+
+        Larger ones run as bytecode, with the same results.
+        """
         size, most = self._sizes
         return self._own_code and size <= MAX_NATIVE_SIZE and most <= MAX_NATIVE_TEST
 

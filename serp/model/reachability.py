@@ -30,38 +30,28 @@ Key = tuple[str, ...]
 MAX_GROUND_SCHEMAS = 50_000
 _FLUENTS_EACH = 4
 _BINDINGS_EACH = 20
-_RAISE = (
-    "or raise the limit: `--max-ground-schemas N` on the command line, in Python "
-    "`load_domain(..., max_ground_schemas=N)`"
-)
 
 
 class InstantiationBudget:
     """Limits on the size of a domain, and counters of what instantiation produces.
 
-    Attributes:
-        ground_schemas: Most ground actions, processes and events together.
-        fluents: Most fluents, four times as many.
-        bindings: Most bindings that are tried, 20 times as many.
+    For each ground action, process and event that there may be, there may be four fluents, and 20
+    bindings of variables are tried.
     """
 
     def __init__(self, ground_schemas: int = MAX_GROUND_SCHEMAS) -> None:
         self.ground_schemas = ground_schemas
-        self.fluents = _FLUENTS_EACH * ground_schemas
-        self.bindings = _BINDINGS_EACH * ground_schemas
         self.instances = 0
-        self.work = 0
+        self.bindings = 0
 
     def count_binding(self, place: Place) -> None:
         """Count one binding of a variable."""
-        self.work += 1
-        if self.work > self.bindings:
-            raise DomainError(
-                f"instantiation takes more than {self.bindings} bindings",
+        self.bindings += 1
+        if self.bindings > (most := _BINDINGS_EACH * self.ground_schemas):
+            raise _too_large(
+                f"instantiation takes more than {most} bindings",
                 place,
-                "use fewer objects, more specific types, or fewer parameters and quantifiers; "
-                + _RAISE,
-                code="too-large",
+                "use fewer objects, more specific types, or fewer parameters and quantifiers;",
             )
 
     def count_instance(self, schema: x.Schema, facts: Facts) -> None:
@@ -69,24 +59,27 @@ class InstantiationBudget:
         self.instances += 1
         if self.instances > self.ground_schemas:
             bindings = math.prod(len(facts.objects_of(p.types)) for p in schema.parameters)
-            raise DomainError(
+            raise _too_large(
                 f"the domain instantiates to more than {self.ground_schemas} ground actions, "
                 f"processes and events; `{schema.name}` has up to {bindings} over these objects",
                 schema.place,
-                "use fewer objects, more specific types, or static predicates in the "
-                f"precondition; {_RAISE}",
-                code="too-large",
+                "use fewer objects, more specific types, or static predicates in the precondition;",
             )
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
         """Check a number of fluents against the limit."""
-        if count > self.fluents:
-            raise DomainError(
-                f"the domain has more than {self.fluents} fluents over these objects",
+        if count > (most := _FLUENTS_EACH * self.ground_schemas):
+            raise _too_large(
+                f"the domain has more than {most} fluents over these objects",
                 declaration.place,
-                f"use fewer objects, more specific types or fewer parameters; {_RAISE}",
-                code="too-large",
+                "use fewer objects, more specific types or fewer parameters;",
             )
+
+
+def _too_large(problem: str, place: Place, advice: str) -> DomainError:
+    raised = "`--max-ground-schemas N` on the command line, in Python `load_domain(..., "
+    raised += "max_ground_schemas=N)`"
+    return DomainError(problem, place, f"{advice} or raise the limit: {raised}", code="too-large")
 
 
 def no_value(key: tuple[str, ...], read: Place, place: Place) -> DomainError:
@@ -140,7 +133,7 @@ class Facts:
             self.values = {key_of(f.name, f.arguments, {}): n for f, n in problem.values}
         self._members: dict[Sequence[str], Collection[str]] = {}
         self.closed = supplied is None and problem is not None and problem.has_init
-        self.changed = _changed_names(domain)
+        self.changed = x.changed_names(domain.schemas)
         stated = {key[0] for key in itertools.chain(self.true, self.values)}
         declared = domain.declarations.values()
         if self.closed:
@@ -210,17 +203,6 @@ def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
             yield from conjuncts(operand)
     elif condition is not None:
         yield condition
-
-
-def _changed_names(domain: x.DomainSyntax) -> set[str]:
-    names: set[str] = set()
-    for schema in domain.schemas:
-        for effect in x.nested_effects(schema.effects):
-            if isinstance(effect, x.SetPredicate):
-                names.add(effect.atom.name)
-            elif isinstance(effect, x.ChangeFunction):
-                names.add(effect.function.name)
-    return names
 
 
 def reachable(facts: Facts) -> dict[str, list[Binding]]:
@@ -480,9 +462,8 @@ def _joined(parts: Iterable[Sequence[Key] | None], *, every: bool) -> Sequence[K
 def _calculates(schema: x.Schema) -> bool:
     """Whether the condition of an effect contains arithmetic, so that it may have no result."""
     return any(
-        isinstance(part, x.NumericComparison)
-        and any(isinstance(side, x.Arithmetic) for side in (part.left, part.right))
-        for effect in x.nested_effects(schema.effects)
+        isinstance(part, x.Arithmetic)
+        for effect in x.nodes_in(schema.effects)
         if isinstance(effect, x.When)
-        for part in x.nested_conditions(effect.condition)
+        for part in x.nodes_in(effect.condition)
     )

@@ -71,6 +71,7 @@ class TransitionModel(StateSpace):
         ground: The model.
         theta: θ, float64 `[P]`; the reward for reaching the goal follows from the other entries.
         dt: Control period.
+        program: The functions and the machine code of the step, which `replace` shares.
         initial_state: `[F]` where the problem gives a value to every fluent, else None.
         revision: A number that changes whenever predictions may have changed noticeably.
     """
@@ -82,12 +83,11 @@ class TransitionModel(StateSpace):
         own_code: bool = True,
     ) -> None:  # fmt: skip
         super().__init__(ground)
-        self._program = Program(ground, own_code)
+        self.program = Program(ground, own_code)
         self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
-        self.initial_state: Vector | None = (
-            None if ground.initial is None else np.array(ground.initial, dtype=np.float64)
-        )
-        if self.initial_state is not None:
+        self.initial_state: Vector | None = None
+        if ground.initial is not None:
+            self.initial_state = np.array(ground.initial, dtype=np.float64)
             self.initial_state.flags.writeable = False
         self._set([p.value for p in ground.parameters] if theta is None else theta, dt)
 
@@ -172,21 +172,20 @@ class TransitionModel(StateSpace):
             the flags, as in `serp.planning.forecast.Forecast`.
         """
         out = [*state, 0.0]
-        return out, self._program.step(state, action, self._theta_list, self.dt, out)
+        return out, self.program.step(state, action, self._theta_list, self.dt, out)
 
     def at_goal(self, state: Vector) -> bool:
         """Return whether the problem's goal holds in a state `[F]`; False where there is none."""
         values: list[float] = state.tolist()
-        return self._program.at_goal(values, self._theta_list, self.dt)
+        return self.program.at_goal(values, self._theta_list, self.dt)
 
     def _step_batch(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
-        batch, width = states.shape
         from serp.model.native import step_batch
 
+        batch, width = states.shape
+        table, flags = np.empty((batch, width + 1)), np.empty(batch, dtype=np.int64)
         flat = np.ascontiguousarray(states).reshape(-1)
-        out, flags = np.empty(batch * (width + 1)), np.empty(batch, dtype=np.int64)
-        step_batch(self.machine_code, flat, np.ascontiguousarray(actions), out, flags)
-        table = out.reshape(batch, width + 1)
+        step_batch(self.machine_code, flat, np.ascontiguousarray(actions), table.reshape(-1), flags)
         applicable = (flags & APPLICABLE) != 0
         return Outcome(
             state=np.where(applicable[:, None], table[:, :width], states),
@@ -202,25 +201,12 @@ class TransitionModel(StateSpace):
     @property
     def data(self) -> Vector:
         """The data that `native_step` reads beside the state: the parameters θ, or bytecode."""
-        machine = self._program.machine
+        machine = self.program.machine
         if machine is None:
             return self.theta
         if self._bytecode is None:
             self._bytecode = machine.data(self.theta)
         return self._bytecode
-
-    @property
-    def has_own_code(self) -> bool:
-        """Whether the model is small enough to be compiled to machine code in reasonable time.
-
-        Larger ones run as bytecode, with the same results.
-        """
-        return self._program.has_own_code
-
-    @property
-    def compiled(self) -> bool:
-        """Whether `native_step` is compiled already."""
-        return self._program.compiled
 
     @property
     def machine_code(self) -> tuple[np.intp, Vector, float]:
@@ -231,7 +217,7 @@ class TransitionModel(StateSpace):
 
     def native_step(self) -> Any:
         """Return the compiled C callback of `step` (numba), compiling it when first called."""
-        return self._program.native()
+        return self.program.native()
 
     def native_outcomes(self) -> Any:
         """Return the compiled C callback that gives all outcomes of a step; None for one outcome.
@@ -273,7 +259,7 @@ class TransitionModel(StateSpace):
                 condition has no truth value, or an event's effects contradict each other.
         """
         self.check_action(action, -1)
-        reward, flags = self._judge(state.tolist(), action, next_state.tolist())
+        reward, flags = self._judge(state, action, next_state)
         if not flags & APPLICABLE:
             site = self.judged_passages(state, action, next_state)[-1].site
             raise StateError(
@@ -283,15 +269,12 @@ class TransitionModel(StateSpace):
         return Judgement(reward, bool(flags & UNSAFE), bool(flags & TERMINAL))
 
     def _judge(
-        self,
-        state: list[float],
-        action: int,
-        next_state: list[float],
-        functions: Functions | None = None,
+        self, state: Vector, action: int, next_state: Vector, functions: Functions | None = None
     ) -> tuple[float, int]:
-        out = [*next_state, 0.0]
-        flags = self._program.judge(
-            state, action, next_state, self._theta_list, self.dt, out, functions=functions
+        after: list[float] = next_state.tolist()
+        out = [*after, 0.0]
+        flags = self.program.judge(
+            state.tolist(), action, after, self._theta_list, self.dt, out, functions=functions
         )
         return out[-1], flags
 
@@ -330,8 +313,8 @@ class TransitionModel(StateSpace):
         events are evaluated.
         """
         passages: list[Passage] = []
-        functions, out = self._program.traced(passages), [*state, 0.0]
-        flags = self._program.step(
+        functions, out = self.program.traced(passages), [*state, 0.0]
+        flags = self.program.step(
             state, action, self._theta_list if theta is None else theta, self.dt, out,
             functions=functions, amend=amend,
         )  # fmt: skip
@@ -340,5 +323,5 @@ class TransitionModel(StateSpace):
     def judged_passages(self, state: Vector, action: int, next_state: Vector) -> list[Passage]:
         """Return what the judgement of a transition passes, as `passages` does of a step."""
         passages: list[Passage] = []
-        self._judge(state.tolist(), action, next_state.tolist(), self._program.traced(passages))
+        self._judge(state, action, next_state, self.program.traced(passages))
         return passages

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Hashable
 
 from serp.pddl import slips
 from serp.pddl import syntax as x
@@ -143,14 +144,12 @@ _COMPARATORS = ("<", "<=", "=", ">=", ">")
 
 def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
     """Parse a condition; None for the empty `()`."""
-    if slip := slips.bare(node, "a condition", scope.declarations):
+    if slip := slips.in_form(node, slips.CONDITION, scope.declarations):
         raise slip
     group = expect_group(node, "a condition")
     if not group.items:
         return None
     head = group.head
-    if slip := slips.in_condition(group, scope.declarations):
-        raise slip
     if head in ("and", "or", "not", "imply"):
         return _connective(group, scope)
     if head in ("forall", "exists"):
@@ -208,7 +207,7 @@ def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[x.SchemaParamete
 
 def _comparison(group: Group, scope: Scope) -> x.Condition:
     if len(group.items) != 3:
-        raise slips.not_two(group, f"`{group.head}` compares two things")
+        raise DomainError(f"`{group.head}` compares two things", group.place)
     left, right = (as_function(node, scope) for node in group.items[1:])
     if group.head == "=" and not any(isinstance(n, Group) or is_number(n) for n in (left, right)):
         return x.SameObject(parse_term(left, scope), parse_term(right, scope), group.place)
@@ -223,33 +222,31 @@ def refuse_contradictions(effects: tuple[x.Effect, ...]) -> None:
     Effects whose conditions or objects differ may exclude each other: what they come to is found
     out when they are applied.
     """
-    changes: dict[tuple[str, ...], list[x.ChangeFunction]] = {}
+    changes: dict[Hashable, list[x.ChangeFunction]] = {}
     for effect in effects:
-        match effect:
-            case x.When(_, inner) | x.ForallEffect(_, inner):
-                refuse_contradictions(inner)
-            case x.ChangeFunction(_, function):
-                key = (function.name, *(argument.name for argument in function.arguments))
-                for first in changes.setdefault(key, []):
-                    if _contradict(first, effect):
-                        raise DomainError(
-                            f"`{effect.place.text}` contradicts `{first.place.text}` in line "
-                            f"{first.place.line}: both would have to happen at once",
-                            effect.place,
-                            "write one effect, or put them under conditions that exclude each "
-                            "other (`when`)",
-                            code="contradictory-effects",
-                        )
-                changes[key].append(effect)
+        if isinstance(effect, x.When | x.ForallEffect):
+            refuse_contradictions(effect.effects)
+        elif isinstance(effect, x.ChangeFunction):
+            others = changes.setdefault(x.meaning(effect.function), [])
+            for first in others:
+                if _contradict(first, effect):
+                    raise DomainError(
+                        f"`{effect.place.text}` contradicts `{first.place.text}` in line "
+                        f"{first.place.line}: both would have to happen at once",
+                        effect.place,
+                        "write one effect, or put them under conditions that exclude each other "
+                        "(`when`)",
+                        code="contradictory-effects",
+                    )
+            others.append(effect)
 
 
 def _contradict(first: x.ChangeFunction, second: x.ChangeFunction) -> bool:
     if first.change.group != second.change.group:
         return True
-    one, other = first.value, second.value
-    if isinstance(one, x.Number) and isinstance(other, x.Number):
-        return first.change is x.Change.ASSIGN and one.value != other.value
-    return False
+    numbers = isinstance(first.value, x.Number) and isinstance(second.value, x.Number)
+    same = x.meaning(first.value) == x.meaning(second.value)
+    return numbers and first.change is x.Change.ASSIGN and not same
 
 
 _CHANGES = {change.value: change for change in x.Change}
@@ -257,14 +254,12 @@ _CHANGES = {change.value: change for change in x.Change}
 
 def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tuple[x.Effect, ...]:
     """Parse an effect into its parts, with every `and` flattened."""
-    if slip := slips.bare(node, "an effect", scope.declarations):
+    if slip := slips.in_form(node, slips.EFFECT, scope.declarations):
         raise slip
     group = expect_group(node, "an effect")
     if not group.items:
         return ()
     head = group.head
-    if slip := slips.in_effect(group, scope.declarations):
-        raise slip
     if head == "and":
         effects: list[x.Effect] = []
         for item in group.items[1:]:
@@ -310,13 +305,6 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
             group.place,
             "write the condition under :precondition, or write two processes",
         )
-    if len(group.items) == 2 and (apart := _effect_in(group.items[1], scope)):
-        raise DomainError(
-            "the effect of `when` stands within the `and` of its condition",
-            group.place,
-            write=f"(when {apart})",
-            code="unbalanced-parentheses",
-        )
     if len(group.items) != 3:
         raise slips.several_after(group, 2, "`when` takes one condition and one effect")
     condition, effect = group.items[1:]
@@ -337,20 +325,6 @@ def _changes(node: Node, scope: Scope) -> bool:
     return node.head in _CHANGES or (
         node.head == "and" and any(_changes(item, scope) for item in node.items[1:])
     )
-
-
-def _effect_in(condition: Node, scope: Scope) -> str | None:
-    """Return a condition and an effect that stand under one `and`; None if the last is no effect.
-
-    Only changes and flags are effects for certain: no condition of an action may ask for those.
-    """
-    if not isinstance(condition, Group) or condition.head != "and" or len(condition.items) < 3:
-        return None
-    *conditions, last = condition.items
-    flag = isinstance(last, Group) and last.head in (x.UNSAFE, x.TERMINAL)
-    if not (flag or _changes(last, scope)):
-        return None
-    return f"({' '.join(map(slips.written, conditions))}) {slips.written(last)}"
 
 
 def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.SetPredicate:
@@ -375,7 +349,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
 
 def _change(group: Group, scope: Scope) -> x.ChangeFunction:
     if len(group.items) != 3:
-        raise slips.not_two(group, f"`{group.head}` takes a function and a value")
+        raise DomainError(f"`{group.head}` takes a function and a value", group.place)
     change = _CHANGES[group.head]
     if is_number(group.items[1]) and isinstance(group.items[2], Group):
         problem = f"`{group.head}` takes a function first, then a value"

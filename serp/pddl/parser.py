@@ -20,7 +20,6 @@ from serp.pddl.expressions import (
 from serp.pddl.reader import Group, Node, Word, read_group
 from serp.pddl.scope import (
     INSTEAD,
-    REQUIREMENTS_INSTEAD,
     Scope,
     expect_group,
     expect_name,
@@ -95,7 +94,7 @@ def read_requirements(group: Group | None) -> frozenset[str]:
     for node in group.items[1:] if group is not None else ():
         if not isinstance(node, Word):
             raise DomainError("expected a requirement such as `:typing`", node.place)
-        if (instead := REQUIREMENTS_INSTEAD.get(node.text)) is not None:
+        if (instead := INSTEAD.get(node.text)) is not None:
             text = f"requirement `{node.text}` is not supported"
             node.place.warn(text, "unknown-requirement", advice=instead)
         elif node.text not in SUPPORTED_REQUIREMENTS:
@@ -129,15 +128,15 @@ def add_section(section: Group, single: dict[str, Group]) -> None:
     single[section.head] = section
 
 
-_DOMAIN_ORDER = (":requirements", ":types", ":constants", ":predicates", ":functions")
-_FIELDS = (":parameters", ":precondition", ":effect")
+DOMAIN_SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions")
+SCHEMA_FIELDS = (":parameters", ":precondition", ":effect")
 _RESERVED = {
     x.REWARD: "is what a step gains",
     x.UNSAFE: "flags what does damage",
     x.TERMINAL: "ends the task",
 }
 """Reserved name → what it means."""
-_KINDS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
+SCHEMA_SECTIONS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
 
 
 def parse_domain(source: Source) -> x.DomainSyntax:
@@ -146,12 +145,12 @@ def parse_domain(source: Source) -> x.DomainSyntax:
     single: dict[str, Group] = {}
     schema_groups: list[Group] = []
     for section in sections:
-        if section.head in _KINDS:
+        if section.head in SCHEMA_SECTIONS:
             schema_groups.append(section)
         else:
             with section.place.recovering():
-                if section.head not in _DOMAIN_ORDER:
-                    raise unknown_section(section, [*_DOMAIN_ORDER, *_KINDS], "domain")
+                if section.head not in DOMAIN_SECTIONS:
+                    raise unknown_section(section, [*DOMAIN_SECTIONS, *SCHEMA_SECTIONS], "domain")
                 add_section(section, single)
     requirements = read_requirements(single.get(":requirements"))
     scope = _declared(single, math=x.MATH_REQUIREMENT in requirements)
@@ -184,13 +183,6 @@ def _declared(single: dict[str, Group], *, math: bool) -> Scope:
         with objects.place.recovering():
             constants = parse_objects(objects, parents)
     declarations = _all_declarations(single, parents)
-    for declaration in declarations.values() if math else ():
-        if declaration.numeric and declaration.name in x.MATH_FUNCTIONS:
-            declaration.place.warn(
-                f"`({declaration.name} ...)` means this function, not that of "
-                f"`{x.MATH_REQUIREMENT}`; rename it to use both",
-                "hidden-function",
-            )
     return Scope(parents, constants, declarations, {}, math=math)
 
 
@@ -233,7 +225,7 @@ def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
 
     Its name joins `names`, those of the schemas before it.
     """
-    kind, source = _KINDS[group.head], group.place.source
+    kind, source = SCHEMA_SECTIONS[group.head], group.place.source
     taken = source.errors_taken
     if len(group.items) < 2:
         raise DomainError(f"`{group.head}` without a name", group.place)
@@ -276,7 +268,7 @@ def _fields(group: Group, schema: str) -> dict[str, Group]:
         key, begin = rest[index], index
         index = _next_field(rest, begin + 1)  # where an error leads
         with key.place.recovering():
-            if not isinstance(key, Word) or key.text not in _FIELDS:
+            if not isinstance(key, Word) or key.text not in SCHEMA_FIELDS:
                 raise _no_field(rest[:begin], key, rest[begin:], schema)
             if key.text in fields:
                 raise DomainError(
@@ -301,12 +293,12 @@ def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: 
     """Return what is wrong where `:parameters`, `:precondition` or `:effect` is expected."""
     key = before[-2] if len(before) > 1 else None
     if isinstance(node, Group):
-        if isinstance(key, Word) and key.text != ":parameters" and node.head not in _FIELDS:
+        if isinstance(key, Word) and key.text != ":parameters" and node.head not in SCHEMA_FIELDS:
             several = itertools.takewhile(lambda item: isinstance(item, Group), rest)
             return several_under(key.text, [before[-1], *several])
-        write = written(node)[1:-1] if node.head in _FIELDS else None
+        write = written(node)[1:-1] if node.head in SCHEMA_FIELDS else None
     else:
-        write = closest(node.text, _FIELDS)
+        write = closest(node.text, SCHEMA_FIELDS)
     instead = INSTEAD.get(node.text) if isinstance(node, Word) else None
     return DomainError(
         f"`{node.place.text}` is not supported in {schema}",
@@ -317,7 +309,7 @@ def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: 
     )
 
 
-_SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric")
+PROBLEM_SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric")
 
 
 def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
@@ -326,8 +318,8 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
     single: dict[str, Group] = {}
     for section in sections:
         with section.place.recovering():
-            if section.head not in _SECTIONS:
-                raise unknown_section(section, _SECTIONS, "problem")
+            if section.head not in PROBLEM_SECTIONS:
+                raise unknown_section(section, PROBLEM_SECTIONS, "problem")
             add_section(section, single)
     if ":domain" in single:
         with source.recovering():

@@ -17,7 +17,7 @@ SECTIONS = frozenset(
 )
 _FIELDS = frozenset((":parameters", ":precondition", ":effect"))
 _HEADS = frozenset(("increase", "decrease", "assign", "scale-up", "scale-down", "when"))
-_OPENING = re.compile(r"\([ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
+_OPENING = re.compile(r"[({[][ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
 
 
 class Balance:
@@ -106,12 +106,11 @@ def _unbalanced(problem: str, place: Place | None, write: str | None = None) -> 
 
 
 _BLANK = re.compile(r"(?:[ \t\r\n\f\v]+|;[^\r\n]*)*")
-_TOKEN = re.compile(r"[()]|[^\s();]+")
+_TOKEN = re.compile(r"[](){}[]|[^](){}\s;[]+")
 _MAX_NESTING = 100
-_BRACKETS = {"{": "}", "[": "]"}
+_BRACKETS = {"{": "(", "[": "(", "}": ")", "]": ")"}
 _SECTION_AHEAD = re.compile(rf"\(\s*(?:{'|'.join(sorted(SECTIONS))})(?![^\s();])", re.IGNORECASE)
 _FOREIGN_COMMENT = re.compile(r"//|#(?!t(?![a-z]))", re.IGNORECASE)
-_PLACEHOLDER = re.compile(r"\{\{.*?\}\}|\{%.*?%\}")
 _KEYWORD_AHEAD = re.compile(r"\(\s*:[^\s();]+")
 
 
@@ -204,10 +203,14 @@ class _Reader:
                     )
                 self._position = line_end(text, begin)
                 continue
-            if hole := _PLACEHOLDER.match(text, begin):
-                raise _template(self._source.place(begin, hole.end()))
             self._position = match.end()
-            self._take(match[0], place)
+            token = _BRACKETS.get(match[0], match[0])
+            if token != match[0]:
+                with self._source.recovering():
+                    raise DomainError(
+                        "the parentheses of PDDL are round", place, write=token, code="stray-text"
+                    )
+            self._take(token, place)
         if self._open:
             raise self._balance.at_end()
         if self._top is None:
@@ -231,8 +234,6 @@ class _Reader:
                 "a PDDL file begins with `(define`",
                 code="stray-text",
             )
-        if token[0] in _BRACKETS:
-            raise _other_brackets(place)
         word = token.lower()
         begin = self._balance.open[-1].start if self._balance.open else place.start
         self._balance.see(word, place)
@@ -252,8 +253,6 @@ class _Reader:
     def resume(self, error: DomainError) -> bool:
         """Keep an error and go on with the next section; say whether that is possible."""
         recovery, text = self._source.recovery, self._source.text
-        if error.code == "foreign-syntax":
-            return False  # no part of a template is meant to be read
         sections = self._open[0] if self._open else [*self._top.items] if self._top else None
         if recovery is None or sections is None:
             return False
@@ -292,35 +291,6 @@ class _Reader:
 
 def _is_section(node: Node) -> bool:
     return isinstance(node, Group) and node.head in SECTIONS
-
-
-def _template(place: Place) -> DomainError:
-    return DomainError(
-        f"`{place.text}` is filled in by a template engine, and no PDDL",
-        place,
-        "check the file that is made of the template",
-        code="foreign-syntax",
-    )
-
-
-def _other_brackets(place: Place) -> DomainError:
-    """Return the error of a bracket that is not round, up to the one that closes it."""
-    text, opening = place.source.text, place.source.text[place.start]
-    closing, depth, end = _BRACKETS[opening], 0, place.end
-    for index in range(place.start, len(text)):
-        depth += (text[index] == opening) - (text[index] == closing)
-        if depth == 0:
-            end = index + 1
-            break
-    whole = place.source.place(place.start, end)
-    inner = text[place.start + 1 : end - 1] if depth == 0 else None
-    return DomainError(
-        f"`{opening}` is no parenthesis of PDDL",
-        whole,
-        "parentheses are round",
-        write=None if inner is None else f"({inner})",
-        code="stray-text",
-    )
 
 
 def _after_the_end(balance: Balance, place: Place) -> DomainError:

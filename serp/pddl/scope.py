@@ -7,69 +7,52 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from serp._util.text import closest, did_you_mean, plural
-from serp.pddl import slips
 from serp.pddl import syntax as x
 from serp.pddl.reader import Group, Node, Word
 from serp.pddl.source import DomainError, Place
 
 INSTEAD = {
-    **dict.fromkeys(
-        (":durative-action", "at", "over"),
-        "write an action, and a process for what goes on meanwhile",
-    ),
-    **dict.fromkeys(
-        (":derived", ":axiom"),
-        "write the condition itself where it is used, or an event that sets the predicate",
-    ),
-    **dict.fromkeys(
-        (":constraint", ":constraints"),
-        "write an event that sets `(unsafe)` where a constraint is broken",
-    ),
-    **dict.fromkeys(
-        ("oneof", "probabilistic"),
+    word: advice
+    for advice, words in {
+        "write an action, and a process for what goes on meanwhile": (
+            ":durative-action at over :durative-actions :duration-inequalities"
+        ),
+        "write the condition itself where it is used, or an event that sets the predicate": (
+            ":derived :axiom :derived-predicates :domain-axioms :subgoal-through-axioms"
+        ),
+        "write an event that sets `(unsafe)` where a constraint is broken": (
+            ":constraint :constraints :safety-constraints"
+        ),
         "effects are deterministic: write the likeliest outcome; a training learns how often it "
-        "comes out otherwise",
-    ),
-    "preference": "write `(increase (reward) ...)` under a `when`, or as an event",
-    "timed": "write a function as a clock, which a process increases, and an event",
-    "unknown": "state what is likeliest; in a task the environment tells what is so",
-    ":object-fluents": "write `- number`, or a predicate with one more parameter",
-    **dict.fromkeys((":method", ":task"), "write actions only; the planner chooses among them"),
-    **dict.fromkeys(
-        (":observe", ":sense"), "leave it out; the environment is observed in every step"
-    ),
-    **dict.fromkeys(
-        (":agent", ":private"), "write one list for all; an agent is one more parameter"
-    ),
-    ":vars": "write them under `:parameters`",
-    ":rewards": "declare the function `(reward)`, and increase it",
+        "comes out otherwise": "oneof probabilistic :probabilistic-effects :non-deterministic",
+        "write `(increase (reward) ...)` under a `when`, or as an event": (
+            "preference :preferences :goal-utilities"
+        ),
+        "write a function as a clock, which a process increases, and an event": (
+            "timed :timed-initial-literals :timed-initial-fluents :timed-effects"
+        ),
+        "state what is likeliest; in a task the environment tells what is so": (
+            "unknown :contingent :partial-observability :unknown"
+        ),
+        "write `- number`, or a predicate with one more parameter": ":object-fluents",
+        "write actions only; the planner chooses among them": (
+            ":method :task :hierarchy :htn :method-preconditions :action-expansions"
+        ),
+        "leave it out; the environment is observed in every step": ":observe :sense",
+        "write one list for all; an agent is one more parameter": (
+            ":agent :private :multi-agent :factored-privacy :unfactored-privacy"
+        ),
+        "write them under `:parameters`": ":vars",
+        "declare the function `(reward)`, and increase it": ":rewards :mdp",
+    }.items()
+    for word in words.split()
 }
-"""PDDL that is not supported → what to write instead."""
+"""Word or requirement of PDDL that is not supported → what to write instead."""
 
 
 def unsupported(problem: str, place: Place, key: str) -> DomainError:
     """Return the error of PDDL that is not supported, with what to write instead."""
     return DomainError(problem, place, INSTEAD[key], code="unsupported")
-
-
-REQUIREMENTS_INSTEAD = {
-    requirement: INSTEAD[what]
-    for what, requirements in {
-        ":durative-action": ":durative-actions :duration-inequalities",
-        ":derived": ":derived-predicates :domain-axioms :subgoal-through-axioms",
-        ":constraint": ":constraints :safety-constraints",
-        "preference": ":preferences :goal-utilities",
-        "timed": ":timed-initial-literals :timed-initial-fluents :timed-effects",
-        "oneof": ":probabilistic-effects :non-deterministic",
-        "unknown": ":contingent :partial-observability :unknown",
-        ":object-fluents": ":object-fluents",
-        ":method": ":hierarchy :htn :method-preconditions :action-expansions",
-        ":agent": ":multi-agent :factored-privacy :unfactored-privacy",
-        ":rewards": ":rewards :mdp",
-    }.items()
-    for requirement in requirements.split()
-}
-"""Requirement of PDDL that is not supported → what to write instead."""
 
 
 @dataclass(frozen=True)
@@ -143,9 +126,6 @@ def parse_arguments(
     if count != len(declaration.parameters):
         wanted = plural(len(declaration.parameters), "argument")
         problem = f"{what} `{declaration.name}` takes {wanted}, found {count}"
-        one_more = count == len(declaration.parameters) + 1
-        if one_more and not declaration.numeric and (slip := slips.truth_behind(group, problem)):
-            raise slip
         raise DomainError(
             problem,
             group.place,

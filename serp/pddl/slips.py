@@ -7,8 +7,9 @@ Each function looks at a form that is about to be refused, and returns an error 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
+from typing import NamedTuple
 
 from serp.pddl.reader import Group, Node, Word
 from serp.pddl.source import DomainError, Edit, Fix, Place
@@ -35,8 +36,6 @@ _EFFECTS = {
     **{"+=": "increase", "-=": "decrease", "*=": "scale-up", "/=": "scale-down"},
 }
 _ARITHMETIC = "+-*/"
-_CONDITION_WORDS = ("and", "or", "not", "imply", "exists", "forall")
-_EFFECT_WORDS = ("and", "not", "when", "forall", "assign", "increase", "decrease")
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 _GROUNDED = "declare a function whose value the grounding gives"
 PORTABLE = {
@@ -53,16 +52,47 @@ _MATH = {
     **dict.fromkeys(("^", "**", "pow"), "write a product, or `(sqrt ...)` for a root"),
     "tan": "write `(/ (sin ...) (cos ...))`",
     "hypot": "write `(sqrt (+ (* a a) (* b b)))`",
-    **dict.fromkeys(("atan", "arctan"), "write `(atan2 y x)`, or `(atan2 y 1)`"),
+    **dict.fromkeys(("atan", "arctan", "arctan2"), "write `(atan2 y x)`, or `(atan2 y 1)`"),
+    **{"fabs": "write `abs`", "minimum": "write `min`", "maximum": "write `max`"},
     **dict.fromkeys(("exp", "log", "mod", "%", "floor", "round", "asin", "acos"), _GROUNDED),
 }
-_MATH_NAMES = {
-    **{"fabs": "abs", "arctan2": "atan2", "minimum": "min", "maximum": "max"},
-    **{"root": "sqrt", "sine": "sin", "cosine": "cos"},
-}
-"""Names that other languages have for a function of `:math-functions`."""
+"""Function of other languages → what to write in its stead."""
 _SUPPORTED = f"`+`, `-`, `*`, `/` and, with `{MATH_REQUIREMENT}`, `{'`, `'.join(MATH_FUNCTIONS)}`"
 Declared = Mapping[str, Declaration]
+
+
+class Form(NamedTuple):
+    """What a form is meant to be, and what stands in its stead in other languages.
+
+    Attributes:
+        what: In messages.
+        infix: Operators between their operands → word of PDDL.
+        other: Words at the beginning → word of PDDL.
+        compares: Words that compare with a truth value, or set to one.
+        words: Words of PDDL that may be misspelt.
+    """
+
+    what: str
+    infix: Mapping[str, str]
+    other: Mapping[str, str]
+    compares: Collection[str]
+    words: Sequence[str]
+
+
+CONDITION = Form(
+    "a condition",
+    _INFIX,
+    _CONDITIONS,
+    ("=", "=="),
+    ("and", "or", "not", "imply", "exists", "forall"),
+)
+EFFECT = Form(
+    "an effect",
+    _EFFECTS,
+    _EFFECTS,
+    (*_EFFECTS, "assign"),
+    ("and", "not", "when", "forall", "assign", "increase", "decrease"),
+)
 
 
 def _foreign(problem: str, place: Place, write: str, advice: str = "") -> DomainError:
@@ -89,9 +119,6 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
         return infix
     if head in declared:
         return None
-    if head in _MATH_NAMES and len(group.items) > 1:
-        write = _prefix(_MATH_NAMES[head], group.items[1:], declared)
-        return _foreign(f"`{head}` is not supported in a number", group.place, write)
     if head in _MATH:
         problem = f"`{head}` is not supported; numbers have {_SUPPORTED}"
         return DomainError(problem, group.items[0].place, _MATH[head], code="math-functions")
@@ -100,47 +127,26 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
     return None
 
 
-def in_condition(group: Group, declared: Declared) -> DomainError | None:
-    """Recognise infix comparisons, words of other languages, and a missing `and`."""
+def in_form(node: Node, form: Form, declared: Declared) -> DomainError | None:
+    """Recognise a condition or an effect of another language, and a missing `and`."""
+    if isinstance(node, Word):
+        return _bare(node, form.what, declared)
     return (
-        _infix(group, _INFIX, declared)
-        or _with_truth(group, ("=", "=="), "a condition", declared)
-        or _other_word(group, _CONDITIONS, "a condition", declared)
-        or _missing_and(group, "conditions")
-        or _misspelt(group, _CONDITION_WORDS, declared)
+        _infix(node, form.infix, declared)
+        or _with_truth(node, form, declared)
+        or _other_word(node, form, declared)
+        or _missing_and(node, f"{form.what.split()[1]}s")
+        or _misspelt(node, form.words, declared)
     )
 
 
-def bare(node: Node, what: str, declared: Declared) -> DomainError | None:
+def _bare(word: Word, what: str, declared: Declared) -> DomainError | None:
     """Recognise the name of a predicate without its parentheses."""
-    if not isinstance(node, Word) or node.text not in declared:
+    declaration = declared.get(word.text)
+    if declaration is None or declaration.numeric or declaration.parameters:
         return None
-    declaration = declared[node.text]
-    if declaration.numeric or declaration.parameters:
-        return None
-    problem = f"expected {what} in parentheses, found `{node.text}`"
-    return _foreign(problem, node.place, f"({node.place.text})")
-
-
-def truth_behind(group: Group, problem: str) -> DomainError | None:
-    """Recognise `(has box false)`: a truth value behind the arguments of a predicate."""
-    value = group.items[-1]
-    if not isinstance(value, Word) or value.text not in ("true", "false"):
-        return None
-    atom = f"({' '.join(map(written, group.items[:-1]))})"
-    write = atom if value.text == "true" else f"(not {atom})"
-    return DomainError(problem, group.place, write=write, code="wrong-arguments")
-
-
-def in_effect(group: Group, declared: Declared) -> DomainError | None:
-    """Recognise assignments and conditions of other languages, and a missing `and`."""
-    return (
-        _infix(group, _EFFECTS, declared)
-        or _with_truth(group, (*_EFFECTS, "assign"), "an effect", declared)
-        or _other_word(group, _EFFECTS, "an effect", declared)
-        or _missing_and(group, "effects")
-        or _misspelt(group, _EFFECT_WORDS, declared)
-    )
+    problem = f"expected {what} in parentheses, found `{word.text}`"
+    return _foreign(problem, word.place, f"({word.place.text})")
 
 
 def swapped(group: Group, problem: str, place: Place, code: str) -> DomainError:
@@ -165,29 +171,9 @@ def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
     )
 
 
-def not_two(group: Group, problem: str) -> DomainError:
-    """Return the error of a form that takes two numbers, and has other parts."""
-    if len(group.items) == 4:
-        sign, number = group.items[2:]
-        if isinstance(sign, Word) and sign.text == "-" and _PLAIN.match(written(number)):
-            return DomainError(
-                "a minus stands apart from its number",
-                group.place.source.place(sign.place.start, number.place.end),
-                write=f"-{written(number)}",
-            )
-    return DomainError(problem, group.place)
-
-
 def several_after(group: Group, at: int, problem: str) -> DomainError:
     """Return the error of a form whose items from one position on have to be one."""
-    words = [node for node in group.items[1:] if isinstance(node, Word)]
-    if len(words) == 1 and len(group.items) == at + 2:
-        place = words[0].place
-        behind = group.items[group.items.index(words[0]) + 1 :]
-        end = behind[0].place.start if behind else place.end
-        fix = Fix((Edit(place.start, end, ""),))
-        return DomainError(f"{problem}, not `{words[0].text}`", place, "leave it out", fix=fix)
-    if len(group.items) <= at + 1 or any(isinstance(node, Word) for node in group.items[at:]):
+    if len(group.items) <= at + 1 or any(isinstance(node, Word) for node in group.items[1:]):
         return DomainError(problem, group.place)
     begin = " ".join(written(node) for node in group.items[:at])
     text = f"({begin} {_under_and(group.items[at:])})"
@@ -226,15 +212,13 @@ def _infix(group: Group, words: Mapping[str, str], declared: Declared) -> Domain
     )
 
 
-def _other_word(
-    group: Group, words: Mapping[str, str], what: str, declared: Declared
-) -> DomainError | None:
+def _other_word(group: Group, form: Form, declared: Declared) -> DomainError | None:
     """Recognise a word of other languages at the beginning."""
     head = group.head
-    if head in declared or head not in words or len(group.items) == 1:
+    if head in declared or head not in form.other or len(group.items) == 1:
         return None
-    write = _prefix(words[head], group.items[1:], declared)
-    return _foreign(f"`{head}` is not supported in {what}", group.place, write)
+    write = _prefix(form.other[head], group.items[1:], declared)
+    return _foreign(f"`{head}` is not supported in {form.what}", group.place, write)
 
 
 def _misspelt(group: Group, words: Sequence[str], declared: Declared) -> DomainError | None:
@@ -265,11 +249,9 @@ def _operand(node: Node, declared: Declared) -> str:
     return text
 
 
-def _with_truth(
-    group: Group, words: Sequence[str], what: str, declared: Declared
-) -> DomainError | None:
+def _with_truth(group: Group, form: Form, declared: Declared) -> DomainError | None:
     """Recognise `(= (held) true)`, which is `(held)`."""
-    if group.head not in words or group.head in declared or len(group.items) != 3:
+    if group.head not in form.compares or group.head in declared or len(group.items) != 3:
         return None
     left, right = group.items[1:]
     name = left.head if isinstance(left, Group) else left.text
@@ -279,7 +261,7 @@ def _with_truth(
         return None
     atom = written(left) if isinstance(left, Group) else f"({name})"
     write = atom if _TRUTH[right.text] else f"(not {atom})"
-    return _foreign(f"a predicate is {what} by itself", group.place, write)
+    return _foreign(f"a predicate is {form.what} by itself", group.place, write)
 
 
 def _missing_and(group: Group, what: str) -> DomainError | None:

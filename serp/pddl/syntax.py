@@ -6,7 +6,7 @@ point at it. Names follow PDDL 2.1 (Fox & Long, 2003) and PDDL+ (Fox & Long, 200
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -303,29 +303,45 @@ class ProblemSyntax:
 # Walks -----------------------------------------------------------------------------------------
 
 
-def nested_effects(effects: tuple[Effect, ...]) -> Iterator[Effect]:
-    """Yield effects and the effects nested in them."""
-    for effect in effects:
-        yield effect
-        if isinstance(effect, When | ForallEffect):
-            yield from nested_effects(effect.effects)
+def nodes_in(*parts: object) -> Iterator[object]:
+    """Yield the nodes of some parts of a file, each before those in it, in their order."""
+    for part in parts:
+        if isinstance(part, tuple):
+            yield from nodes_in(*part)
+        elif (names := _fields_of(part)) is not None:
+            yield part
+            yield from nodes_in(*(getattr(part, name) for name in names))
 
 
-def nested_conditions(condition: Condition | None) -> Iterator[Condition]:
-    """Yield a condition and the conditions nested in it; nothing for None."""
-    if condition is not None:
-        yield condition
-    match condition:
-        case Connective(_, operands):
-            for operand in operands:
-                yield from nested_conditions(operand)
-        case Quantified(_, _, body):
-            yield from nested_conditions(body)
+def meaning(part: object) -> Hashable:
+    """Return what a part of a file says, without its places; equal for what says the same."""
+    if isinstance(part, tuple):
+        return tuple(map(meaning, part))
+    if (names := _fields_of(part)) is not None:
+        return type(part), *(meaning(getattr(part, name)) for name in names)
+    return None if isinstance(part, Place) else part
 
 
-def conditions_of(schema: Schema) -> Iterator[Condition]:
-    """Yield every condition in a precondition and in effects, however it is nested."""
-    yield from nested_conditions(schema.precondition)
-    for effect in nested_effects(schema.effects):
-        if isinstance(effect, When):
-            yield from nested_conditions(effect.condition)
+def _fields_of(part: object) -> tuple[str, ...] | None:
+    """Return the names of the fields of a node; None for a place, or what is no node."""
+    return None if isinstance(part, Place) else getattr(part, "__match_args__", None)
+
+
+def names_in(*parts: object) -> set[str]:
+    """Return the predicates and functions that parts of a file name."""
+    return {node.name for node in nodes_in(*parts) if isinstance(node, Atom | FunctionTerm)}
+
+
+def conditions_of(schema: Schema) -> tuple[Condition, ...]:
+    """Return the precondition of a schema, where it has one, and the conditions of its effects."""
+    conditions = [node.condition for node in nodes_in(schema.effects) if isinstance(node, When)]
+    return (*([schema.precondition] if schema.precondition else ()), *conditions)
+
+
+def changed_names(schemas: tuple[Schema, ...]) -> set[str]:
+    """Return the predicates and functions that effects change."""
+    changes = [node for schema in schemas for node in nodes_in(schema.effects)]
+    return {
+        *(node.atom.name for node in changes if isinstance(node, SetPredicate)),
+        *(node.function.name for node in changes if isinstance(node, ChangeFunction)),
+    }

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.saved_state import MOST, Arrays, Saved
 from serp.model import ground as g
 from serp.model.transition_model import TransitionModel
 from serp.pddl.syntax import Change
+from serp.planning.forecast import SAFE
 from serp.planning.hash_table import table_size
 from serp.settings import PlannerSettings
 
@@ -127,28 +130,106 @@ class GraphArrays(NamedTuple):
         inert: NDArray[np.int64] = NO_FLUENTS,
     ) -> GraphArrays:
         """Allocate an empty graph."""
-        return cls(
-            counters=np.zeros(len(Counters()), dtype=np.int64),
-            table=np.full(table_size(nodes), -1, dtype=np.int32),
-            inert=inert,
-            states=np.zeros(nodes * width),
-            layer=np.zeros(nodes, dtype=np.int32),
-            first_edge=np.zeros(nodes + 1, dtype=np.int64),
-            undefined=np.zeros(nodes, dtype=np.uint8),
-            dead_end=np.zeros(nodes, dtype=np.uint8),
-            action=np.zeros(edges, dtype=np.int32),
-            flags=np.zeros(edges, dtype=np.int64),
-            reward=np.zeros(edges),
-            step_risk=np.zeros(edges),
-            first_outcome=np.zeros(edges + 1, dtype=np.int64),
-            target=np.zeros(outcomes, dtype=np.int32),
-            chance=np.zeros(outcomes),
-            value=np.zeros(nodes),
-            risk=np.zeros(nodes),
-            steps=np.zeros(nodes, dtype=np.int64),
-            best=np.zeros(nodes, dtype=np.int64),
-            inside=np.zeros(nodes, dtype=np.uint8),
-        )
+        length_of = _lengths((nodes, nodes, edges, outcomes), width)
+        columns = {
+            name: np.zeros(length_of[per], dtype) for name, (dtype, per, *_) in _COLUMNS.items()
+        }
+        counters = np.zeros(len(Counters()), dtype=np.int64)
+        table = np.full(table_size(nodes), -1, dtype=np.int32)
+        return cls(counters=counters, table=table, inert=inert, **columns)
+
+
+# Saved graphs ------------------------------------------------------------------------------------
+
+_COLUMNS: Final[dict[str, tuple[str, str, float | None, float]]] = {
+    "states": ("f8", "numbers", None, 0.0),
+    "layer": ("i4", "nodes", 0, MOST),
+    "undefined": ("u1", "nodes", 0, 1),
+    "value": ("f8", "nodes", None, 0.0),
+    "risk": ("f8", "nodes", 0.0, 1.0),
+    "steps": ("i8", "nodes", -1, SAFE),
+    "inside": ("u1", "nodes", 0, 1),
+    "first_edge": ("i8", "sources", 0, MOST),
+    "action": ("i4", "edges", 0, MOST),
+    "flags": ("i8", "edges", 0, 2**53),
+    "reward": ("f8", "edges", None, 0.0),
+    "step_risk": ("f8", "edges", 0.0, 1.0),
+    "first_outcome": ("i8", "ends", 0, MOST),
+    "target": ("i4", "outcomes", ENDED, MOST),
+    "chance": ("f8", "outcomes", 0.0, 1.0),
+    "dead_end": ("u1", "nodes", 0, 1),
+    "best": ("i8", "nodes", -1, MOST),
+}
+"""Type of each column, what its length is, see `_lengths`, and the least and largest number."""
+_DERIVED: Final = ("dead_end", "best")
+"""Columns that are not saved: they follow from the others."""
+
+
+def _lengths(counts: Sequence[int], width: int) -> dict[str, int]:
+    nodes, expanded, edges, outcomes = counts
+    return {
+        "numbers": nodes * width, "nodes": nodes, "sources": expanded + 1, "edges": edges,
+        "ends": edges + 1, "outcomes": outcomes,
+    }  # fmt: skip
+
+
+def contents(graph: GraphArrays, width: int) -> Arrays:
+    """Return the filled part of a solved graph."""
+    ends = _lengths(graph.counters.tolist(), width)
+    return {
+        name: getattr(graph, name)[: ends[per]].copy()
+        for name, (_, per, *_) in _COLUMNS.items()
+        if name not in _DERIVED
+    }
+
+
+def restored(
+    arrays: Mapping[str, NDArray[Any]],
+    width: int,
+    actions: int,
+    spare: tuple[int, int, int],
+    inert: NDArray[np.int64],
+) -> GraphArrays:
+    """Return the graph that `contents` was taken from, with an empty hash table.
+
+    Args:
+        arrays: What `contents` returned.
+        width: Fluents of a state, F.
+        actions: Number of actions.
+        spare: Room for further nodes, edges and outcomes.
+        inert: See `GraphArrays`.
+
+    Raises:
+        RunError: It is damaged.
+    """
+    saved = Saved("planning graph", arrays, {})
+    columns = {
+        name: saved.array(name, dtype, (-1,), low, high)
+        for name, (dtype, _, low, high) in _COLUMNS.items()
+        if name not in _DERIVED
+    }
+    nodes, edges, outcomes = (len(columns[name]) for name in ("layer", "action", "target"))
+    counts = nodes, len(columns["first_edge"]) - 1, edges, outcomes
+    ends = _lengths(counts, width)
+    for name, column in columns.items():
+        if len(column) != ends[_COLUMNS[name][1]]:
+            raise saved.wrong(f"{name} has {len(column)} entries, not {ends[_COLUMNS[name][1]]}")
+    for name, end in (("first_edge", edges), ("first_outcome", outcomes)):
+        first = columns[name]
+        if not len(first) or first[0] != 0 or first[-1] != end or (np.diff(first) < 0).any():
+            raise saved.wrong(f"{name} does not rise from 0 to {end}")
+    for name, end in (("action", actions), ("target", nodes)):
+        if columns[name].max(initial=-1) >= end:
+            raise saved.wrong(f"{name} has an entry that is not below {end}")
+    if counts[1] > nodes or columns["inside"][counts[1] :].any():
+        raise saved.wrong(f"{counts[1]} of {nodes} nodes are expanded, and more are inside")
+    graph = GraphArrays.allocate(
+        nodes + spare[0], edges + spare[1], outcomes + spare[2], width, inert
+    )
+    for name, column in columns.items():
+        getattr(graph, name)[: len(column)] = column
+    graph.counters[:] = counts
+    return graph
 
 
 class ArrayGraph:

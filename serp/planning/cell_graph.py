@@ -7,7 +7,7 @@ action.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,10 +44,9 @@ from serp.settings import PlannerSettings
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 
-MOVED = 1.0
-"""Widths of a cell that an edge leads away from where it began, unless it ends by `HOLD`."""
 HOLD = 16
-"""Most control periods for which an edge holds its action."""
+"""Most control periods for which an edge holds its action; it ends where it leads a cell's width
+away."""
 SMALL = 0.01
 """Weights in an interpolation that are a smaller fraction of the others are left out."""
 _NODES, _EXPANDED, _EDGES, _OUTCOMES = Counters()
@@ -77,9 +76,9 @@ class CellArrays(NamedTuple):
     @classmethod
     def allocate(cls, nodes: int, edges: int, width: int) -> CellArrays:
         """Allocate room for so many nodes and edges."""
-        cell = np.zeros(nodes, dtype=np.uint64)
-        reward, periods, weight, beyond = (np.zeros(edges) for _ in range(4))
+        reward, periods, weight, beyond = np.zeros((4, edges))
         target, node = np.zeros(edges * width), np.zeros(edges, dtype=np.int64)
+        cell = np.zeros(nodes, dtype=np.uint64)
         return cls(cell, reward, periods, weight, beyond, target, node)
 
 
@@ -123,9 +122,8 @@ def expand_cells(model, rules, arrays, division, found, room):
     Returns:
         `DONE` or `FULL`, and the steps that were predicted.
     """
-    graph, cells = GraphArrays(*arrays), Cells(*division)
+    graph, cells, held_edges = GraphArrays(*arrays), Cells(*division), CellArrays(*found)
     steps = 0
-    held_edges = CellArrays(*found)
     seen, beyond, periods = held_edges.reward, held_edges.beyond, held_edges.periods
     (address, data, dt), doubts = model
     actions, discount, accepted, most = rules
@@ -177,7 +175,7 @@ def expand_cells(model, rules, arrays, division, found, room):
                 far = not known
                 for i in range(width):
                     moved = abs(now[i] - source[i])
-                    if moved * cells.scale[i] >= MOVED or (moved > 0.0 and cells.scale[i] == 0.0):
+                    if moved * cells.scale[i] >= 1.0 or (moved > 0.0 and cells.scale[i] == 0.0):
                         far = True
                         break
                 if far:
@@ -214,11 +212,6 @@ def interpolate(arrays, division, found):
 
     A plan would otherwise gain up to a cell's width with every edge. Weights that are positive and
     sum to 1 keep value iteration a contraction (Gordon, ICML 1995). Small ones are left out.
-
-    Args:
-        arrays: Values of `GraphArrays`, expanded.
-        division: Values of `Cells`.
-        found: Values of `CellArrays`.
     """
     graph, cells, edges = GraphArrays(*arrays), Cells(*division), CellArrays(*found)
     width = cells.low.shape[0]
@@ -251,14 +244,9 @@ def interpolate(arrays, division, found):
     graph.counters[_OUTCOMES] = outcome
 
 
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
-PRECISION = 1e-4
-"""Iteration ends where no value changed by more than this fraction of the largest."""
-SWEEPS = 30
-"""Most sweeps over all edges. Further ones continue from these values at the next build."""
-_EVALUATIONS = 4
-"""Sweeps over the best edges after each of them."""
+_SWEEPS, _EVALUATIONS = 30, 4
+"""Most sweeps over all edges, and sweeps over the best edges after each of them. Further ones
+continue from these values at the next build."""
 
 
 @cached_njit(nogil=True)
@@ -301,14 +289,7 @@ def _sweep(sources, edges, outcomes, values, backwards, evaluates):
 
 @cached_njit(nogil=True)
 def begin_values(arrays, width, former, otherwise):
-    """Begin with former values, if there are any.
-
-    Args:
-        arrays: Values of `GraphArrays`.
-        width: Fluents, F.
-        former: Values of `CellValues`.
-        otherwise: The value if there are none.
-    """
+    """Begin with former values, of `CellValues`; with `otherwise` if there are none."""
     graph, values = GraphArrays(*arrays), CellValues(*former)
     for node in range(graph.counters[_NODES]):
         graph.value[node] = otherwise
@@ -331,15 +312,9 @@ def solve_cells(arrays, found, discount, worst, beyond):
         discount: Weight of a reward one control period later.
         worst: Least value.
         beyond: Value of what is not known.
-
-    Returns:
-        Number of sweeps over all edges.
     """
     graph, held = GraphArrays(*arrays), CellArrays(*found)
-    expanded, all_edges = (
-        graph.counters[_EXPANDED],
-        graph.counters[_EDGES],
-    )
+    expanded, all_edges = graph.counters[_EXPANDED], graph.counters[_EDGES]
     # Plain arrays of what is left to choose among: the loops run over them a hundred times.
     node_of, first_edge = np.empty(expanded, np.int64), np.zeros(expanded + 1, np.int64)
     reward, first_outcome = np.empty(all_edges), np.zeros(all_edges + 1, np.int64)
@@ -368,19 +343,15 @@ def solve_cells(arrays, found, discount, worst, beyond):
         node_of[count] = node
         count += 1
         first_edge[count] = edge_count
-    sources, edges, outcomes = (
-        (node_of[:count], first_edge),
-        (reward, first_outcome),
-        (target, chance),
-    )
+    sources, edges = (node_of[:count], first_edge), (reward, first_outcome)
+    outcomes = (target, chance)
     values = (graph.value, np.empty(count, np.int64))
-    for sweep in range(SWEEPS):
+    for sweep in range(_SWEEPS):
         change, largest = _sweep(sources, edges, outcomes, values, sweep % 2 == 0, False)
-        if change <= PRECISION * largest:
+        if change <= 1e-4 * largest:
             break
         for again in range(_EVALUATIONS):
             _sweep(sources, edges, outcomes, values, again % 2 == 0, True)
-    return sweep
 
 
 _HOPE: Final = 10.0
@@ -396,20 +367,6 @@ FINEST: Final = 100.0
 COARSEST: Final = 4.0
 _FINER: Final = 1.4
 """Bins in the range of a fluent: most, least, and the ratio from one attempt to the next."""
-
-
-class Visited(Protocol):
-    """The states that were visited; `serp.model.learned.transitions.TransitionMemory` is one.
-
-    Attributes:
-        seen: How many transitions were added.
-    """
-
-    seen: int
-
-    @property
-    def next_states(self) -> Vector:
-        """`[N, F]`, the oldest first."""
 
 
 class CellGraph(ArrayGraph):
@@ -435,21 +392,16 @@ class CellGraph(ArrayGraph):
         self._edges = max(self._actions, max_edges)
         self._room = np.empty(2 * (self._width + 1))
         self._allocate(self._actions)
-        self.values = NO_CELLS
-        self.explores = False
+        self.values, self.explores = NO_CELLS, False
         self.bins = 0.0
         self.steps = self.needed = 0
-        if self._width and self._actions:
-            self._precompile()
-
-    def _precompile(self) -> None:
-        """Call every compiled loop once, so that no decision waits for a compilation."""
-        zeros = np.zeros(self._width)
-        cells = Cells(zeros, zeros, zeros)
-        self._expand(zeros, cells, 1)
-        self._solve(cells)
-        set_value(self.values, zeros, 0.0)
-        self.values, self.explores, self.steps = NO_CELLS, False, 0
+        if self._width and self._actions:  # compiled now, so that no decision waits for it
+            zeros = np.zeros(self._width)
+            cells = Cells(zeros, zeros, zeros)
+            self._expand(zeros, cells, 1)
+            self._solve(cells)
+            set_value(self.values, zeros, 0.0)
+            self.values, self.explores, self.steps = NO_CELLS, False, 0
 
     def build(self, state: Vector, states: Vector, limit: int) -> bool:
         """Build the graph for a state `[F]` and visited states `[N, F]`.
@@ -477,7 +429,6 @@ class CellGraph(ArrayGraph):
             unit[inert], area[inert] = -1.0, 0.0
         if len(self._arrays.action) < self._edges:
             self._allocate(self._edges)
-
         roots = np.concatenate((state, sample.ravel()))
 
         def divided_into(bins: float) -> Cells:

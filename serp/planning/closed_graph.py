@@ -7,14 +7,14 @@ look-up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
-from serp._util.saved_state import MOST, Arrays, Saved
+from serp._util.saved_state import Arrays, Saved
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import OUTCOMES, address_of, call_step, pointer_to
 from serp.model.transition_model import TransitionModel, Vector
@@ -28,10 +28,12 @@ from serp.planning.array_graph import (
     ArrayGraph,
     Counters,
     GraphArrays,
+    contents,
     inert_fluents,
+    restored,
 )
 from serp.planning.edges import Bound, FirstActions
-from serp.planning.forecast import SAFE, Forecast
+from serp.planning.forecast import Forecast
 from serp.planning.hash_table import state_slot
 from serp.planning.preference import marked, step_risk
 from serp.settings import PlannerSettings
@@ -167,93 +169,6 @@ def expand(model, branches, rules, arrays, room, most):
     return DONE
 
 
-_AT = Counters()
-_COLUMNS: Final[dict[str, tuple[str, float | None, float]]] = {
-    "states": ("numbers", None, 0.0),
-    "layer": ("nodes", 0, MOST),
-    "undefined": ("nodes", 0, 1),
-    "value": ("nodes", None, 0.0),
-    "risk": ("nodes", 0.0, 1.0),
-    "steps": ("nodes", -1, SAFE),
-    "inside": ("nodes", 0, 1),
-    "first_edge": ("sources", 0, MOST),
-    "action": ("edges", 0, MOST),
-    "flags": ("edges", 0, 2**53),
-    "reward": ("edges", None, 0.0),
-    "step_risk": ("edges", 0.0, 1.0),
-    "first_outcome": ("ends", 0, MOST),
-    "target": ("outcomes", ENDED, MOST),
-    "chance": ("outcomes", 0.0, 1.0),
-}
-"""Columns that are saved: what their length is, see `_lengths`, and the least and largest number.
-Everything else follows from them."""
-
-
-def _lengths(counts: Sequence[int], width: int) -> dict[str, int]:
-    nodes, expanded, edges, outcomes = counts
-    return {
-        "numbers": nodes * width, "nodes": nodes, "sources": expanded + 1, "edges": edges,
-        "ends": edges + 1, "outcomes": outcomes,
-    }  # fmt: skip
-
-
-def contents(graph: GraphArrays, width: int) -> Arrays:
-    """Return the filled part of a solved graph."""
-    ends = _lengths(graph.counters.tolist(), width)
-    return {name: getattr(graph, name)[: ends[of]].copy() for name, (of, *_) in _COLUMNS.items()}
-
-
-def restored(
-    arrays: Mapping[str, NDArray[Any]],
-    width: int,
-    actions: int,
-    spare: tuple[int, int, int],
-    inert: NDArray[np.int64],
-) -> GraphArrays:
-    """Return the graph that `contents` was taken from.
-
-    Args:
-        arrays: What `contents` returned.
-        width: Fluents of a state, F.
-        actions: Number of actions.
-        spare: Room for further nodes, edges and outcomes.
-        inert: See `GraphArrays`.
-
-    Raises:
-        RunError: It is damaged.
-    """
-    saved = Saved("planning graph", arrays, {})
-    kinds = GraphArrays.allocate(0, 0, 0, width)
-    columns = {
-        name: saved.array(name, getattr(kinds, name).dtype, (-1,), low, high)
-        for name, (_, low, high) in _COLUMNS.items()
-    }
-    sizes = {name: len(column) for name, column in columns.items()}
-    counts = sizes["layer"], sizes["first_edge"] - 1, sizes["action"], sizes["target"]
-    nodes, expanded, edges, outcomes = counts
-    ends = _lengths(counts, width)
-    for name, (of, *_) in _COLUMNS.items():
-        if sizes[name] != ends[of]:
-            raise saved.wrong(f"{name} has {sizes[name]} entries, not {ends[of]}")
-    for name, end in (("first_edge", edges), ("first_outcome", outcomes)):
-        first = columns[name]
-        if not len(first) or first[0] != 0 or first[-1] != end or (np.diff(first) < 0).any():
-            raise saved.wrong(f"{name} does not rise from 0 to {end}")
-    for name, end in (("action", actions), ("target", nodes)):
-        if columns[name].max(initial=-1) >= end:
-            raise saved.wrong(f"{name} has an entry that is not below {end}")
-    if expanded > nodes or columns["inside"][expanded:].any():
-        raise saved.wrong(f"{expanded} of {nodes} nodes are expanded, and more are inside")
-    graph = GraphArrays.allocate(
-        nodes + spare[0], edges + spare[1], outcomes + spare[2], width, inert
-    )
-    for name, column in columns.items():
-        getattr(graph, name)[: len(column)] = column
-    graph.counters[:] = counts
-    hash_states(tuple(graph))
-    return graph
-
-
 MAX_EDGES: Final = 400_000
 """Most edges of a graph; with this many, expansion and solution take about a second."""
 MAX_BYTES: Final = 400_000_000
@@ -267,10 +182,7 @@ _SMALLEST: Final = 256
 class ClosedGraph(ArrayGraph):
     """A planning graph in which all equal states are one node.
 
-    Args:
-        model: The transition model.
-        settings: Discount and accepted risk.
-        max_edges: Most edges.
+    It has at most `max_edges` edges.
     """
 
     def __init__(
@@ -281,19 +193,12 @@ class ClosedGraph(ArrayGraph):
         self._rules = (settings.discount, settings.accepted_risk)
         self._room = np.empty(OUTCOMES * (self._width + 3))
         self.clear()
-        if self._actions:
-            self._precompile()
-
-    def _precompile(self) -> None:
-        """Call every compiled loop once, so that no decision waits for a compilation."""
-        state = np.zeros(self._width)
-        add_root(self._arrays_tuple, state)
-        self._expand(1)
-        self._solve()
-        self._look_up(0)
-        hash_states(self._arrays_tuple)
-        find(self._arrays_tuple, state)
-        self.clear()
+        if self._actions:  # every loop is compiled now, so that no decision waits for it
+            state = np.zeros(self._width)
+            self.grow(state, 1)
+            self._look_up(self._find(state))
+            self._enlarge()
+            self.clear()
 
     def clear(self) -> None:
         """Forget all nodes."""
@@ -351,7 +256,8 @@ class ClosedGraph(ArrayGraph):
 
     def _measure(self) -> None:
         """Find what follows from the solved graph: unit of the values, and depth."""
-        self._unit = solution.ALIKE * solution.largest_value(self._arrays_tuple)
+        values = self._arrays.value[: self.nodes]
+        self._unit = solution.ALIKE * float(np.abs(values).max(initial=0.0))
         self._depth = int(self._arrays.layer[: self.nodes].max(initial=0))
 
     def forecast(self, state: Vector) -> Forecast | None:
@@ -419,7 +325,7 @@ class ClosedGraph(ArrayGraph):
         self._hold(GraphArrays.allocate(*room, self._width, self._inert))
 
     def _enlarge(self) -> bool:
-        """Double the arrays that are nearly full; return whether there is memory for it."""
+        """Double the arrays that are nearly full; return whether that keeps within the bytes."""
         old, spare = self._arrays, self._actions * OUTCOMES
         used = self.nodes + spare, self.edges + self._actions, int(old.counters[_OUTCOMES]) + spare
         nodes, edges, outcomes = sizes = [
@@ -428,10 +334,7 @@ class ClosedGraph(ArrayGraph):
         ]
         if np.dot(sizes, (8 * self._width + 60, 36, 12)) > MAX_BYTES:
             return False
-        try:
-            self._hold(GraphArrays.allocate(nodes, edges, outcomes, self._width, self._inert))
-        except MemoryError:
-            return False
+        self._hold(GraphArrays.allocate(nodes, edges, outcomes, self._width, self._inert))
         new = self._arrays
         new.counters[:] = old.counters
         for name, column in contents(old, self._width).items():  # touches what is filled only
@@ -451,5 +354,6 @@ class ClosedGraph(ArrayGraph):
         most = self._actions * OUTCOMES
         spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
         self._hold(restored(arrays, self._width, self._actions, spare, self._inert))
+        hash_states(self._arrays_tuple)
         solution.mark_dead_ends(self._arrays_tuple)
         self._measure()

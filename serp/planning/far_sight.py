@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.model.flags import APPLICABLE
+from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
-from serp.planning.cell_graph import COARSEST, FINEST, CellGraph, Visited
+from serp.planning.cell_graph import COARSEST, FINEST, CellGraph
 from serp.planning.cells import NO_CELLS, CellValues, set_value
 from serp.planning.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.edges import Bound, lookahead_nodes
@@ -23,8 +24,7 @@ from serp.planning.preference import free_of_risk
 from serp.settings import PlannerSettings
 
 _SHARE: Final = 0.25
-"""Steps of the model that every decision earns, as a fraction of those that a lookahead predicts.
-Their values have to be found, too, which takes about as long."""
+"""Steps of the model that a decision earns, as a fraction of those that a lookahead predicts."""
 _LEAST: Final = 250
 """Fewest steps of the model that a decision earns while searches find a way."""
 _MOST_SAVED: Final = 200_000
@@ -50,12 +50,7 @@ class FarSightPlanner:
     paid for. Between whole numbers a search that found a way has earned the next one; after one
     that found none, the next comes after exponentially many decisions, or in the next episode.
 
-    Args:
-        model: The transition model.
-        settings: The settings of the planner.
-
     Attributes:
-        model: As above.
         visited: The visited states; None if they are not known. Without them there are no cells.
         graph: The closed graph.
         goal_search: The search for a way to the goal, where not everything that can be reached fits
@@ -65,7 +60,7 @@ class FarSightPlanner:
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
         self.model, self._settings = model, settings
-        self.visited: Visited | None = None
+        self.visited: TransitionMemory | None = None
         self.graph = ClosedGraph(model, settings)
         self.goal_search = GoalSearch(model, settings)
         self.cells = CellGraph(model, settings)
@@ -170,7 +165,7 @@ class FarSightPlanner:
             set_value(cells.values, state, forecast.value[forecast.choice])
         return forecast
 
-    def _find_cells(self, state: Vector, visited: Visited) -> bool:
+    def _find_cells(self, state: Vector, visited: TransitionMemory) -> bool:
         """Find the cells again where that is due and paid for; return whether there are any."""
         cells = self.cells
         if visited.seen >= self._cells_at and self._saved >= self._cells_price:
@@ -195,14 +190,9 @@ class FarSightPlanner:
         cells = self.cells
         arrays = nested("graph", self.graph.state_dict())
         arrays |= nested("cells", cells.values.state_dict())
-        meta = {name: getattr(self, f"_{name}") for name in _COUNTS}
-        return arrays, {
-            **meta,
-            "saved": self._saved,
-            "new_episode": self._new_episode,
-            "bins": cells.bins,
-            "explores": cells.explores,
-        }
+        meta: dict[str, Any] = {name: getattr(self, f"_{name}") for name in _COUNTS}
+        meta |= {"saved": self._saved, "new_episode": self._new_episode}
+        return arrays, meta | {"bins": cells.bins, "explores": cells.explores}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned.
@@ -227,5 +217,4 @@ _COUNTS: Final = ("since", "wait", "price", "cells_at", "cells_price", "followed
 
 
 def _whole(state: Vector) -> bool:
-    """Whether all values of a state `[F]` are whole numbers."""
     return bool((state == np.rint(state)).all())

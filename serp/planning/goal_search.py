@@ -20,11 +20,9 @@ from serp.settings import PlannerSettings
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
-WIDTHS = 3
-"""Measures of novelty."""
 MOST_LEFT = 100
 """States that lack more conditions of the goal than this are taken to lack as many."""
-_BY_NOVELTY = WIDTHS * (MOST_LEFT + 1)
+_BY_NOVELTY = 3 * (MOST_LEFT + 1)
 _BY_COST = 2_000
 """Queues of both orders; the last one by cost has all states from which the goal costs more."""
 _SEEN_BITS = 26
@@ -66,20 +64,16 @@ class SearchArrays(NamedTuple):
     ) -> SearchArrays:
         """Allocate an empty tree; the memory is not touched before it is needed."""
         queues = _BY_NOVELTY + _BY_COST
+        parent, left = np.zeros((2, nodes), dtype=np.int32)
+        first, last = np.full((2, queues), -1, dtype=np.int32)
         return cls(
             counters=np.zeros(3, dtype=np.int64),
             table=np.full(table_size(nodes), -1, dtype=np.int32),
-            inert=inert,
-            states=np.zeros(nodes * width, dtype=number),
-            parent=np.zeros(nodes, dtype=np.int32),
-            left=np.zeros(nodes, dtype=np.int32),
-            done=np.zeros(nodes, dtype=np.uint8),
-            following=np.zeros(2 * nodes, dtype=np.int32),
-            first=np.full(queues, -1, dtype=np.int32),
-            last=np.full(queues, -1, dtype=np.int32),
-            seen=np.zeros(1 << (_SEEN_BITS - 6), dtype=np.uint64),
+            inert=inert, states=np.zeros(nodes * width, dtype=number), parent=parent, left=left,
+            done=np.zeros(nodes, dtype=np.uint8), following=np.zeros(2 * nodes, dtype=np.int32),
+            first=first, last=last, seen=np.zeros(1 << (_SEEN_BITS - 6), dtype=np.uint64),
             atoms=np.zeros(width, dtype=np.uint64),
-        )
+        )  # fmt: skip
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -230,10 +224,6 @@ class GoalSearch:
     Where the world moves by itself, by processes, nothing is searched for: a long way through an
     uncertain future is worth less than its values say.
 
-    Args:
-        model: The transition model.
-        settings: The accepted risk.
-
     Attributes:
         steps: Edges that the last search followed.
     """
@@ -255,16 +245,10 @@ class GoalSearch:
         return self._relaxed is not None
 
     def way(self, state: Vector, limit: int) -> Vector | None:
-        """Return the states `[N, F]` on a way to the goal, the first and all but the last.
+        """Return the states `[N, F]` on a way from a state `[F]` to the goal, but the last one.
 
-        The likeliest outcome of every step is followed, and no step that is not safe.
-
-        Args:
-            state: `[F]` where it begins.
-            limit: Most edges to follow.
-
-        Returns:
-            None where there is no goal, or no way was found.
+        The likeliest outcome of every step is followed, no step that is not safe, and at most
+        `limit` edges. None where there is no goal, or no way was found.
         """
         self.steps = 0
         if self._relaxed is None:

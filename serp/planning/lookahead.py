@@ -16,12 +16,7 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import call_step, pointer_to
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.cells import NO_CELLS, CellValues, value_at
-from serp.planning.edges import (
-    Bound,
-    FirstActions,
-    edge_budget,
-    lookahead_nodes,
-)
+from serp.planning.edges import Bound, FirstActions, edge_budget, lookahead_nodes
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.hash_table import state_slot, table_size
 from serp.planning.preference import (
@@ -64,7 +59,6 @@ def search(model, rules, leaves, state, scratch, found):
     """
     actions, depth, discount, accepted, max_nodes, max_edges = rules
     states, reward, flags, risk, child, best_value, best_risk, best_steps, table = scratch
-    value, path_risk, steps, first_reward, first_flags = found
     values = CellValues(*leaves)
     address, data, dt = model
     theta = pointer_to(data, 0)
@@ -73,10 +67,8 @@ def search(model, rules, leaves, state, scratch, found):
     row = width + 1
     for i in range(width):
         states[i] = state[i]
-    start = 0
-    end = 1
-    expanded = 0
-    applied = 0
+    start, end = 0, 1
+    expanded = applied = 0
     bound = _DEPTH
     while expanded < depth:
         if start == end:
@@ -134,17 +126,14 @@ def search(model, rules, leaves, state, scratch, found):
         end = stored
         expanded += 1
     for node in range(start - 1, -1, -1):
-        chosen = -1
-        chance = False
+        chosen, chance = -1, False
         top_risk, top_steps, top_value = 0.0, SAFE, 0.0
         best = compiled_path_score(0, top_risk, top_steps, top_value)
         undefined = 0
         for action in range(actions):
             e = node * actions + action
             if not flags[e] & APPLICABLE:
-                value[action] = -np.inf
-                path_risk[action] = 1.0
-                steps[action] = -1
+                value[action], path_risk[action], steps[action] = -np.inf, 1.0, -1
                 if node == 0:
                     first_reward[action] = 0.0
                 undefined |= flags[e] & UNDEFINED
@@ -158,9 +147,8 @@ def search(model, rules, leaves, state, scratch, found):
                     safe += 1
             if risk[e] > 0.0:
                 safe = 0
-            value[action] = total  # those of node 0 come last, and remain
-            path_risk[action] = danger
-            steps[action] = safe
+            # Those of node 0 come last, and remain.
+            value[action], path_risk[action], steps[action] = total, danger, safe
             score = compiled_path_score(np.int64(flags[e] >> _RANK), danger, safe, total)
             if chosen < 0 or score > best:
                 chosen, best = action, score
@@ -177,19 +165,15 @@ def search(model, rules, leaves, state, scratch, found):
                     continue
                 if not compiled_within_slack(path_risk[action], top_risk, accepted):
                     continue
-                path_risk[action] = top_risk
-                steps[action] = top_steps
+                path_risk[action], steps[action] = top_risk, top_steps
                 if value[action] > top_value or (value[action] == top_value and action < chosen):
                     chosen, top_value = action, value[action]
-        best_value[node] = top_value
-        best_risk[node] = top_risk
-        best_steps[node] = top_steps
+        best_value[node], best_risk[node], best_steps[node] = top_value, top_risk, top_steps
         if node == 0:
             return chosen, expanded, bound, applied
     return -1, expanded, bound, applied
 
 
-_BOUNDS = tuple(Bound)
 _CORES = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 _WORTH = 500
 """Most edges of a search from which on threads save time; so many take about 0.1 ms."""
@@ -200,10 +184,6 @@ class Lookahead:
 
     Memory is bounded by the budgets of nodes and edges and allocated once. Not thread-safe:
     give each thread its own.
-
-    Args:
-        model: The transition model.
-        settings: Depth, discount and bounds.
 
     Attributes:
         leaves: The values of the states that the last layer leads to. Without any they are 0, and
@@ -223,8 +203,7 @@ class Lookahead:
             self._actions, self.settings.depth, self.settings.discount,
             self.settings.accepted_risk, nodes, edge_budget(self._width),
         )  # fmt: skip
-        self.followed = self._most = nodes * self._actions
-        edges = nodes * self._actions
+        self.followed = self._most = edges = nodes * self._actions
         self._best = np.zeros(nodes), np.zeros(nodes), np.zeros(nodes, np.int64)
         self._scratch = (
             np.zeros((nodes + 2) * (self._width + 1)), np.zeros(edges), np.zeros(edges, np.uint8),
@@ -238,8 +217,7 @@ class Lookahead:
     def scores(self, count: int) -> Iterator[PathScore]:
         """Yield the score of the best path from each of the first states of the newest forecast.
 
-        They are in the order in which they were found; those in which the task has ended are left
-        out.
+        They are in the order in which they were found, without those in which the task has ended.
         """
         columns = (column[:count].tolist() for column in self._best)
         for value, risk, steps in zip(*columns, strict=True):
@@ -294,4 +272,4 @@ class Lookahead:
             (self._address, self.model.data, self.model.dt), self._rules,
             tuple(self.leaves), state, self._scratch, tuple(found),
         )  # fmt: skip
-        return Forecast(choice, *found, depth, _BOUNDS[bound])
+        return Forecast(choice, *found, depth, Bound(bound))

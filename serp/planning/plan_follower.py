@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from serp._util.saved_state import MOST, Arrays, Saved, nested
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, TERMINAL, risk_of
+from serp.model.learned.transitions import TransitionMemory
 from serp.model.state_space import StateError
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.cell_graph import Visited
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.forecast import Forecast, score_of
 from serp.planning.lookahead import Lookahead
@@ -53,10 +53,7 @@ def advised(found: Forecast, action: int, worth: float = -np.inf) -> Forecast:
 class AdvisedPlanner:
     """Follows advice where the lookahead predicts no more risk of it than of other actions.
 
-    Args:
-        model: The transition model.
-        settings: The settings of the lookahead.
-        advise: State `[F]` → position of a ground action; -1 where there is no advice.
+    `advise` returns the position of a ground action for a state `[F]`; -1 where it has no advice.
     """
 
     def __init__(
@@ -115,11 +112,6 @@ class PlanFollower:
     While a plan is followed a lookahead says what is unsafe ahead. It follows few edges, because a
     symbolic domain has thousands of actions; where these are spent by one layer, it is one step.
 
-    Args:
-        model: The transition model.
-        settings: The settings of the planner.
-        find_plan: Finds a plan.
-
     Attributes:
         searches: How often a plan was asked for.
     """
@@ -143,12 +135,12 @@ class PlanFollower:
         self._wait = self._patience = 0
 
     @property
-    def visited(self) -> Visited | None:
+    def visited(self) -> TransitionMemory | None:
         """The visited states, which the planner `far-sight` uses."""
         return self._fallback.visited
 
     @visited.setter
-    def visited(self, visited: Visited | None) -> None:
+    def visited(self, visited: TransitionMemory | None) -> None:
         self._fallback.visited = visited
 
     def begin_episode(self) -> None:

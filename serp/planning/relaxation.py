@@ -22,8 +22,6 @@ from serp.pddl.syntax import Change
 
 Item = TypeVar("Item")
 
-_WAYS: Final = 1_000
-"""Most ways to be done that are considered."""
 _EVENT: Final = 2.0**-20
 """The cost of an event: next to nothing, so that only what holds costs nothing."""
 _MINUS: Final = Fraction(-1)
@@ -74,7 +72,7 @@ def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> RelaxedTables | No
     else:
         schemas = (*ground.events, *ground.actions)
         ways = [s.preconditions for s in schemas if succeeds(s, theta)]
-    return _Relaxation(ground, theta).tables(ways[:_WAYS]) if ways else None
+    return _Relaxation(ground, theta).tables(ways[:1_000]) if ways else None
 
 
 def succeeds(schema: g.GroundSchema, theta: Sequence[float]) -> bool:
@@ -265,15 +263,12 @@ class RelaxedCosts(NamedTuple):
     def allocate(cls, tables: RelaxedTables) -> RelaxedCosts:
         """Allocate room for the facts and operators of a relaxed domain."""
         facts, operators = len(tables.user_first) - 1, len(tables.needs)
+        cost, passed = np.zeros((2, facts))
         return cls(
-            cost=np.zeros(facts),
-            passed=np.zeros(facts),
-            gap=np.zeros(len(tables.constant)),
-            queue=np.zeros(facts + 1, dtype=np.int64),
-            queued=np.zeros(facts, dtype=np.uint8),
-            missing=np.zeros(operators, dtype=np.int64),
-            sums=np.zeros(operators),
-        )
+            cost, passed, gap=np.zeros(len(tables.constant)),
+            queue=np.zeros(facts + 1, dtype=np.int64), queued=np.zeros(facts, dtype=np.uint8),
+            missing=np.zeros(operators, dtype=np.int64), sums=np.zeros(operators),
+        )  # fmt: skip
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -332,12 +327,7 @@ def _begin(tables, work, state):
 
 @cached_njit(nogil=True)
 def relaxed_cost(tables_arrays, work_arrays, state):
-    """Find how far away the goal is.
-
-    Args:
-        tables_arrays: Values of `RelaxedTables`.
-        work_arrays: Values of `RelaxedCosts`, scratch memory.
-        state: Pointer to the state.
+    """Find how far away the goal is from a state, a pointer; the rest are values of the records.
 
     Returns:
         Its additive cost, infinite if it is unreachable; the least number of facts of a way to it

@@ -6,6 +6,7 @@ Paper, section 3.2, after Russell & Norvig's execution monitoring and replanning
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import time
 from dataclasses import dataclass, field
@@ -51,17 +52,11 @@ class Edge(NamedTuple):
 
 
 class PlanningGraph:
-    """The graph of one state.
+    """The graph of a state `[F]`, the root.
 
     Equal states of one layer are one node. A state in which the task has ended is not expanded, and
-    is a different node from the same state in which the task goes on.
-
-    Args:
-        model: The transition model.
-        settings: Depth, discount and bounds.
-        state: The root, `[F]`.
-        deadline: When to end (`time.perf_counter`): the last complete layer counts. The first one
-            is always completed.
+    is a different node from the same state in which the task goes on. At the deadline
+    (`time.perf_counter`) the last complete layer counts; the first one is always completed.
 
     Attributes:
         forecast: The forecast for the root.
@@ -144,10 +139,7 @@ class PlanningGraph:
         return self._best_path(self._edges[0])
 
     def path_by(self, action: int) -> list[Edge]:
-        """Return the edges of the best path from the root that begins with an action.
-
-        It is empty where the action is not applicable.
-        """
+        """Return the edges of the best path that begins with an action; none if not applicable."""
         return self._best_path([edge for edge in self._edges[0] if edge.action == action])
 
     def _best_path(self, edges: list[Edge]) -> list[Edge]:
@@ -169,46 +161,31 @@ class PlanningGraph:
     def to_networkx(self) -> nx.MultiDiGraph:
         """Return the graph as a `networkx.MultiDiGraph`.
 
-        Nodes are numbered from the root, 0, with attributes `layer`, `state` (tuple in the order
-        of `graph["fluents"]`), `ended`, `value`, `path_risk` and `safe_steps` (None for SAFE);
-        the key of an edge is the position of its action, its attributes are `action` (name),
-        `reward`, `unsafe` (by the file), `risk` in [0, 1], `risky` (it is not accepted) and
-        `chosen` (on the best path).
+        Nodes are numbered from the root, 0. `state` is a tuple in the order of `graph["fluents"]`,
+        `safe_steps` None for SAFE. The key of an edge is the position of its action; `unsafe` is
+        by the file, `risky` says that `risk` is not accepted, `chosen` that the best path has it.
         """
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
         names = [action.name for action in self.model.actions]
-        for node, (_, spared, steps, value) in enumerate(self._scores):
+        nodes = zip(self._layer_of, self.states, self._ended, self._scores, strict=True)
+        for node, (layer, state, ended, (_, spared, steps, value)) in enumerate(nodes):
             graph.add_node(
-                node,
-                layer=self._layer_of[node],
-                state=self.states[node],
-                ended=self._ended[node],
-                value=value,
-                path_risk=0.0 - spared,
+                node, layer=layer, state=state, ended=ended, value=value, path_risk=0.0 - spared,
                 safe_steps=None if steps == SAFE else steps,
-            )
-        for edge in (edge for edges in self._edges for edge in edges):
+            )  # fmt: skip
+        for source, action, target, reward, flags, _ in itertools.chain(*self._edges):
             graph.add_edge(
-                edge.source,
-                edge.target,
-                edge.action,
-                action=names[edge.action],
-                reward=edge.reward,
-                unsafe=(edge.flags & UNSAFE) != 0,
-                risk=risk_of(edge.flags),
-                risky=(edge.flags & RISKY) != 0,
+                source, target, action, action=names[action], reward=reward,
+                unsafe=(flags & UNSAFE) != 0, risk=risk_of(flags), risky=(flags & RISKY) != 0,
                 chosen=False,
-            )
+            )  # fmt: skip
         for edge in self.best_path:
             graph.edges[edge.source, edge.target, edge.action]["chosen"] = True
         return graph
 
 
-_SETTINGS: Final = ("depth", "discount", "max_nodes", "accepted_risk")
-
-
 class PlannedStep(NamedTuple):
-    """One edge of the chosen path: action (name), predicted reward, flag, risk, state reached."""
+    """A step of the chosen path: name of the action, what is predicted of it, state reached."""
 
     action: str
     reward: float
@@ -290,9 +267,10 @@ class MonitorReplanner:
 
     Args:
         model: The transition model.
-        depth, discount, max_nodes, accepted_risk: See `PlannerSettings`.
+        settings: Depth, discount, budget of nodes and accepted risk; the others do not count.
         time_budget: Seconds a decision may take; the deepest layer completed by then counts.
             None for no bound.
+        changes: Other values of settings, such as `depth=3`.
 
     Raises:
         SettingsError: A setting is outside its range.
@@ -301,41 +279,24 @@ class MonitorReplanner:
     def __init__(
         self,
         model: TransitionModel,
+        settings: PlannerSettings | None = None,
         *,
-        depth: int = 5,
-        discount: float = 0.99,
-        max_nodes: int = 10_000,
-        accepted_risk: float = 0.02,
         time_budget: float | None = None,
+        **changes: Any,
     ) -> None:
         if not isinstance(model, TransitionModel):
             raise SettingsError(
                 f"planner: model must be a TransitionModel such as `domain.model`, not {model!r}"
             )
         self.model = model
-        self.settings = PlannerSettings(
-            depth=depth, discount=discount, max_nodes=max_nodes, accepted_risk=accepted_risk
-        )
+        self.settings = (settings or PlannerSettings()).replace(**changes)
         self.time_budget = None if time_budget is None else real(time_budget, infinite=True)
         if time_budget is not None and not (self.time_budget or 0.0) > 0:
             raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
         # Compiled and loaded now: it would count as time of the first decision.
-        model.native_step()
         PlanningGraph(
             model, self.settings.replace(depth=1, max_nodes=1), np.zeros(len(model.fluents))
         )
-
-    @classmethod
-    def of(
-        cls, model: TransitionModel, settings: PlannerSettings, *, time_budget: float | None = None
-    ) -> MonitorReplanner:
-        """Return the planner with settings; its graph is the same whatever planner they name."""
-        return MonitorReplanner(model, **cls.used(settings), time_budget=time_budget)
-
-    @staticmethod
-    def used(settings: PlannerSettings) -> dict[str, Any]:
-        """Return those of the settings that count here, by name."""
-        return {name: getattr(settings, name) for name in _SETTINGS}
 
     def plan(self, state: ArrayLike) -> Plan:
         """Plan from an observed state `[F]`.
@@ -346,15 +307,11 @@ class MonitorReplanner:
         start = time.perf_counter()
         deadline = math.inf if self.time_budget is None else start + self.time_budget
         graph = PlanningGraph(self.model, self.settings, self.model.check_state(state), deadline)
-        names = [action.name for action in self.model.actions]
-        path = tuple(
+        path = [
             PlannedStep(
-                names[e.action],
-                e.reward,
-                bool(e.flags & UNSAFE),
-                risk_of(e.flags),
-                graph.states[e.target],
+                self.model.actions[action].name, reward, bool(flags & UNSAFE), risk_of(flags),
+                graph.states[target],
             )
-            for e in graph.best_path
-        )
-        return Plan(path, graph.forecast, graph)
+            for _, action, target, reward, flags, _ in graph.best_path
+        ]  # fmt: skip
+        return Plan(tuple(path), graph.forecast, graph)

@@ -61,9 +61,8 @@ def lasting_risk(graph, edge, node, discount):
 def lasting_value(graph, edge, node, discount):
     """Return the value of an edge that is taken again while it leads back to its node.
 
-    It is the value to choose by. That of `value_of` is the same for the best edge, and less for
-    any other; but to wait for nothing, at discount 1, would be worth what can be done afterwards,
-    and so might be done for ever.
+    It is the value to choose by. By `value_of`, to wait for nothing at discount 1 would be worth
+    what can be done afterwards, and might be done for ever.
     """
     following, own = 0.0, 0.0
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
@@ -111,8 +110,6 @@ def certain(graph, edge):
             return False
     return True
 
-
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 _EXACT = 1e-9
 """Precision of the values of states: value iteration ends where none changed by more than this
@@ -333,27 +330,22 @@ def _shown_risk(graph, edge, discount, score):
 def look_up(arrays, node, rules, unit, found):
     """Write the forecast for one expanded node; return the chosen action.
 
-    The choice is made as in `solve`. What is written is of an action that is taken once, with the
-    best policy from then on. In that an action that leads back to the node may come so close to
-    the choice that rounding hides the difference: it is then told apart by the least number that
-    there is, so that the order of what is written never contradicts the choice.
+    The choice is made as in `solve`. The forecast is of an action that is taken once, with the best
+    policy from then on. Where rounding hides that another action is worse than the choice, it
+    differs by the least number that there is, so that the forecast never contradicts the choice.
 
     Args:
         arrays: Values of `GraphArrays`, solved.
         node: The node.
         rules: Discount and accepted risk, as in `solve`.
         unit: Values are rounded to multiples of this.
-        found: Values of `FirstActions`, written; flags of actions that are not applicable are left.
+        found: Values of `FirstActions`, written.
     """
     graph = GraphArrays(*arrays)
     first = FirstActions(*found)
     discount, accepted = rules
-    for action in range(first.value.shape[0]):
-        first.value[action] = -np.inf
-        first.path_risk[action] = 1.0
-        first.safe_steps[action] = -1
-        first.reward[action] = 0.0
-        first.flags[action] = 0
+    first.value[:], first.path_risk[:], first.safe_steps[:] = -np.inf, 1.0, -1
+    first.reward[:], first.flags[:] = 0.0, 0
     start, end = graph.first_edge[node], graph.first_edge[node + 1]
     if start == end:
         return np.int64(-1)
@@ -391,13 +383,3 @@ def look_up(arrays, node, rules, unit, found):
         first.safe_steps[action], first.flags[action] = score[2], graph.flags[edge]
         first.reward[action] = graph.reward[edge]
     return np.int64(graph.action[start + chosen])
-
-
-@cached_njit(nogil=True)
-def largest_value(arrays):
-    """Return the largest absolute value of a node."""
-    graph = GraphArrays(*arrays)
-    largest = 0.0
-    for node in range(graph.counters[_NODES]):
-        largest = max(largest, abs(graph.value[node]))
-    return largest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import Saved
-from serp.agent.explanation import paths_by
+from serp.agent.chosen_planner import ChosenPlanner
+from serp.agent.counterfactuals import Counterfactuals, counterfactuals
 from serp.agent.veto import VetoPolicy
 from serp.errors import RunError
 from serp.model.domain import Domain, load_domain
@@ -21,12 +22,11 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
-from serp.planning.replanner import MonitorReplanner
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
 from serp.runs.folder import RunFolder
 from serp.runs.recording import Recording, StoredStep, open_recording
 from serp.runs.run import read_run_metadata, refuse_changes
-from serp.settings import PlannerSettings, Settings
+from serp.settings import Settings
 from serp.tasks.action_map import ActionMap
 
 
@@ -127,53 +127,18 @@ class RunModel:
         return found
 
 
-FAR_SIGHT: Final = "far-sight"
 _SAME: Final = 1e-9
 """Difference of values, as a share, that is one of rounding."""
+_SECONDS: Final = 4.0
+"""Time that planning again may take, and the search for what would have had to differ."""
 
 
-class AgreeingPlanner:
-    """A planner that makes the recorded choice in a state: the lookahead, or one that sees farther.
-
-    Args:
-        model: The model that it plans with.
-        settings: The planner's settings.
-        called: What it plans with, in words.
-        planner: The planner; None: the lookahead.
-    """
-
-    def __init__(
-        self,
-        model: TransitionModel,
-        settings: PlannerSettings,
-        called: str,
-        planner: FarSightPlanner | None = None,
-    ) -> None:
-        self.model = model
-        self.called = called
-        self._settings = settings
-        self._far = planner
-        self._planner = planner or Lookahead(model, settings)
-
-    def forecast(self, state: Vector) -> Forecast:
-        """Return what is predicted for every ground action."""
-        return self._planner.forecast(state)
-
-    def paths(self, state: Vector, seconds: float) -> list[list[int]]:
-        """Return the ground actions, one a control period, of the best path by each action."""
-        if self._far is None:
-            planner = MonitorReplanner.of(self.model, self._settings, time_budget=seconds)
-            return planner.plan(state).paths
-        most = self._settings.depth
-        return paths_by(self.model, lambda s: self.forecast(s).choice, state, most, seconds)
-
-
-def agreeing_planner(run: RunModel, step: StoredStep) -> AgreeingPlanner | None:
+def agreeing_planner(run: RunModel, step: StoredStep) -> ChosenPlanner | None:
     """Return a planner that chooses what the planner of the run chose, or None.
 
-    It plans with the file as written, or with what the newest checkpoint has learned. Of several it
-    is one that refuses the proposal that was refused, if there is one; then one by which the choice
-    is worth most nearly what was recorded.
+    It plans with the file as written, or with what the newest checkpoint has learned. Of the two it
+    is one that refuses the proposal that was refused, if there is one; then the one by which the
+    choice is worth most nearly what was recorded.
     """
     forecast = step.decision.forecast
     if forecast.choice < 0:
@@ -193,23 +158,20 @@ def agreeing_planner(run: RunModel, step: StoredStep) -> AgreeingPlanner | None:
     return best
 
 
-def _candidates(run: RunModel) -> Iterator[AgreeingPlanner]:
-    settings, learned = run.settings.planner, "what the newest checkpoint has learned"
-    yield AgreeingPlanner(run.model, settings, "the file as written")
-    if run.adapted is not None:
-        yield AgreeingPlanner(run.adapted, settings, learned)
-    if settings.name != FAR_SIGHT:
+def _candidates(run: RunModel) -> Iterator[ChosenPlanner]:
+    settings = run.settings.planner
+    make = FarSightPlanner if settings.name == "far-sight" else Lookahead
+    written = make(run.model, settings)
+    yield ChosenPlanner(written, run.model, settings, _SECONDS, "the file as written")
+    if not run.has_checkpoint or (make is Lookahead and run.adapted is None):
         return
-    far = FarSightPlanner(run.model, settings)
-    yield AgreeingPlanner(run.model, settings, "the file as written, by far-sight", far)
-    if run.has_checkpoint:
-        model = run.adaptation.model
-        far = FarSightPlanner(model, settings)
-        far.visited = run.adaptation.experience
-        far.load_state_dict(*run.saved_planner)
-        yield AgreeingPlanner(
-            model, settings, f"{learned}, and the planner of that checkpoint", far
-        )
+    model = run.adaptation.model
+    planner = make(model, settings)
+    if isinstance(planner, FarSightPlanner):
+        planner.visited = run.adaptation.experience
+        planner.load_state_dict(*run.saved_planner)
+    learned = "what the newest checkpoint has learned"
+    yield ChosenPlanner(planner, model, settings, _SECONDS, learned)
 
 
 def refusal_of(run: RunModel, step: StoredStep) -> Callable[[Forecast], int] | None:
@@ -221,7 +183,27 @@ def refusal_of(run: RunModel, step: StoredStep) -> Callable[[Forecast], int] | N
     ground = int(decision.forecast.ground[decision.proposed]) if decision.vetoed else -1
     if ground < 0:
         return None
-
     actions = ActionMap(run.model, len(run.model.actions))
     vetoes = VetoPolicy(actions, run.settings.arbiter)
     return lambda forecast: int(not vetoes.admissible(actions.project(forecast))[ground])
+
+
+def other_vetoes_of(
+    run: RunModel,
+    step: StoredStep,
+    planner: ChosenPlanner,
+    ranges: tuple[Vector, Vector],
+    whole: Collection[int],
+) -> Counterfactuals | None:
+    """Return the changes of one fluent with which the proposal of a step is not refused.
+
+    `ranges` and `whole` are those of `counterfactuals`. None where none was refused, or none is
+    refused today.
+    """
+    refused = refusal_of(run, step)
+    if refused is None or not refused(planner.forecast(step.state)):
+        return None
+    return counterfactuals(
+        lambda state: refused(planner.forecast(state)), run.model, step.state, ranges, whole=whole,
+        called=("allowed", "refused").__getitem__, seconds=_SECONDS,
+    )  # fmt: skip

@@ -25,6 +25,7 @@ from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
+from serp.learning.reflection import Reflection
 from serp.model.domain import load_domain
 from serp.runs import checkpoint
 from serp.runs.evaluation import Episode, play
@@ -77,7 +78,9 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
         arrays, meta = _state(agent, task)
         about = _about(agent, task)
         domain = task.domain
-    meta = {"agent": meta}
+    meta = {"agent": meta, "reflection": None}
+    if agent.reflection is not None:
+        meta["reflection"] = agent.reflection.as_lists()
     files: dict[str, bytes] = {
         AGENT: checkpoint.encoded(arrays, meta),
         DOMAIN: domain.source.text.encode(),
@@ -170,7 +173,9 @@ class Policy:
                 if self.fluents != [each["name"] for each in self.manifest["fluents"]]:
                     raise RunError(f"the fluents are not those of its {MANIFEST}; {_AGAIN}")
                 saved = Saved("policy", arrays, meta)
-                self.agent = Agent(bound, settings, 0)
+                lists = meta["reflection"]
+                reflection = None if lists is None else Reflection(*lists)
+                self.agent = Agent(bound, settings, 0, reflection=reflection)
                 self.agent.load_state_dict(arrays, saved.part("agent")[1])
             width, size = len(self.fluents), len(self.manifest["observation"])
             observations = saved.array("grounding.observation", np.float64, (-1, size))

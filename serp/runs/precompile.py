@@ -36,7 +36,7 @@ def precompile(agent: Agent) -> None:
     states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
     with agent.undisturbed():
         _precompile_learning(agent, states[0])
-    if agent.task.model.compiled and agent.task.model.actions:
+    if agent.task.model.program.compiled and agent.task.model.actions:
         _precompile_adaptation(agent, states)
 
 

@@ -430,15 +430,15 @@ class Recording:
             bound=_BOUNDS[at("bound")],
             indifferent=at("indifferent"),
         )
-        decision = Decision.of(
-            forecast,
-            at("admissible"),
+        decision = Decision(
             action=at("action"),
             executed_by=ACTORS[at("executed_by")],
             reason=REASONS[at("reason")],
             proposed=at("proposed"),
             proposed_by=ACTORS[at("proposed_by")],
             rho=at("rho"),
+            forecast=forecast,
+            admissible=at("admissible"),
         )
         return StoredStep(
             step=step,

@@ -8,23 +8,19 @@ the same choice in this state, see `serp.runs.agreeing`. Where none does, it is 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, NamedTuple
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp.agent.causes import Cause, observed_causes
-from serp.agent.counterfactuals import Counterfactuals, counterfactuals
-from serp.agent.decision import Actor, Reason
+from serp.agent.counterfactuals import Counterfactuals
+from serp.agent.decision import Reason
 from serp.agent.explanation import Explanation, explain
-from serp.errors import RunError
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.edges import Bound
-from serp.runs.agreeing import RunModel, agreeing_planner, refusal_of
+from serp.runs.agreeing import RunModel, agreeing_planner, other_vetoes_of
 from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
 
 _ROUNDING: Final = 1e-6
@@ -56,40 +52,29 @@ class PredictedFluent:
 
 def predictions_of(run: RunModel, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
     """Return what was predicted for a step and what came of it, the largest error first."""
-    ground, model = int(step.decision.forecast.ground[step.decision.action]), run.model
-    written = _predicted(model, step.state, ground)
-    adapted = run.adapted
-    learned = None if adapted is None else _predicted(adapted, step.state, ground)
+    before, after = run.model.values(step.state), run.model.values(step.next_state)
+    ground = int(step.decision.forecast.ground[step.decision.action])
+    written, learned = (
+        {} if model is None or ground < 0 else _predicted(model, step.state, ground)
+        for model in (run.model, run.adapted)
+    )
     found = []
-    for k, fluent in enumerate(model.fluents):
-        shown: Callable[[float], float | bool] = float if fluent.numeric else bool
-        observed = float(step.next_state[k])
+    for (name, observed), usual in zip(after.items(), recording.usual_change, strict=True):
+        predicted, other = written.get(name), learned.get(name)
         error = 0.0
-        if written is not None and observed != written[k]:
-            error, usual = observed - float(written[k]), float(recording.usual_change[k])
-            if not fluent.numeric:
+        if predicted is not None and predicted != observed:
+            off = observed - predicted
+            error = off / float(usual) if usual > 0.0 else math.copysign(math.inf, off)
+            if isinstance(observed, bool):
                 error = 1.0
-            else:
-                error = error / usual if usual > 0.0 else math.copysign(math.inf, error)
-        other = learned is not None and written is not None and learned[k] != written[k]
-        found.append(
-            PredictedFluent(
-                fluent.name,
-                shown(float(step.state[k])),
-                None if written is None else shown(float(written[k])),
-                shown(observed),
-                error,
-                shown(float(learned[k])) if other and learned is not None else None,
-            )
-        )
+        other = None if predicted is None or other == predicted else other
+        found.append(PredictedFluent(name, before[name], predicted, observed, error, other))
     return sorted(found, key=lambda each: -abs(each.error))
 
 
-def _predicted(model: TransitionModel, state: Vector, ground: int) -> Vector | None:
-    if ground < 0:
-        return None
+def _predicted(model: TransitionModel, state: Vector, ground: int) -> dict[str, float | bool]:
     step = model.step(state, ground)
-    return step.state if step.applicable else None
+    return model.values(step.state) if step.applicable else {}
 
 
 def predicted_states(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
@@ -126,21 +111,11 @@ def in_units(differences: Vector, units: Vector) -> Vector:
     return errors
 
 
-_TIME: Final = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d+)?)")
-_LARGEST: Final = 1e12
+def most_telling(recording: Recording) -> tuple[int, str]:
+    """Return the step of the newest veto, and why it is shown.
 
-
-class FoundStep(NamedTuple):
-    """A step of a recording, and why it is shown; empty where it was asked for."""
-
-    step: int
-    because: str = ""
-
-
-def most_telling(recording: Recording) -> FoundStep:
-    """Return the step of the newest veto; without one the newest unsafe step, else the last one.
-
-    A veto for harm, risk or reward tells more than one of a proposal that is not applicable.
+    Without a veto it is the newest unsafe step, else the last one. A veto for harm, risk or reward
+    tells more than one of a proposal that is not applicable.
 
     Raises:
         RunError: There is no step yet.
@@ -154,41 +129,10 @@ def most_telling(recording: Recording) -> FoundStep:
         ("refused proposal", refused),
     ):
         if steps.any():
-            return FoundStep(int(np.flatnonzero(steps)[-1]), f"the last {what}")
+            return int(np.flatnonzero(steps)[-1]), f"the last {what}"
     if not len(recording):
         recording.step(0)  # raises
-    return FoundStep(len(recording) - 1, "the last step: nothing was refused, and nothing unsafe")
-
-
-def seconds_of(text: str) -> float:
-    """Return a time in seconds: `12.5`, `3:12`, `1:03:12`.
-
-    Raises:
-        RunError: It is no time.
-    """
-    match = _TIME.fullmatch(text.strip())
-    if match is None:
-        raise RunError(f"`{text}` is no time; write minutes:seconds, such as 3:12 or 1:03:12.5")
-    hours, minutes, seconds = (float(part or 0) for part in match.groups())
-    return min(_LARGEST, 3600 * hours + 60 * minutes + seconds)
-
-
-def step_at(recording: Recording, episode: int, seconds: float) -> FoundStep:
-    """Return the step of an episode in which a time falls, counted from the episode's beginning.
-
-    Raises:
-        RunError: There is no such episode, or it has ended by then.
-    """
-    period = recording.layout.control_period
-    number = int(seconds / period + 1e-9) + 1
-    recording.find(episode, 1)  # or there is no such episode
-    count = len(recording.episodes[episode])
-    if number > count:
-        raise RunError(
-            f"episode {episode:,} ends after {clock(count * period)} ({count:,} steps of "
-            f"{period:g} s)."
-        )
-    return FoundStep(recording.find(episode, number))
+    return len(recording) - 1, "the last step: nothing was refused, and nothing unsafe"
 
 
 def clock(seconds: float) -> str:
@@ -200,163 +144,125 @@ def clock(seconds: float) -> str:
     return f"{hours}:{minutes:02}:{text}" if hours else f"{minutes}:{text}"
 
 
-_REFUSAL: Final = ("allowed", "refused")
-_SECONDS: Final = 4.0
-"""Time that planning again may take, and the search for what would have had to differ."""
-
-
 @dataclass(frozen=True)
 class StepAccount:
     """The account of a recorded step.
 
     Attributes:
-        step: Env steps before it; of an evaluation, steps.
-        episode, number: Its episode and its number in it, from 1.
+        step: The step, with its decision.
         time: Time since the episode began, such as `3:12.4`.
         because: Why this step was chosen; empty where it was asked for.
-        executed, proposed: Names of actions; `proposed` is empty where there was no proposal.
-        executed_by, proposed_by, reason: As in `decisions.csv`.
-        vetoed: Whether a proposal was refused.
-        rho: ρ at this step; NaN if unknown.
-        indifferent: Whether all plans were worth the same to the planner.
-        bound: What ended the planner's sight.
         account: Alternatives with the recorded values, causes and runner-up.
-        admissible: Of each alternative, whether no veto refused it.
-        planned: Name of the planner's choice; empty where it had none.
         ahead_by: With what it was planned again, for what lies ahead and what would have had to
             differ; empty where nothing makes the same choice.
         other_choices: Changes of one fluent with which the planner chooses another action.
         other_vetoes: Changes of one fluent with which the proposal would not have been refused.
         predictions: The fluents, the largest error first; empty where the next state is unknown.
-        reward: The environment's reward.
-        predicted_reward: The predicted reward of the file; None where it predicts none.
         domain_reward: The reward that the file as written gives for what was observed; None where
             the next state is unknown, or the file cannot judge it.
         observed: What of the file is behind that, and behind an unsafe step or an end.
         unsafe: Whether what was observed is unsafe by the file.
-        terminated, truncated: Whether the episode ended with it, and how.
     """
 
-    step: int
-    episode: int
-    number: int
+    step: StoredStep
     time: str
     because: str
-    executed: str
-    proposed: str
-    executed_by: Actor
-    proposed_by: Actor
-    reason: Reason
-    vetoed: bool
-    rho: float
-    indifferent: bool
-    bound: Bound
     account: Explanation
-    admissible: tuple[bool, ...]
-    planned: str
     ahead_by: str
     other_choices: Counterfactuals | None
     other_vetoes: Counterfactuals | None
     predictions: tuple[PredictedFluent, ...]
-    reward: float
-    predicted_reward: float | None
     domain_reward: float | None
     observed: tuple[Cause, ...]
     unsafe: bool
-    terminated: bool
-    truncated: bool
+
+    def name(self, action: int) -> str:
+        """Return the name of an action of the environment; empty for none."""
+        return self.account.alternatives[action].name if action >= 0 else ""
+
+    @property
+    def proposed(self) -> str:
+        """The name of the proposed action; empty for none."""
+        return self.name(self.step.decision.proposed)
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values (infinities and NaN among them)."""
-        told = asdict(replace(self, account=None))  # type: ignore[arg-type]
-        return {
-            **told,
+        step, decision = self.step, self.step.decision
+        own = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name in ("other_choices", "other_vetoes"):
+            own[name] = own[name] and asdict(own[name])
+        for name in ("predictions", "observed"):
+            own[name] = [asdict(each) for each in own[name]]
+        return own | {
             "account": self.account.as_dict(),
-            **{name: str(told[name]) for name in ("executed_by", "proposed_by", "reason")},
+            **{name: getattr(step, name) for name in _OF_STEP},
+            **{name: str(getattr(decision, name)) for name in _BY},
+            "executed": self.name(decision.action),
+            "proposed": self.proposed,
+            "planned": self.name(decision.forecast.choice),
+            "vetoed": decision.vetoed,
+            "rho": decision.rho,
+            "indifferent": decision.indifferent,
+            "bound": decision.forecast.bound,
+            "admissible": decision.admissible.tolist(),
+            "reward": step.env_reward,
+            "predicted_reward": self.account.alternatives[decision.action].reward,
         }
 
 
+_OF_STEP: Final = ("step", "episode", "number", "terminated", "truncated")
+_BY: Final = ("executed_by", "proposed_by", "reason")
+
+
 def account_of_step(
-    run: RunModel, recording: Recording, found: FoundStep, *, search: bool = True
+    run: RunModel, recording: Recording, step: int, because: str = "", *, search: bool = True
 ) -> StepAccount:
     """Return the account of a recorded step.
 
     Args:
         run: The run.
         recording: The recording, of the run or of an evaluation of it.
-        found: The step.
+        step: Its position in the recording.
+        because: Why it is shown; empty where it was asked for.
         search: Whether it is searched what would have had to differ, which takes up to 8 s in large
             domains.
 
     Raises:
         RunError: There is no such step, or its recording is damaged.
     """
-    step = recording.step(found.step)
-    decision, names = step.decision, recording.layout.actions
-    forecast = decision.forecast
-    ground: list[int] = forecast.ground.tolist()
-    planner = agreeing_planner(run, step)
-    paths = None
-    if planner is not None:
-        ahead = planner.paths(step.state, _SECONDS)
-        paths = [ahead[g] if g >= 0 else [] for g in ground]
-    other_choices = other_vetoes = None
-    if search and planner is not None:
-        again = planner.forecast
-        where = run.model, step.state, recording.ranges
-        other_choices = counterfactuals(
-            lambda s: again(s).choice, *where, whole=recording.whole, called=_action_of(run),
-            seconds=_SECONDS,
-        )  # fmt: skip
-        refused = refusal_of(run, step)
-        if refused is not None and refused(again(step.state)):
-            other_vetoes = counterfactuals(
-                lambda s: refused(again(s)), *where, whole=recording.whole,
-                called=_REFUSAL.__getitem__, seconds=_SECONDS,
-            )  # fmt: skip
+    stored = recording.step(step)
+    decision, state = stored.decision, stored.state
+    ground: list[int] = decision.forecast.ground.tolist()
+    planner = agreeing_planner(run, stored)
     model = run.adapted or run.model  # risks that were learned are traced in it
+    paths = other_choices = other_vetoes = None
     if planner is not None:
         model = planner.model
+        ahead = planner.paths(state, planner.plan(state))
+        paths = [ahead[g] if g >= 0 else [] for g in ground]
+        if search:
+            within = recording.ranges, recording.whole
+            other_choices = planner.other_choices(state, *within)
+            other_vetoes = other_vetoes_of(run, stored, planner, *within)
     account = explain(
-        model, step.state, forecast, decision.action,
-        names=names, ground=ground, paths=paths, discount=run.settings.planner.discount,
+        model, state, decision.forecast, decision.action,
+        names=recording.layout.actions, ground=ground, paths=paths,
+        discount=run.settings.planner.discount,
     )  # fmt: skip
-    observed, domain_reward, unsafe = _judged(run, step, ground[decision.action])
+    observed, domain_reward, unsafe = _judged(run, stored, ground[decision.action])
     return StepAccount(
-        step=step.step,
-        episode=step.episode,
-        number=step.number,
-        time=clock((step.number - 1) * recording.layout.control_period),
-        because=found.because,
-        executed=names[decision.action],
-        proposed=names[decision.proposed] if decision.proposed >= 0 else "",
-        executed_by=decision.executed_by,
-        proposed_by=decision.proposed_by,
-        reason=decision.reason,
-        vetoed=decision.vetoed,
-        rho=decision.rho,
-        bound=decision.forecast.bound,
-        indifferent=decision.indifferent,
+        step=stored,
+        time=clock((stored.number - 1) * recording.layout.control_period),
+        because=because,
         account=account,
-        admissible=tuple(decision.admissible.tolist()),
-        planned=names[forecast.choice] if forecast.choice >= 0 else "",
-        ahead_by="" if planner is None else planner.called,
+        ahead_by="" if planner is None else planner.name,
         other_choices=other_choices,
         other_vetoes=other_vetoes,
-        predictions=tuple(predictions_of(run, recording, step)),
-        reward=step.env_reward,
-        predicted_reward=account.alternatives[decision.action].reward,
+        predictions=tuple(predictions_of(run, recording, stored)),
         domain_reward=domain_reward,
         observed=tuple(observed),
         unsafe=unsafe,
-        terminated=step.terminated,
-        truncated=step.truncated,
-    )  # fmt: skip
-
-
-def _action_of(run: RunModel) -> Callable[[int], str]:
-    names = [action.name for action in run.model.actions]
-    return lambda position: names[position] if position >= 0 else "no action"
+    )
 
 
 def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause
 from serp.agent.decision import Actor, Reason
-from serp.agent.refusals import unsafe_ahead
+from serp.agent.explanation import unsafe_ahead
 from serp.agent.sentences import (
     PARTIAL,
     TO_THE_UNKNOWN,
@@ -46,27 +46,24 @@ _OF_ALL = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION
 
 def heading(step: StepAccount) -> str:
     """Return which step it is: `step 1,204, that is step 37 of episode 12, at 0:14.4`."""
-    return (
-        f"step {step.step:,}, that is step {step.number:,} of episode {step.episode:,}, "
-        f"at {step.time}"
-    )
+    of = step.step
+    return f"step {of.step:,}, that is step {of.number:,} of episode {of.episode:,}, at {step.time}"
 
 
 def who_acted(step: StepAccount) -> list[str]:
     """Say who acted and why."""
-    proposals = [each for each in step.account.alternatives if each.name == step.proposed]
+    decision, why = step.step.decision, ""
+    if decision.proposed >= 0:
+        of = step.account.alternatives[decision.proposed]
+        why = why_refused(decision.reason, of.causes, of.reward, of.safe_steps)
     return who_decided(
-        step.reason,
-        (step.proposed, step.proposed_by),
-        (step.executed, step.executed_by),
-        rho=step.rho,
-        indifferent=step.indifferent,
-        bound=step.bound,
-        why=why_refused(
-            step.reason, proposals[0].causes, proposals[0].reward, proposals[0].safe_steps
-        )
-        if proposals
-        else "",
+        decision.reason,
+        (step.proposed, decision.proposed_by),
+        (step.name(decision.action), decision.executed_by),
+        rho=decision.rho,
+        indifferent=decision.indifferent,
+        bound=decision.forecast.bound,
+        why=why,
     )
 
 
@@ -147,7 +144,7 @@ def what_would_differ(step: StepAccount) -> list[str]:
         lines += lines_of_changes(step.other_vetoes, f"{step.proposed} would not have been refused")
     if step.other_choices is not None:
         lines += lines_of_changes(step.other_choices)
-    if step.vetoed and step.other_vetoes is None and step.other_choices is not None:
+    if step.step.decision.vetoed and step.other_vetoes is None and step.other_choices is not None:
         lines.append(f"Planned again, {step.proposed} is not refused: the model was another then.")
     searched = step.other_choices or step.other_vetoes
     if searched is not None:
@@ -182,21 +179,19 @@ def what_came(step: StepAccount) -> list[str]:
         lines = [f"Not as the file predicts{rest}:", *(f"  {prediction_line(w)}" for w in wrong)]
     else:
         lines = ["Every fluent came as the file predicts."]
-    came = f"The environment gave {readable(step.reward)}"
-    if step.terminated or step.truncated:
-        came += " and the episode ended" + ("" if step.terminated else ", cut off")
+    reward, decision = step.step.env_reward, step.step.decision
+    came = f"The environment gave {readable(reward)}"
+    if step.step.terminated or step.step.truncated:
+        came += " and the episode ended" + ("" if step.step.terminated else ", cut off")
     lines.append(came + ".")
     if step.domain_reward is not None:
-        predicted = (
-            ""
-            if step.predicted_reward is None
-            else (f", and {readable(step.predicted_reward)} was predicted")
-        )
+        expected = step.account.alternatives[decision.action].reward
+        predicted = "" if expected is None else f", and {readable(expected)} was predicted"
         end = ":" if step.observed else "."
         worth = f"By the file what came is worth {readable(step.domain_reward)}{predicted}"
         lines += [worth + end, *(f"  {line}" for line in lines_of_causes(step.observed))]
-        gap = step.reward - step.domain_reward
-        if not math.isclose(step.reward, step.domain_reward, rel_tol=_SAME_REWARD):
+        gap = reward - step.domain_reward
+        if not math.isclose(reward, step.domain_reward, rel_tol=_SAME_REWARD):
             more = "more" if gap > 0 else "less"
             lines.append(f"The environment gave {readable(abs(gap))} {more} than the file says.")
     return lines

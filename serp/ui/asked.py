@@ -16,11 +16,11 @@ from serp.ui.options import own_task_name
 from serp.ui.root import say
 
 if TYPE_CHECKING:
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.model.domain import Domain
     from serp.model.transition_model import Vector
     from serp.runs.run import Run
     from serp.tasks.task import Task
-    from serp.ui.planner import ChosenPlanner
 
 
 MakePlanner = Callable[["Domain"], "ChosenPlanner"]

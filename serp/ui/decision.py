@@ -13,8 +13,8 @@ from serp.ui.output import print_table
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.planning.replanner import Plan
-    from serp.ui.planner import ChosenPlanner
 
 
 def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[str, Any]:

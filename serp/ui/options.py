@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import click
+from click.core import ParameterSource
 
 from serp.runs import Policy
 
@@ -52,6 +53,19 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
                                "explores.")  # fmt: skip
     run = click.argument("run", type=click.Path(path_type=Path))
     return run(option(own_task_option(command)))
+
+
+def refuse_given(names: Iterable[str], why: str) -> None:
+    """Refuse parameters of the running command that the user has given.
+
+    Raises:
+        UsageError: One is given; `why` follows its name.
+    """
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name in names and source is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{parameter.opts[0]} {why}", context)
 
 
 class OutputFile(click.Path):

@@ -6,17 +6,15 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from serp._util.terminal import visible
 from serp._util.text import did_you_mean, plural, readable
 from serp.agent.causes import Cause
-from serp.agent.refusals import schema_of
-from serp.agent.registry import refuse_unknown_names
 from serp.agent.sentences import line_of_cause
 from serp.errors import SerpError
 from serp.model.domain import Domain
-from serp.settings import Settings, resolve
+from serp.settings import Settings
 from serp.tasks.task import Task
 from serp.ui.asked import parse_state
 from serp.ui.output import print_table
@@ -24,9 +22,9 @@ from serp.ui.output import print_table
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.authoring.play import FluentChange, Game, GameStep
     from serp.planning.replanner import Plan
-    from serp.ui.planner import ChosenPlanner
 
 
 HELP: Final = (
@@ -48,90 +46,30 @@ _WORDS: Final = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Playground:
-    """A domain that is played by hand.
+@dataclass
+class Player:
+    """Carries out commands in the world of a domain, and prints what happens.
 
     Attributes:
         domain: The domain.
         task: The installed task that it belongs to; None for none.
         dt: Control period.
-        changes: Section → setting → value.
+        settings: The settings that a training would have.
         own_file: False for the file of an installed task, beside which nothing is written.
-    """
-
-    domain: Domain
-    task: Task | None
-    dt: float
-    changes: Mapping[str, Mapping[str, Any]]
-    own_file: bool
-
-    def settings(self) -> Settings:
-        """Return the settings that a training would have.
-
-        Raises:
-            SettingsError: There is no such setting or planner.
-        """
-        of_task = None if self.task is None else self.task.settings
-        resolved = resolve("default", of_task, self.changes)
-        refuse_unknown_names(resolved, self.task.planners if self.task else {})
-        return resolved
-
-    def planner(self, domain: Domain) -> ChosenPlanner:
-        """Return the planner that a training would have in a world."""
-        # Imported when the planner is asked, because this imports numba.
-        from serp.ui.planner import chosen_planner
-
-        model = domain.model.replace(dt=self.dt)
-        return chosen_planner(model, self.settings().planner, self.task, 10.0)
-
-    def save(self, title: str, game: Game, begun: Mapping[str, float]) -> str:
-        """Write the situation of a game as a scenario, with what holds there; return a message.
-
-        A scenario with the same title is replaced. `begun` are the values, beside the problem, with
-        which the game began.
-
-        Raises:
-            SerpError: It cannot be written, or nothing can be expected there.
-        """
-        from serp._util.files import write_durably
-        from serp.authoring.scenarios.files import ScenarioFile, add_situation, scenarios_beside
-        from serp.pddl.source import Source
-
-        if not self.own_file:
-            name = Path(self.domain.source.name).name
-            raise SerpError(f"{name} is the file of an installed task; play a copy of it")
-        if ";" in title:
-            raise SerpError("a title has no `;`, which begins a comment")
-        file, moment = scenarios_beside(self.domain), game.moment
-        source = Source.read(file) if file.exists() else Source(str(file), "")
-        known = {**begun, **moment.changed, **game.values}
-        opened = ScenarioFile.open(
-            source, self.domain.observed(known), self.settings(), self.dt, self.task
-        )
-        start = opened.decider.start
-        values = {name: float(known.get(name, value)) for name, value in start.items()}
-        remark = f"played by hand, after {plural(moment.steps, 'step')}"
-        write_durably(file, add_situation(opened, title, values, remark))
-        return f"{file}: the scenario `{title}` is written"
-
-
-class Player:
-    """Carries out what is typed or pressed, and prints what happens.
-
-    Args:
-        playground: What is played.
         game: The game.
         begun: Fluent → value with which it began, beside the problem.
         console: Where to print.
     """
 
-    def __init__(
-        self, playground: Playground, game: Game, begun: Mapping[str, float], console: Console
-    ) -> None:
-        self._playground, self._game, self._begun = playground, game, begun
-        self._console = console
-        self._planner: tuple[object, ChosenPlanner] | None = None
+    domain: Domain
+    task: Task | None
+    dt: float
+    settings: Settings
+    own_file: bool
+    game: Game
+    begun: Mapping[str, float]
+    console: Console
+    _planner: tuple[object, ChosenPlanner] | None = None
 
     def do(self, line: str) -> bool:
         """Carry out a command; return whether the game goes on.
@@ -146,9 +84,9 @@ class Player:
             return True
         if line.startswith("save "):
             title = line.removeprefix("save ")
-            self._console.print(self._playground.save(title, self._game, self._begun))
+            self.console.print(self._save(title))
         elif "=" in line:
-            self._game.set(parse_state([line], self._game.moment.domain, "change"))
+            self.game.set(parse_state([line], self.game.moment.domain, "change"))
             self.print_state()
         elif what == "q":
             return False
@@ -167,21 +105,21 @@ class Player:
             case "p":
                 self._repeat(self._planned, count)
             case "u":
-                undone = sum(self._game.undo() for _ in range(count))
-                self._console.print(f"{undone} undone" if undone else "there is nothing to undo")
+                undone = sum(self.game.undo() for _ in range(count))
+                self.console.print(f"{undone} undone" if undone else "there is nothing to undo")
                 self.print_state()
             case "r":
-                self._game.restart()
+                self.game.restart()
                 self.print_state()
             case "s":
                 self.print_state()
                 self.print_actions()
             case _:
-                print_table(self._console, ("", ""), HELP)
+                print_table(self.console, ("", ""), HELP)
 
     def _find(self, name: str) -> int:
         """Return the position of the action that a number, a name, or its beginning means."""
-        names = [action.name for action in self._game.model.actions]
+        names = [action.name for action in self.game.model.actions]
         if name.isdecimal() and 0 < int(name) <= len(names):
             return int(name) - 1
         name = name.lower().strip("()")
@@ -197,7 +135,7 @@ class Player:
 
     def _repeat(self, choose: Callable[[], int], count: int) -> None:
         for _ in range(count):
-            step = self._game.step(choose())
+            step = self.game.step(choose())
             self._print_step(step)
             if step.over:
                 break
@@ -207,7 +145,7 @@ class Player:
         if plan.action is None:
             raise SerpError("the planner has nothing to propose: no action is applicable")
         if plan.indifferent:
-            self._console.print(
+            self.console.print(
                 "The planner is indifferent: all actions are worth the same as far as it sees. A "
                 "reward for coming nearer would guide it.",
                 style="dim",
@@ -217,54 +155,91 @@ class Player:
     def _ask(self) -> None:
         from serp.ui.decision import print_plan
 
-        moment, (planner, plan) = self._game.moment, self._plan()
+        moment, (planner, plan) = self.game.moment, self._plan()
         title = f"{moment.domain.name}, after {plural(moment.steps, 'step')}"
-        print_plan(self._console, title, planner, planner.explain(moment.state, plan), plan)
+        print_plan(self.console, title, planner, planner.explain(moment.state, plan), plan)
 
     def _plan(self) -> tuple[ChosenPlanner, Plan]:
         """Plan in the world as it is; changed facts make another world, and another planner."""
         from serp.runs.progress import show_compiling
 
-        moment = self._game.moment
+        moment = self.game.moment
         with show_compiling():
             if self._planner is None or self._planner[0] is not moment.world:
-                self._planner = moment.world, self._playground.planner(moment.domain.closed())
+                self._planner = moment.world, self._planner_of(moment.domain.closed())
             planner = self._planner[1]
             return planner, planner.plan(moment.state)
 
+    def _planner_of(self, domain: Domain) -> ChosenPlanner:
+        """Return the planner that a training would have in a world."""
+        # Imported when the planner is asked, because this imports numba.
+        from serp.ui.planner import chosen_planner
+
+        model = domain.model.replace(dt=self.dt)
+        return chosen_planner(model, self.settings.planner, self.task, 10.0)
+
+    def _save(self, title: str) -> str:
+        """Write the situation as a scenario, with what holds there; return a message.
+
+        A scenario with the same title is replaced.
+
+        Raises:
+            SerpError: It cannot be written, or nothing can be expected there.
+        """
+        from serp._util.files import write_durably
+        from serp.authoring.scenarios.files import ScenarioFile, add_situation, scenarios_beside
+        from serp.pddl.source import Source
+
+        if not self.own_file:
+            name = Path(self.domain.source.name).name
+            raise SerpError(f"{name} is the file of an installed task; play a copy of it")
+        if ";" in title:
+            raise SerpError("a title has no `;`, which begins a comment")
+        file, moment = scenarios_beside(self.domain), self.game.moment
+        source = Source.read(file) if file.exists() else Source(str(file), "")
+        known = {**self.begun, **moment.changed, **self.game.values}
+        opened = ScenarioFile.open(
+            source, self.domain.observed(known), self.settings, self.dt, self.task
+        )
+        start = opened.decider.start
+        values = {name: float(known.get(name, value)) for name, value in start.items()}
+        remark = f"played by hand, after {plural(moment.steps, 'step')}"
+        write_durably(file, add_situation(opened, title, values, remark))
+        return f"{file}: the scenario `{title}` is written"
+
     def print_state(self) -> None:
         """Print where the game is: step, total, fluents."""
-        moment, fluents = self._game.moment, self._game.model.fluents
+        moment, fluents = self.game.moment, self.game.model.fluents
         ended = ", over" if moment.over else ""
         steps = plural(moment.steps, "step")
-        self._console.print(f"after {steps}, total {readable(moment.total)}{ended}", style="bold")
-        rows = [(f"  {fluent.name}", _value(self._game.values[fluent.name])) for fluent in fluents]
-        print_table(self._console, ("", ""), rows[:96])
+        self.console.print(f"after {steps}, total {readable(moment.total)}{ended}", style="bold")
+        rows = [(f"  {fluent.name}", _value(self.game.values[fluent.name])) for fluent in fluents]
+        print_table(self.console, ("", ""), rows[:96])
         if len(rows) > 96:
-            self._console.print(f"  … and {len(rows) - 96:,} more")
+            self.console.print(f"  … and {len(rows) - 96:,} more")
 
     def possible(self) -> str:
         """Return numbers and names of the applicable actions, as far as they fit in a line."""
         line = "  ".join(
             f"{k} {action.name}"
-            for k, action in enumerate(self._game.model.actions, 1)
-            if not self._game.moment.over and not self._game.refusal(k - 1)
+            for k, action in enumerate(self.game.model.actions, 1)
+            if not self.game.moment.over and not self.game.refusal(k - 1)
         )
-        most = max(20, self._console.width - 4)
+        most = max(20, self.console.width - 4)
         return visible(line if len(line) <= most else f"{line[: most - 2]} …")
 
     def print_actions(self) -> None:
         """Print the actions with their numbers; those that are not applicable are dim."""
-        actions = self._game.model.actions
-        refusals = [self._game.refusal(k) for k in range(min(24, len(actions)))]
+        actions = self.game.model.actions
+        refusals = [self.game.refusal(k) for k in range(min(24, len(actions)))]
         rows = [(str(k + 1), actions[k].name, refusal) for k, refusal in enumerate(refusals)]
         styles = ["dim" if refusal else "" for refusal in refusals]
-        print_table(self._console, ("", "", ""), rows, styles=styles)
+        print_table(self.console, ("", "", ""), rows, styles=styles)
         if len(actions) > 24:
-            self._console.print(f"   … and {plural(len(actions) - 24, 'more action')}, by name")
+            self.console.print(f"   … and {plural(len(actions) - 24, 'more action')}, by name")
 
     def _print_step(self, step: GameStep) -> None:
-        console, action = self._console, step.chosen
+        console, action = self.console, step.chosen
         if step.refusal:
             action += " is not applicable, and nothing is done"
         elif step.carried_out is None:
@@ -307,7 +282,7 @@ def _reason(cause: Cause, *, with_amount: bool) -> str:
     amount = f"{_signed(cause.amount or 0.0)} " if with_amount else ""
     comment = f": {cause.comment}" if cause.comment else ""
     line = "" if cause.place is None else f" (line {cause.place.line})"
-    return f"{amount}by {schema_of(cause)}{line}{comment}"
+    return f"{amount}by {cause.schema}{line}{comment}"
 
 
 def _signed(amount: float) -> str:

@@ -104,49 +104,39 @@ def _discard_output() -> None:
 
 
 SECTIONS = {
-    "files": (
-        "Your domain file",
-        {
-            "new": "Write the first files of a task of your own.",
-            "check": "Check domain files and say what to fix.",
-            "format": "Lay domain files out regularly.",
-            "lsp": "Check and complete domain files in an editor.",
-            "plan": "Show one decision of the planner, as a table or a picture.",
-            "play": "Step through the world of a domain file.",
-            "test": "Check that a domain file leads to what you expect.",
-            "studio": "Edit a domain file in the browser and see what it means.",
-        },
-    ),
-    "training": (
-        "Training",
-        {
-            "plan-and-learn": "Train: the planner acts first, the learner takes over.",
-            "compare": "Compare algorithms on one task, under one protocol.",
-            "tune": "Search settings by the returns of whole trainings.",
-            "list": "List what is installed: tasks, algorithms, strategies.",
-        },
-    ),
-    "runs": (
-        "After a training",
-        {
-            "why": "Explain a recorded step of a run, in the words of its file.",
-            "report": "Write what happened in a run as one page for the browser.",
-            "evaluate": "Measure a trained policy.",
-            "watch": "Film a trained policy.",
-            "diagnose": "Report what is wrong or missing in a run's domain file.",
-            "repair": "Write a run's domain file, corrected by what it observed.",
-            "export": "Write a trained policy for a robot.",
-        },
-    ),
+    "Your domain file": {
+        "new": "Write the first files of a task of your own.",
+        "check": "Check domain files and say what to fix.",
+        "format": "Lay domain files out regularly.",
+        "lsp": "Check and complete domain files in an editor.",
+        "plan": "Show one decision of the planner, as a table or a picture.",
+        "play": "Step through the world of a domain file.",
+        "test": "Check that a domain file leads to what you expect.",
+        "studio": "Edit a domain file in the browser and see what it means.",
+    },
+    "Training": {
+        "plan-and-learn": "Train: the planner acts first, the learner takes over.",
+        "compare": "Compare algorithms on one task, under one protocol.",
+        "tune": "Search settings by the returns of whole trainings.",
+        "list": "List what is installed: tasks, algorithms, strategies.",
+    },
+    "After a training": {
+        "why": "Explain a recorded step of a run, in the words of its file.",
+        "report": "Write what happened in a run as one page for the browser.",
+        "evaluate": "Measure a trained policy.",
+        "watch": "Film a trained policy.",
+        "diagnose": "Report what is wrong or missing in a run's domain file.",
+        "repair": "Write a run's domain file, corrected by what it observed.",
+        "export": "Write a trained policy for a robot.",
+    },
 }
-"""Group of commands → what they are about, and command → one line of help, in
-the order of use. The command `a-b` is the attribute `command` of the module `a_b` there."""
+"""Section of the help → command → one line of help, in the order of use."""
 COMMANDS = {
     name: f"serp.ui.commands.{name.replace('-', '_')}"
-    for folder, (_, commands) in SECTIONS.items()
+    for commands in SECTIONS.values()
     for name in commands
 }
-"""Command → its module, which is imported when the command is used."""
+"""Command → the module whose `command` it is; imported when the command is used."""
 
 
 class LazyGroup(click.Group):
@@ -175,7 +165,7 @@ class LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write a table of commands for each section."""
         width = max(map(len, COMMANDS))
-        for head, commands in SECTIONS.values():
+        for head, commands in SECTIONS.items():
             with formatter.section(head):
                 formatter.write_dl([(name.ljust(width), line) for name, line in commands.items()])
 

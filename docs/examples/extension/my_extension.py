@@ -54,6 +54,7 @@ class Table:
         settings: The learner's settings; it uses discount, ε and the scale of rewards.
         seed: Seed of its exploration.
         imitates: Whether steps come with an action to imitate; it does not imitate.
+        reflection: A reflection of the task; it uses none.
     """
 
     def __init__(
@@ -63,10 +64,11 @@ class Table:
         settings: Any,
         seed: Any,
         imitates: bool = False,
+        reflection: Any = None,
     ) -> None:
         self.input_size, self.action_count, self.settings = input_size, action_count, settings
         self.imitates = imitates
-        self.imitation_weight, self.lane, self.updates = 0.0, 0, 0
+        self.imitation_weight, self.env_index, self.updates = 0.0, 0, 0
         self._q: dict[tuple[float, ...], Any] = {}
         self._random = np.random.default_rng(seed)
         self._error: float | None = None

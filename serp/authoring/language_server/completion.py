@@ -8,14 +8,21 @@ from collections.abc import Iterable, Sequence
 from lsprotocol import types
 
 from serp.authoring.language_server.index import FLUENTS, Index, NameKind, Occurrence, Use
-from serp.pddl.scope import INSTEAD, REQUIREMENTS_INSTEAD
+from serp.pddl.parser import (
+    DOMAIN_SECTIONS,
+    PROBLEM_SECTIONS,
+    SCHEMA_FIELDS,
+    SCHEMA_SECTIONS,
+    SUPPORTED_REQUIREMENTS,
+)
+from serp.pddl.scope import INSTEAD
 from serp.pddl.source import Place, Source, comment_of
+from serp.pddl.syntax import Change
 
-_REFUSED = {**INSTEAD, **REQUIREMENTS_INSTEAD}
 MEANINGS = {
     **{
         word: f"Not supported: {instead}."
-        for word, instead in _REFUSED.items()
+        for word, instead in INSTEAD.items()
         if word.startswith(":") or word in ("oneof", "probabilistic", "preference")
     },
     ":requirements": "What other PDDL tools have to support to read the file.",
@@ -58,20 +65,11 @@ MEANINGS = {
 }
 """Word → its meaning, of those that a name does not tell."""
 
-SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions",
-            ":action", ":process", ":event", ":domain", ":objects", ":init", ":goal",
-            ":metric")  # fmt: skip
-FIELDS = (":parameters", ":precondition", ":effect")
-COMPARISONS = ("=", "<", "<=", ">", ">=")
-CONDITIONS = ("and", "or", "not", "imply", "forall", "exists", *COMPARISONS)
-CHANGES = ("assign", "increase", "decrease", "scale-up", "scale-down")
-EFFECTS = ("and", "not", "when", "forall", *CHANGES)
-NUMBERS = ("+", "-", "*", "/")
-OF_NUMBERS = (*COMPARISONS, *CHANGES, *NUMBERS)
-"""What numbers stand behind."""
-REQUIREMENTS = (":strips", ":typing", ":equality", ":adl", ":conditional-effects",
-                ":negative-preconditions", ":disjunctive-preconditions", ":numeric-fluents",
-                ":time", ":math-functions")  # fmt: skip
+_COMPARISONS = ("=", "<", "<=", ">", ">=")
+_CONDITIONS = ("and", "or", "not", "imply", "forall", "exists", *_COMPARISONS)
+_CHANGES = tuple(change.value for change in Change)
+_EFFECTS = ("and", "not", "when", "forall", *_CHANGES)
+_NUMBERS = ("+", "-", "*", "/")
 
 
 _BEFORE = re.compile(r"([^\s();]*)\Z")
@@ -135,7 +133,7 @@ def _surroundings(text: str) -> tuple[str, str, list[str]]:
             del heads[-1:]
             if len(heads) <= 1:
                 section = field = ""
-        elif token in FIELDS:
+        elif token in SCHEMA_FIELDS:
             field = token
         elif heads and not heads[-1]:
             heads[-1] = token
@@ -145,20 +143,20 @@ def _surroundings(text: str) -> tuple[str, str, list[str]]:
 def _forms(index: Index, field: str, heads: Sequence[str]) -> list[types.CompletionItem]:
     """Return what a list can begin with that stands in others with some first words."""
     around = heads[-2] if len(heads) > 1 else ""
-    if around in OF_NUMBERS:
-        return _names(index, NameKind.FUNCTION) + _words(NUMBERS)
-    words: tuple[str, ...] = CONDITIONS
+    if around in (*_COMPARISONS, *_CHANGES, *_NUMBERS):
+        return _names(index, NameKind.FUNCTION) + _words(_NUMBERS)
+    words: tuple[str, ...] = _CONDITIONS
     if field == ":effect":
-        words = EFFECTS + (CONDITIONS if "when" in heads else ())
+        words = _EFFECTS + (_CONDITIONS if "when" in heads else ())
     return _names(index, NameKind.PREDICATE) + _words(words)
 
 
 def _keywords_of(section: str, before: str) -> list[types.CompletionItem]:
     if section == ":requirements":
-        return _words(REQUIREMENTS)
-    if section in (":action", ":process", ":event") and not before.endswith("("):
-        return _words(FIELDS)
-    return _words(SECTIONS)
+        return _words(sorted(SUPPORTED_REQUIREMENTS))
+    if section in SCHEMA_SECTIONS and not before.endswith("("):
+        return _words(SCHEMA_FIELDS)
+    return _words((*DOMAIN_SECTIONS, *SCHEMA_SECTIONS, *PROBLEM_SECTIONS))
 
 
 def _words(words: Iterable[str]) -> list[types.CompletionItem]:

@@ -6,17 +6,18 @@ of a file that is being written.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from serp.errors import SerpError
 from serp.pddl import syntax as x
 from serp.pddl.reader import Group, Node, Word, read_what_can_be
-from serp.pddl.scope import is_name
+from serp.pddl.scope import RESERVED_WORDS, is_name
 from serp.pddl.source import Place, Source
 
 _CHANGES = frozenset(change.value for change in x.Change)
-_QUANTIFIERS = ("forall", "exists")
 
 
 class NameKind(Enum):
@@ -42,7 +43,6 @@ class Use(Enum):
 
 
 FLUENTS = (NameKind.PREDICATE, NameKind.FUNCTION)
-_SCHEMAS = {":action": NameKind.ACTION, ":process": NameKind.PROCESS, ":event": NameKind.EVENT}
 
 
 @dataclass(frozen=True)
@@ -109,98 +109,70 @@ class Index:
         """Return the declarations of some kinds."""
         return [o for o in self.occurrences if o.use is Use.DECLARED and o.kind in kinds]
 
-    # Declarations --------------------------------------------------------------------------------
-
     def _declared(self, section: Group) -> Iterator[Occurrence]:
-        inside = section.place.opening
-        items = section.items[1:]
+        inside, items = section.place.opening, section.items[1:]
         match section.head:
             case ":types":
                 yield from _typed(items, NameKind.TYPE, inside)
             case ":constants" | ":objects":
                 yield from _typed(items, NameKind.OBJECT, inside)
-            case ":predicates" | ":functions":
-                functions = section.head == ":functions"
-                kind = NameKind.FUNCTION if functions else NameKind.PREDICATE
+            case ":predicates" | ":functions" as declares:
+                kind = NameKind.FUNCTION if declares == ":functions" else NameKind.PREDICATE
                 for item in items:
-                    word = item.items[0] if isinstance(item, Group) and item.items else item
-                    if isinstance(word, Word) and is_name(word) and item is not word:
+                    word = item.items[0] if isinstance(item, Group) and item.items else None
+                    if isinstance(item, Group) and isinstance(word, Word) and is_name(word):
                         yield _occurrence(word, kind, Use.DECLARED, item.place, inside)
-                        assert isinstance(item, Group)
                         yield from _typed(item.items[1:], NameKind.VARIABLE, item.place)
-            case ":action" | ":process" | ":event":
+            case ":action" | ":process" | ":event" as schema:
                 if items and isinstance(items[0], Word):
-                    kind = _SCHEMAS[section.head]
+                    kind = NameKind(schema[1:])
                     yield _occurrence(items[0], kind, Use.DECLARED, items[0].place, inside)
-
-    # Uses ----------------------------------------------------------------------------------------
 
     def _used(self, section: Group) -> Iterator[Occurrence]:
         inside = section.place.opening
-        if section.head in _SCHEMAS:
+        if section.head in (":init", ":goal", ":metric"):
+            for item in section.items[1:]:
+                use = Use.INITIAL if section.head == ":init" else Use.READ
+                yield from self._names(item, use, item.place, inside)
+        elif section.head in (":action", ":process", ":event"):
             for key, value in zip(section.items[2:], section.items[3:], strict=False):
-                if isinstance(key, Word) and isinstance(value, Group):
-                    if key.text == ":parameters":
-                        yield from _typed(value.items, NameKind.VARIABLE, inside)
-                    elif key.text in (":precondition", ":effect"):
-                        yield from self._form(value, inside, effect=key.text == ":effect")
-        elif section.head == ":init":
-            for item in section.items[1:]:
-                yield from self._fact(item, inside)
-        elif section.head in (":goal", ":metric"):
-            for item in section.items[1:]:
-                yield from self._form(item, inside, effect=False)
+                field = key.text if isinstance(key, Word) and isinstance(value, Group) else ""
+                if field == ":parameters" and isinstance(value, Group):
+                    yield from _typed(value.items, NameKind.VARIABLE, inside)
+                elif field in (":precondition", ":effect"):
+                    use = Use.CHANGED if field == ":effect" else Use.READ
+                    yield from self._names(value, use, value.place, inside)
 
-    def _fact(self, node: Node, inside: Place) -> Iterator[Occurrence]:
-        if isinstance(node, Group) and node.head in ("=", "not") and len(node.items) > 1:
-            fact = node.items[1]
-            if isinstance(fact, Group):
-                yield from self._atom(fact, Use.INITIAL, inside, node.place)
-        elif isinstance(node, Group):
-            yield from self._atom(node, Use.INITIAL, inside, node.place)
+    def _names(self, node: Node, use: Use, form: Place, inside: Place) -> Iterator[Occurrence]:
+        """Yield the names in a condition, an effect, a number or a fact.
 
-    def _form(self, node: Node, inside: Place, *, effect: bool) -> Iterator[Occurrence]:
-        """Yield the names in a condition, an effect or a number."""
+        `use` is what happens to the fluents in it, `form` the fact that the node is in.
+        """
         if isinstance(node, Word):
-            yield from self._word(node, inside)
+            kind = NameKind.OBJECT if node.text in self._objects else None
+            if node.text.startswith("?"):
+                kind = NameKind.VARIABLE
+            elif self._fluents.get(node.text) is NameKind.FUNCTION:  # without parentheses
+                kind = kind or NameKind.FUNCTION
+            if kind is not None:
+                yield _occurrence(node, kind, Use.READ, node.place, inside)
             return
         head, items = node.head, node.items[1:]
-        if head in _QUANTIFIERS and items and isinstance(items[0], Group):
-            yield from _typed(items[0].items, NameKind.VARIABLE, inside)
+        first = items[0] if items and isinstance(items[0], Group) else None
+        if head in self._fluents and isinstance(node.items[0], Word):
+            yield _occurrence(node.items[0], self._fluents[head], use, form, inside)
+            items, use = tuple(item for item in items if isinstance(item, Word)), Use.READ
+        elif head in ("forall", "exists") and first is not None:
+            yield from _typed(first.items, NameKind.VARIABLE, inside)
             items = items[1:]
-        elif effect and head in _CHANGES and items and isinstance(items[0], Group):
-            yield from self._atom(items[0], Use.CHANGED, inside, node.place)
-            items, effect = items[1:], False
         elif head == "when" and items:
-            yield from self._form(items[0], inside, effect=False)
+            yield from self._names(items[0], Use.READ, form, inside)
             items = items[1:]
-        elif head in self._fluents:
-            use = Use.CHANGED if effect else Use.READ
-            yield from self._atom(node, use, inside, node.place)
-            return
+        elif head in _CHANGES and first is not None:
+            yield from self._names(first, use, form, inside)
+            items, use = items[1:], Use.READ
         for item in items:
-            yield from self._form(item, inside, effect=effect)
-
-    def _atom(self, node: Group, use: Use, inside: Place, form: Place) -> Iterator[Occurrence]:
-        word = node.items[0] if node.items else None
-        if isinstance(word, Word):
-            kind = self._fluents.get(word.text)
-            if kind is not None:
-                yield _occurrence(word, kind, use, form, inside)
-        for item in node.items[1:]:
-            if isinstance(item, Word):
-                yield from self._word(item, inside)
-
-    def _word(self, word: Word, inside: Place) -> Iterator[Occurrence]:
-        kind: NameKind | None = None
-        if word.text.startswith("?"):
-            kind = NameKind.VARIABLE
-        elif word.text in self._objects:
-            kind = NameKind.OBJECT
-        elif self._fluents.get(word.text) is NameKind.FUNCTION:  # without parentheses
-            kind = NameKind.FUNCTION
-        if kind is not None:
-            yield _occurrence(word, kind, Use.READ, word.place, inside)
+            yield from self._names(item, use, form, inside)
 
 
 def _typed(items: Sequence[Node], kind: NameKind, inside: Place) -> Iterator[Occurrence]:
@@ -227,3 +199,29 @@ def _typed(items: Sequence[Node], kind: NameKind, inside: Place) -> Iterator[Occ
 
 def _occurrence(word: Word, kind: NameKind, use: Use, form: Place, inside: Place) -> Occurrence:
     return Occurrence(word.text, kind, use, word.place, form, inside)
+
+
+_NAME = re.compile(r"[a-z][a-z0-9_\-]*\Z", re.IGNORECASE | re.ASCII)
+_FIXED = (x.REWARD, x.UNSAFE, x.TERMINAL, x.OBJECT)
+
+
+def renamed(index: Index, source: Source, position: int, name: str) -> list[Place]:
+    """Return all places of a name that is to be another one.
+
+    Raises:
+        SerpError: There is nothing to rename, or the new name is none, or is taken.
+    """
+    here = index.at(source, position)
+    if here is None or here.name in _FIXED or index.declaration(here) is None:
+        raise SerpError("nothing that the files declare stands here")
+    variable = here.kind is NameKind.VARIABLE
+    plain = name.removeprefix("?") if variable else name
+    if variable != name.startswith("?") or not _NAME.match(plain):
+        wanted = "`?` and a name" if variable else "a letter, then letters, digits, `-` and `_`"
+        raise SerpError(f"`{name}` cannot be a name here: expected {wanted}")
+    if plain.lower() in (*RESERVED_WORDS, *_FIXED):
+        raise SerpError(f"`{name}` is a word of PDDL, or reserved")
+    same_scope = [o for o in index.occurrences if not variable or o.inside == here.inside]
+    if name.lower() != here.name and any(o.name == name.lower() for o in same_scope):
+        raise SerpError(f"`{name}` is taken")
+    return [occurrence.place for occurrence in index.same(here)]

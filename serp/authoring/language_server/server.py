@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,18 +12,18 @@ from lsprotocol import types
 from pygls import uris
 from pygls.exceptions import JsonRpcInvalidParams
 from pygls.lsp.server import LanguageServer
+from pygls.workspace import PositionCodec
 
 from serp import __version__
 from serp.authoring.language_server.completion import completions, explained, word_start
-from serp.authoring.language_server.features import Positions, code_actions, diagnostic, renamed
-from serp.authoring.language_server.index import Index
+from serp.authoring.language_server.index import Index, renamed
 from serp.authoring.lint.domain_pairs import domain_beside, domain_not_found, title_of
-from serp.authoring.lint.findings import Finding, examine
+from serp.authoring.lint.findings import Finding, Severity, examine
 from serp.authoring.lint.formatting import formatted
 from serp.authoring.scenarios.syntax import SUFFIX
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
-from serp.pddl.source import DomainError, Recovery, Source
+from serp.pddl.source import DomainError, Edit, Place, Recovery, Source, line_end
 
 
 class Files(NamedTuple):
@@ -99,6 +99,111 @@ def _of_scenarios(source: Source, domain: Domain | None) -> list[Finding]:
     read_scenarios(Source(source.name, source.text, recovery=recovery), observed, observed.model)
     return [Finding.of(error) for error in recovery.errors]
 
+
+# Positions and quick fixes -----------------------------------------------------------------------
+
+
+class Positions:
+    """Converts between characters of a text and positions as the editor counts them."""
+
+    def __init__(self, codec: PositionCodec | None = None) -> None:
+        self._codec = codec or PositionCodec()
+
+    def position(self, source: Source, offset: int) -> types.Position:
+        """Return the position of a character."""
+        place = Place(source, offset, offset)
+        at = types.Position(place.line - 1, place.column - 1)
+        return self._codec.position_to_client_units(_lines(source), at)
+
+    def offset(self, source: Source, position: types.Position) -> int:
+        """Return the character at a position; the nearest one where there is none."""
+        at = self._codec.position_from_client_units(_lines(source), position)
+        return min(source.line_starts[at.line] + at.character, len(source.text))
+
+    def range(self, place: Place) -> types.Range:
+        """Return where a place is."""
+        return types.Range(
+            self.position(place.source, place.start), self.position(place.source, place.end)
+        )
+
+    def first_line(self, place: Place) -> types.Range:
+        """Return where a place is, to the end of its first line."""
+        source = place.source
+        end = source.line_starts[place.line - 1] + len(place.source_line)
+        return self.range(source.place(place.start, min(place.end, max(end, place.start))))
+
+
+@functools.lru_cache(maxsize=4)
+def _lines(source: Source) -> list[str]:
+    return [f"{source.line_text(n)}\n" for n in range(1, len(source.line_starts) + 1)]
+
+
+_START = types.Range(types.Position(0, 0), types.Position(0, 0))
+_SEVERITIES: dict[Severity, types.DiagnosticSeverity] = {
+    "error": types.DiagnosticSeverity.Error,
+    "warning": types.DiagnosticSeverity.Warning,
+    "note": types.DiagnosticSeverity.Information,
+}
+
+
+def diagnostic(finding: Finding, positions: Positions) -> types.Diagnostic:
+    """Return a finding; of a long place, its first line."""
+    text = finding.message + (f"\n{finding.advice}" if finding.advice else "")
+    return types.Diagnostic(
+        positions.first_line(finding.place) if finding.place is not None else _START,
+        text,
+        severity=_SEVERITIES[finding.severity],
+        code=finding.code,
+        source="serp",
+    )
+
+
+def code_actions(
+    findings: Iterable[Finding], uri: str, selected: types.Range, positions: Positions
+) -> list[types.CodeAction]:
+    """Return what can be done about the findings in a range."""
+    return [
+        action
+        for finding in findings
+        if _touches(diagnostic(finding, positions).range, selected)
+        for action in _actions(finding, uri, positions)
+    ]
+
+
+def _actions(finding: Finding, uri: str, positions: Positions) -> Iterator[types.CodeAction]:
+    place = finding.place
+    if place is None:
+        return
+
+    def action(title: str, edits: Iterable[Edit], *, sure: bool) -> types.CodeAction:
+        changes = [
+            types.TextEdit(positions.range(place.source.place(e.start, e.end)), e.text)
+            for e in edits
+        ]
+        return types.CodeAction(
+            title,
+            kind=types.CodeActionKind.QuickFix,
+            diagnostics=[diagnostic(finding, positions)],
+            is_preferred=sure,
+            edit=types.WorkspaceEdit(changes={uri: changes}),
+        )
+
+    if finding.fix is not None:
+        texts = " ".join(edit.text.strip() for edit in finding.fix.edits)
+        shown = texts if len(texts) <= 60 else f"{texts[:57]}..."
+        title = f"Write `{shown}`" if shown else "Leave it out"
+        yield action(title, finding.fix.edits, sure=finding.fix.sure)
+    if finding.severity != "error" and finding.code != "useless-silence":
+        end = line_end(place.source.text, place.start)
+        comment = Edit(end, end, f"  ; serp: ignore[{finding.code}]")
+        yield action(f"Silence `{finding.code}` in this line", [comment], sure=False)
+
+
+def _touches(one: types.Range, other: types.Range) -> bool:
+    return one.start <= other.end and other.start <= one.end
+
+
+# The server --------------------------------------------------------------------------------------
 
 _PAUSE = 0.15
 """Seconds without a key after which the open files are checked."""

@@ -32,7 +32,6 @@ WARNINGS = {
     "double-negative": "A decrease by a negative number, or an increase by one.",
     "flag-read-in-action": "An action reads a flag, which it always finds false.",
     "frozen-fluent": "An event waits for a number that nothing changes.",
-    "hidden-function": "A declared function has the name of one of `:math-functions`.",
     "missing-value": "A number, field or initial value is missing; an error where it is needed.",
     "needless": "Something that can be left out.",
     "never-read": "A function or predicate that effects change, and nothing reads.",

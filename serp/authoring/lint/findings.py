@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from serp._util.text import closest
-from serp.authoring.lint.catalogue import warnings_of
+from serp.authoring.lint import ground_rules, syntax_rules
 from serp.authoring.lint.codes import CODES, ERRORS, NOTES
-from serp.authoring.lint.portability import beyond_pddl, one_per_rule, outside_portable_subset
-from serp.authoring.lint.subject import MOST_INSTANCES
+from serp.authoring.lint.portability import beyond_pddl, outside_portable_subset
+from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import (
@@ -24,106 +24,85 @@ from serp.pddl.source import (
     Place,
     Recovery,
     Source,
-    line_end,
     line_start,
 )
 
+RULES = [
+    rule
+    for module in (syntax_rules, ground_rules)
+    for rule in vars(module).values()
+    if isinstance(rule, Rule)
+]
 _COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*(ignore(?:-file)?)\b(?:\[([^\]\r\n]*)\])?")
 _CODE = re.compile(r"[^\s,]+")
 _BLANK_OR_COMMENT = re.compile(r"\s*(;.*)?\Z")
 
 
-def silenced(
-    warnings: Iterable[DomainWarning], sources: Iterable[Source], *, partial: bool
+class _Silence(NamedTuple):
+    """A code in a comment, and the line where it silences a warning; None for the whole file."""
+
+    code: str
+    place: Place
+    line: int | None
+
+
+def _unsilenced(
+    warnings: Iterable[DomainWarning], sources: Sequence[Source], *, partial: bool
 ) -> Iterator[DomainWarning]:
     """Yield the warnings that no comment silences, and warnings of comments that silence nothing.
 
     With `partial`, some rules were not applied, so that unused comments are no mistake.
     """
-    sources = list(sources)
-    comments = [comment for source in sources for comment in _comments(source)]
+    silences = [silence for source in sources for silence in _silences(source)]
+    used: set[_Silence] = set()
     for warning in warnings:
-        matching = [comment for comment in comments if comment.silences(warning, sources[0])]
-        for comment in matching:
-            comment.used = True
+        source, line = sources[0], -1
+        if warning.place is not None:
+            source, line = warning.place.source, warning.place.line
+        matching = {
+            silence
+            for silence in silences
+            if silence.code == warning.code
+            and silence.place.source is source
+            and silence.line in (None, line)
+        }
+        used |= matching
         if not matching:
             yield warning
-    for comment in comments:
-        if comment.code not in CODES or not (comment.used or partial):
-            yield comment.warning()
+    for silence in silences:
+        if silence.code not in CODES or not (silence in used or partial):
+            yield _useless(silence)
 
 
-@dataclass
-class _Silence:
-    """One code in one comment; `line` is None for all of the file, `comment` what to leave out."""
-
-    code: str
-    place: Place
-    line: int | None
-    comment: tuple[int, int]
-    used: bool = field(default=False)
-
-    def silences(self, warning: DomainWarning, domain: Source) -> bool:
-        place, source = warning.place, self.place.source
-        if warning.code != self.code or source is not (place.source if place else domain):
-            return False
-        return self.line is None or (place is not None and place.line == self.line)
-
-    def warning(self) -> DomainWarning:
-        """Return the warning that the comment silences nothing."""
-        advice, fix = "write the code of a warning in brackets", None
-        if self.code in CODES:
-            kind = (
-                "an error, which no comment silences" if self.code in ERRORS else "not found here"
-            )
-            text = f"`{self.code}` is {kind}; this comment silences nothing"
-            advice = "leave the comment out"
-            if self.comment[0] < self.comment[1]:
-                fix = Fix((Edit(*self.comment, ""),))
-        else:
-            problem = f"there is no code `{self.code}`" if self.code else "no code in brackets"
-            text = f"{problem}; nothing is silenced"
-            if close := closest(self.code, CODES):
-                advice = f"did you mean `{close}`?"
-                fix = Fix((Edit(self.place.start, self.place.end, close),), sure=False)
-        return DomainWarning(text, self.place, "useless-silence", advice, fix)
+def _useless(silence: _Silence) -> DomainWarning:
+    code, advice, fix = silence.code, "write the code of a warning in brackets", None
+    if code in CODES:
+        kind = "an error, which no comment silences" if code in ERRORS else "not found here"
+        text, advice = f"`{code}` is {kind}; this comment silences nothing", "leave the comment out"
+    else:
+        problem = f"there is no code `{code}`" if code else "no code in brackets"
+        text = f"{problem}; nothing is silenced"
+        if close := closest(code, CODES):
+            advice = f"did you mean `{close}`?"
+            fix = Fix((Edit(silence.place.start, silence.place.end, close),), sure=False)
+    return DomainWarning(text, silence.place, "useless-silence", advice, fix)
 
 
-def _comments(source: Source) -> Iterator[_Silence]:
+def _silences(source: Source) -> Iterator[_Silence]:
     for match in _COMMENT.finditer(source.text):
         place = source.place(match.start(1), match.end())
         line: int | None = None
         if match[1] == "ignore":
-            line = place.line if _after_text(source, match.start()) else _next_line(source, place)
-        codes = list(_CODE.finditer(match[2] or ""))
-        whole = _whole(source.text, match.start()) if len(codes) == 1 else (0, 0)
-        for code in codes:
+            line = place.line
+            if not source.text[line_start(source.text, match.start()) : match.start()].strip():
+                following = range(line + 1, len(source.line_starts) + 1)
+                rest = (n for n in following if not _BLANK_OR_COMMENT.match(source.line_text(n)))
+                line = next(rest, line)
+        for code in _CODE.finditer(match[2] or ""):
             start = match.start(2) + code.start()
-            here = source.place(start, start + len(code[0]))
-            yield _Silence(code[0], here, line, whole)
-        if not codes:
-            yield _Silence("", place, line, (0, 0))
-
-
-def _after_text(source: Source, position: int) -> bool:
-    return bool(source.text[line_start(source.text, position) : position].strip())
-
-
-def _next_line(source: Source, place: Place) -> int:
-    """Return the next line with something other than a comment."""
-    lines = range(place.line + 1, len(source.line_starts) + 1)
-    code = (n for n in lines if not _BLANK_OR_COMMENT.match(source.line_text(n)))
-    return next(code, place.line)
-
-
-def _whole(text: str, position: int) -> tuple[int, int]:
-    """Return where a comment begins and ends, with the blanks before it, or its whole line."""
-    start, end = line_start(text, position), line_end(text, position)
-    before = text[start:position]
-    if before.strip():
-        return start + len(before.rstrip()), end
-    after = text[end : end + 2]
-    return start, end + (2 if after == "\r\n" else len(after[:1]))
+            yield _Silence(code[0], source.place(start, start + len(code[0])), line)
+        if not _CODE.search(match[2] or ""):
+            yield _Silence("", place, line)
 
 
 Severity = Literal["error", "warning", "note"]
@@ -242,8 +221,8 @@ def examine(
         warnings = [*_warnings(result, sources, partial=bool(errors), portable=portable)]
         if look is not None and result is not None and not errors:
             warnings += [_moved(warning, sources) for warning in look(result)]
-        unsilenced = silenced(warnings, sources, partial=bool(errors))
-        problems = [*_unsupported_once(errors), *one_per_rule(unsilenced)]
+        warnings = [*_unsilenced(warnings, sources, partial=bool(errors))]
+        problems = [*_once(errors, "unsupported"), *_once(warnings, "not-portable")]
     order = {source.name: number for number, source in enumerate(sources)}
 
     def position(finding: Finding) -> tuple[int, int]:
@@ -255,17 +234,27 @@ def examine(
     return Examined(findings, None if wrong else result)
 
 
-def _unsupported_once(errors: Iterable[DomainError]) -> Iterator[DomainError]:
-    """Yield errors; one for all places of a file with the same unsupported form, at the first."""
-    places: dict[tuple[object, ...], list[DomainError]] = {}
-    for number, error in enumerate(errors):
-        file = error.file if error.code == "unsupported" and error.place else number
-        places.setdefault((error.problem, file), []).append(error)
+def _once(
+    problems: Iterable[DomainError | DomainWarning], code: str
+) -> Iterator[DomainError | DomainWarning]:
+    """Yield errors or warnings; of a code, one for all places of a file with the same message."""
+    places: dict[tuple[object, ...], list[DomainError | DomainWarning]] = {}
+    for number, problem in enumerate(problems):
+        source = problem.place.source if problem.place is not None else None
+        key = (_text(problem), source) if problem.code == code else (number,)
+        places.setdefault(key, []).append(problem)
     for first, *others in places.values():
-        if others:
-            text = f"{first.problem} ({1 + len(others)} places)"
-            first = DomainError(text, first.place, first.advice, code=first.code)
-        yield first
+        text = f"{_text(first)} ({1 + len(others)} places)"
+        if not others:
+            yield first
+        elif isinstance(first, DomainError):
+            yield DomainError(text, first.place, first.advice, code=code)
+        else:
+            yield dataclasses.replace(first, text=text)
+
+
+def _text(problem: DomainError | DomainWarning) -> str:
+    return problem.problem if isinstance(problem, DomainError) else problem.text
 
 
 def _read(
@@ -312,11 +301,16 @@ def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Doma
 def _warnings(
     domain: Domain | None, sources: list[Source], *, partial: bool, portable: bool
 ) -> Iterator[DomainWarning]:
+    """Yield what may have been forgotten or misspelt; none of it stops a training.
+
+    With `partial`, parts of the files could not be read; only local rules apply then.
+    """
+    for source in sources:
+        yield from source.warnings
     if domain is not None:
-        yield from warnings_of(domain, partial=partial)
-    else:
-        for source in sources:
-            yield from source.warnings
+        subject = LintSubject(domain)
+        for rule in RULES:
+            yield from rule.applied(subject, partial=partial)
     for source in sources:
         if not partial:
             yield from outside_portable_subset(source)

@@ -1,9 +1,8 @@
 """The layout of PDDL text: indentation and blanks made regular, lines and comments kept.
 
-Line breaks are the author's; only lines of code that are too long are broken. A line that continues
-a form begins below the first thing that the form holds if the author began it there, and otherwise
-two columns to the right of the line on which the form begins. Comments keep their words, and those
-that stand below one another stay so.
+Line breaks are the author's. A line that continues a form begins below the first thing that the
+form holds if the author began it there, and otherwise two columns to the right of the line on which
+the form begins. Comments keep their words, and those that stand below one another stay so.
 """
 
 from __future__ import annotations
@@ -15,8 +14,6 @@ from dataclasses import dataclass
 from serp.pddl.reader import read_group
 from serp.pddl.source import Source, newline_of
 
-WIDTH = 100
-"""Columns of a line of code."""
 _LINE_END = re.compile(r"\r\n|\n|\r")
 _TOKEN = re.compile(r"[()]|[^\s();]+")
 _STEP = 2
@@ -112,7 +109,7 @@ class _Indentation:
         self._open: list[_OpenForm] = []
 
     def arranged(self, lines: Iterable[_TextLine]) -> Iterator[_TextLine]:
-        """Yield lines with their indentation; those that are too long in pieces."""
+        """Yield lines with their indentation."""
         waiting: list[_TextLine] = []  # comments and blank lines, which go with what follows
         for line in lines:
             if not line.tokens:
@@ -123,13 +120,6 @@ class _Indentation:
                 above.indent = line.indent if line.tokens[0] != ")" else self._indent("", -1)
             yield from waiting
             waiting = []
-            while not line.comment and (at := _break(line)):
-                rest = _TextLine(line.tokens[at:], line.columns[at:], end=line.end)
-                line.tokens, line.columns = line.tokens[:at], line.columns[:at]
-                self.take(line)
-                yield line
-                rest.indent = self._indent(rest.tokens[0], -1)
-                line = rest
             self.take(line)
             yield line
         yield from waiting
@@ -173,25 +163,6 @@ class _Indentation:
         if form.listed and column == form.column[0] + 1:
             return form.column[1] + 1
         return form.indent + (2 * _STEP if form.field else _STEP)
-
-
-def _break(line: _TextLine) -> int:
-    """Return before which token a line that is too long is broken; 0 for nowhere.
-
-    It is broken as far outside as possible, and there as late as possible.
-    """
-    if len(line.code()) <= WIDTH:
-        return 0
-    best, least, depth, column = 0, len(line.tokens), 0, line.indent
-    for number, token in enumerate(line.tokens):
-        before = line.tokens[number - 1] if number else "("
-        if token != ")" and before != "(":
-            column += 1
-            if column - 1 <= WIDTH and depth <= least and not before.startswith(":"):
-                best, least = number, depth
-        depth += (token == "(") - (token == ")")
-        column += len(token)
-    return best
 
 
 def _place_comments(lines: list[_TextLine]) -> None:

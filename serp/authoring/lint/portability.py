@@ -7,10 +7,8 @@ The rules are those that unified-planning, pddl, tarski, pddl-plus-parser and VA
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Sequence
 
-from serp.authoring.lint.subject import SCHEMAS, groups_in, values_of
 from serp.pddl.expressions import is_number
 from serp.pddl.reader import Group, Node, Word, read_group
 from serp.pddl.slips import PORTABLE
@@ -20,7 +18,7 @@ from serp.pddl.syntax import MATH_FUNCTIONS, OPERATORS
 _PLAIN_DECIMAL = re.compile(r"-?\d+(\.\d+)?\Z", re.ASCII)
 _EMPTY = {":parameters": "()", ":precondition": "(and)", ":effect": "(and)"}
 """Field of a schema → its value where it says nothing."""
-_CODE = "not-portable"
+_SCHEMAS = (":action", ":process", ":event")
 
 
 def outside_portable_subset(source: Source) -> list[DomainWarning]:
@@ -28,7 +26,7 @@ def outside_portable_subset(source: Source) -> list[DomainWarning]:
     top = read_group(source)
     warnings = [*_everywhere(top)]
     for section in top.items[2:]:
-        if isinstance(section, Group) and section.head in SCHEMAS:
+        if isinstance(section, Group) and section.head in _SCHEMAS:
             warnings += _schema(section)
         elif isinstance(section, Group) and section.head in (":predicates", ":functions"):
             for item in section.items[1:]:
@@ -43,31 +41,27 @@ def beyond_pddl(source: Source, declared: Collection[str]) -> list[DomainWarning
     """
     return [
         _breach(f"`{form.head}` is not PDDL; {PORTABLE[form.head]}", form.items[0].place)
-        for form in groups_in(read_group(source))
+        for form in _groups_in(read_group(source))
         if form.head in PORTABLE and form.head not in declared
     ]
 
 
-def one_per_rule(warnings: Iterable[DomainWarning]) -> list[DomainWarning]:
-    """Return warnings, with one for all places of a file that have the same form."""
-    places: dict[tuple[object, ...], list[DomainWarning]] = {}
-    for number, warning in enumerate(warnings):
-        file = warning.place.source.name if warning.place is not None else ""
-        key = (warning.text, file if warning.code == _CODE else number)
-        places.setdefault(key, []).append(warning)
-    return [
-        replace(same[0], text=f"{same[0].text} ({len(same)} places)") if len(same) > 1 else same[0]
-        for same in places.values()
-    ]
-
-
 def _breach(text: str, place: Place) -> DomainWarning:
-    return DomainWarning(text, place, _CODE)
+    return DomainWarning(text, place, "not-portable")
+
+
+def _groups_in(group: Group) -> Iterator[Group]:
+    """Yield a list and every list in it."""
+    yield group
+    for item in group.items:
+        if isinstance(item, Group):
+            yield from _groups_in(item)
 
 
 def _schema(section: Group) -> Iterator[DomainWarning]:
     name = section.items[1].place if len(section.items) > 1 else section.place
-    values = values_of(section)
+    pairs = zip(section.items[2::2], section.items[3::2], strict=False)
+    values = {key.text: value for key, value in pairs if isinstance(key, Word)}
     for key, empty in _EMPTY.items():
         value = values.get(key)
         if value is None:
@@ -79,7 +73,7 @@ def _schema(section: Group) -> Iterator[DomainWarning]:
 
 
 def _everywhere(top: Group) -> Iterator[DomainWarning]:
-    for form in groups_in(top):
+    for form in _groups_in(top):
         for word in form.items:
             if isinstance(word, Word):
                 if word.place.source.text[word.place.start : word.place.end] != word.text:

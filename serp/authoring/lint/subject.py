@@ -1,19 +1,17 @@
-"""What the rules of `serp check` look at: a loaded domain, its text and its instances."""
+"""What a rule of `serp check` is, and what it looks at: a loaded domain and its instances."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 from serp.model.domain import Domain
 from serp.model.ground import GroundModel, GroundSchema
 from serp.pddl import syntax as x
-from serp.pddl.reader import Group, Node, Word, read_group
-from serp.pddl.source import DomainError, Place
+from serp.pddl.source import DomainError, DomainWarning, Place
 
-SCHEMAS = (":action", ":process", ":event")
-"""Sections that define an action, a process or an event."""
 MOST_INSTANCES = 5_000
 """Most instances that the rules look at beyond those of a domain that is right."""
 
@@ -65,12 +63,8 @@ class LintSubject:
     @cached_property
     def quantified(self) -> list[Place]:
         """The places of all `forall` and `exists` in conditions."""
-        return [
-            condition.place
-            for schema in self.domain.syntax.schemas
-            for condition in x.conditions_of(schema)
-            if isinstance(condition, x.Quantified)
-        ]
+        conditions = map(x.conditions_of, self.domain.syntax.schemas)
+        return [form.place for form in x.nodes_in(*conditions) if isinstance(form, x.Quantified)]
 
     @property
     def waits_for_problem(self) -> bool:
@@ -81,36 +75,31 @@ class LintSubject:
             and any(schema.parameters for schema in self.domain.syntax.schemas)
         )
 
-    def sections(self, *heads: str) -> Iterator[Group]:
-        """Yield the sections of both files that begin with one of some words."""
-        for source in (self.domain.source, self.domain.problem_source):
-            if source is not None:
-                for section in read_group(source).items[2:]:
-                    if isinstance(section, Group) and section.head in heads:
-                        yield section
+
+class Rule(NamedTuple):
+    """What yields the warnings of a code.
+
+    Attributes:
+        local: Whether it is about single actions, processes and events, and right though others are
+            unreadable.
+        needs_problem: Whether it says nothing of a domain without the problem that names its
+            objects.
+    """
+
+    code: str
+    warnings: Callable[[LintSubject], Iterator[DomainWarning]]
+    local: bool
+    needs_problem: bool
+
+    def applied(self, subject: LintSubject, *, partial: bool) -> Iterator[DomainWarning]:
+        """Yield the warnings about a domain; of one that is read in part, if the rule is local."""
+        waits = self.needs_problem and subject.waits_for_problem
+        if self.local if partial else not waits:
+            yield from (replace(warning, code=self.code) for warning in self.warnings(subject))
 
 
-def values_of(section: Group) -> dict[str, Node]:
-    """Return `:parameters`, `:precondition` and `:effect` of a schema, as far as they are there."""
-    return {
-        key.text: value
-        for key, value in zip(section.items[2::2], section.items[3::2], strict=False)
-        if isinstance(key, Word)
-    }
-
-
-def words_in(node: Node) -> Iterator[Word]:
-    """Yield every word of a form."""
-    if isinstance(node, Word):
-        yield node
-    else:
-        for item in node.items:
-            yield from words_in(item)
-
-
-def groups_in(group: Group) -> Iterator[Group]:
-    """Yield a list and every list in it."""
-    yield group
-    for item in group.items:
-        if isinstance(item, Group):
-            yield from groups_in(item)
+def rule(
+    code: str, *, local: bool = False, needs_problem: bool = False
+) -> Callable[[Callable[[LintSubject], Iterator[DomainWarning]]], Rule]:
+    """Make a rule of the function that yields its warnings, whose code is filled in."""
+    return lambda warnings: Rule(code, warnings, local, needs_problem)

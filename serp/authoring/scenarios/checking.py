@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from serp._util.text import listed, plural, readable
 from serp.agent.arbiter import Arbiter
+from serp.agent.chosen_planner import followed
 from serp.agent.decision import Decision, Reason
-from serp.agent.explanation import Explanation, compared, explain, followed
+from serp.agent.explanation import Explanation, compared, explain
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import between, lesser, lines_of
 from serp.agent.veto import VetoPolicy
@@ -20,6 +22,7 @@ from serp.model.flags import APPLICABLE
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import DomainError
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
+from serp.runs.recording import open_recording
 from serp.settings import PlannerSettings, Settings
 from serp.tasks.action_map import ActionMap
 from serp.tasks.task import Task
@@ -65,75 +68,91 @@ class Decider:
         model = domain.model.replace(dt=dt)
         actions = ActionMap(model, len(model.actions))
         planner = make_planner(model, settings.planner, own)
-        horizon = settings.planner.depth
-        vetoes = VetoPolicy(actions, settings.arbiter, horizon)
+        vetoes = VetoPolicy(actions, settings.arbiter, settings.planner.depth)
         arbiter = Arbiter(planner, actions, settings.arbiter, vetoes=vetoes)
         return cls(arbiter, domain, settings.planner)
+
+    @classmethod
+    def of_agent(cls, agent: Agent, domain: Domain) -> Decider:
+        """Return planner and vetoes of a trained agent, with the model that it has learned.
+
+        The learner does not decide: its input may be an observation, which no scenario states.
+
+        Raises:
+            RunError: The run is of a domain of another name.
+        """
+        learned = agent.task.domain
+        if learned.name != domain.name:
+            raise RunError(
+                f"the run is of the domain `{learned.name}`, and the scenarios are of "
+                f"`{domain.name}`; give a run of that domain"
+            )
+        return cls(agent.guarded, learned, agent.settings.planner)
 
     @property
     def start(self) -> dict[str, float]:
         """Fluent → value in the initial state of the problem; 0 where there is none."""
         initial = self.model.initial_state
-        if initial is None:
-            return {fluent.name: 0.0 for fluent in self.model.fluents}
-        return {fluent.name: float(initial[fluent.index]) for fluent in self.model.fluents}
+        return {
+            fluent.name: 0.0 if initial is None else float(initial[fluent.index])
+            for fluent in self.model.fluents
+        }
 
-    def decide(self, state: Vector) -> Decision:
-        """Return the planner's decision in a state `[F]`."""
-        return self.arbiter.plan(state)
+    def situation(self, scenario: s.Scenario) -> Vector:
+        """Return the state `[F]` that a scenario begins with.
 
-    def path(self, state: Vector, action: int) -> list[int]:
-        """Return where a ground action leads by the planner's choices, as far as its depth."""
-        steps = followed(
-            self.model,
-            lambda s: self.executed(self.decide(s)),
-            state,
-            action,
-            self.settings.depth,
-        )
-        return [executed for executed, _ in steps]
+        Raises:
+            DomainError: It is none of the model, or the recorded step is missing.
+        """
+        values = self.start
+        if scenario.recorded is not None:
+            try:
+                of_run = recorded_values(scenario.recorded)
+            except SerpError as error:
+                raise DomainError(str(error), scenario.recorded.place) from error
+            if other := sorted(of_run.keys() ^ values.keys()):
+                raise DomainError(
+                    f"the run {scenario.recorded.run} has other fluents than "
+                    f"{self.domain.source.name}: {listed(other)}",
+                    scenario.recorded.place,
+                )
+            values |= of_run
+        values |= {given.fluent: given.value for given in scenario.given}
+        try:
+            return self.model.state(values)
+        except StateError as error:
+            raise DomainError(str(error), scenario.place) from error
 
     def executed(self, decision: Decision) -> int:
         """Return the ground action that a decision executes; -1 if the model does not know it."""
         return int(decision.forecast.ground[decision.action])
 
-    def environment_action(self, action: int) -> int:
-        """Return the action of the environment that a ground action is."""
-        return self.arbiter.actions.environment_action[action]
+    def chosen(self, state: Vector) -> int:
+        """Return the ground action that is executed in a state `[F]`; -1 for none."""
+        return self.executed(self.arbiter.plan(state))
 
     def name(self, action: int) -> str:
         """Return the name of a ground action."""
-        return (
-            self.model.actions[action].name if action >= 0 else "an action that is not in the file"
-        )
+        known = self.model.actions
+        return known[action].name if action >= 0 else "an action that is not in the file"
 
     def refusal(self, decision: Decision, action: int) -> Reason | None:
         """Return why a ground action is refused in the state of a decision; None if it is not."""
-        number = self.environment_action(action)
+        number = self.arbiter.actions.environment_action[action]
         if decision.admissible[number]:
             return None
         return self.arbiter.vetoes.why_refused(decision.forecast, number)
 
 
-def trained(agent: Agent, domain: Domain) -> Decider:
-    """Return planner and vetoes of a trained agent, with the model that it has learned.
-
-    The learner does not decide: its input may be an observation, which no scenario states.
+def recorded_values(of: s.StepOfRun) -> dict[str, float]:
+    """Return fluent → value of a step that a scenario names.
 
     Raises:
-        RunError: The run is of a domain of another name.
+        RunError: There is no such run, recording or step.
     """
-    learned = agent.task.domain
-    if learned.name != domain.name:
-        raise RunError(
-            f"the run is of the domain `{learned.name}`, and the scenarios are of "
-            f"`{domain.name}`; give a run of that domain"
-        )
-    return Decider(agent.guarded, learned, agent.settings.planner)
-
-
-Recorded = Callable[[s.StepOfRun], Mapping[str, float]]
-"""Returns fluent → value of a recorded step."""
+    recording = open_recording(Path(of.run))
+    step = of.step if of.episode is None else recording.find(of.episode, of.step)
+    return dict(zip(recording.layout.fluents, recording.step(step).state.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -159,15 +178,13 @@ class Result:
         return not self.failures
 
 
-def check(scenario: s.Scenario, decider: Decider, recorded: Recorded) -> Result:
+def check(scenario: s.Scenario, decider: Decider) -> Result:
     """Check a scenario.
 
     Raises:
         DomainError: The situation is none of the model, or the recorded step is missing.
     """
-    state = situation(scenario, decider, recorded)
-    decision = decider.decide(state)
-    checker = _Checker(decider, state, decision)
+    checker = _Checker(decider, decider.situation(scenario))
     failures = tuple(
         Failure(expected.place.text, expected.place.line, found, checker.causes_behind(expected))
         for expected in scenario.expectations
@@ -176,53 +193,40 @@ def check(scenario: s.Scenario, decider: Decider, recorded: Recorded) -> Result:
     return Result(scenario, failures)
 
 
-def situation(scenario: s.Scenario, decider: Decider, recorded: Recorded) -> Vector:
-    """Return the state `[F]` that a scenario begins with."""
-    values = decider.start
-    if scenario.recorded is not None:
-        try:
-            of_run = recorded(scenario.recorded)
-        except DomainError:
-            raise
-        except SerpError as error:
-            raise DomainError(str(error), scenario.recorded.place) from error
-        other = sorted(of_run.keys() ^ values.keys())
-        if other:
-            raise DomainError(
-                f"the run {scenario.recorded.run} has other fluents than "
-                f"{decider.domain.source.name}: {listed(other)}",
-                scenario.recorded.place,
-            )
-        values |= of_run
-    values |= {given.fluent: given.value for given in scenario.given}
-    try:
-        return decider.model.state(values)
-    except StateError as error:
-        raise DomainError(str(error), scenario.place) from error
-
-
 class _Checker:
     """Checks the expectations of one scenario."""
 
-    def __init__(self, decider: Decider, state: Vector, decision: Decision) -> None:
-        self._decider = decider
-        self._state = state
-        self._decision = decision
+    def __init__(self, decider: Decider, state: Vector) -> None:
+        self._decider, self._state = decider, state
+        self._decision = decider.arbiter.plan(state)
+        self._chosen = decider.executed(self._decision)
+        self._number = decider.arbiter.actions.environment_action
 
     def contradiction(self, expected: s.Expectation) -> str:
         """Return what holds instead of what is expected; empty if that holds."""
         match expected:
-            case s.Chooses():
-                return self._chooses(expected)
-            case s.Refuses():
-                return self._refuses(expected)
+            case s.Chooses(actions, negated):
+                if (self._chosen in actions) != negated:
+                    return ""
+                return self._choice() + ("" if negated else self._why_not(actions[0]))
+            case s.Refuses(action, wanted):
+                reason = self._decider.refusal(self._decision, action)
+                if reason is None:
+                    return f"it is allowed, {self._worth(action)}"
+                if not wanted or reason is s.REASONS[wanted]:
+                    return ""
+                return f"it is refused for another reason: {reason}{self._remark(action)}"
             case s.Allows(action):
                 reason = self._decider.refusal(self._decision, action)
-                return "" if reason is None else f"it is refused: {reason}{self._why(action)}"
+                return "" if reason is None else f"it is refused: {reason}{self._remark(action)}"
             case s.Indifferent():
                 return "" if self._decision.indifferent else self._choice()
             case s.Rates(what, action, bounds):
-                return self._rates(what, action, bounds)
+                forecast, number = self._decision.forecast, self._number[action]
+                if not forecast.flags[number] & APPLICABLE:
+                    return f"it is not applicable{self._remark(action)}"
+                found = float((forecast.value if what == "value" else forecast.reward)[number])
+                return "" if found in bounds else f"it is {readable(found)}, not {bounds}"
             case s.After():
                 return self._after(expected)
 
@@ -230,22 +234,20 @@ class _Checker:
         """Return name → lines on what is behind the actions that an expectation is about."""
         if isinstance(expected, s.After):
             return {}
-        actions = {self._decider.executed(self._decision): None}
+        actions = {self._chosen: None}
         if isinstance(expected, s.Chooses):
             actions |= dict.fromkeys(expected.actions[:1])
         elif not isinstance(expected, s.Indifferent):
             actions = {expected.action: None}
-        alternatives = self._explained(actions).alternatives
+        account = self._account(actions)
         behind = {
-            self._decider.name(action): lines_of(
-                alternatives[self._decider.environment_action(action)]
-            )
+            self._decider.name(action): lines_of(account.alternatives[self._number[action]])
             for action in actions
             if action >= 0
         }
-        if len(behind) < 2:
-            return behind
-        common = set.intersection(*map(set, behind.values()))  # it makes no difference
+        common = set[str]()  # what makes no difference
+        if len(behind) > 1:
+            common = set.intersection(*map(set, behind.values()))
         return {
             name: [line for line in lines if line not in common] for name, lines in behind.items()
         }
@@ -255,73 +257,49 @@ class _Checker:
         actions = self._decider.arbiter.actions
         return [actions.name(number) for number in range(actions.size)]
 
-    def _explained(self, actions: Collection[int]) -> Explanation:
+    def _account(self, actions: Collection[int] = ()) -> Explanation:
         """Return the account of the decision, with what lies ahead of some ground actions."""
-        forecast = self._decision.forecast
-        ground = forecast.ground.tolist()
+        decider, forecast = self._decider, self._decision.forecast
+        ground, most = forecast.ground.tolist(), decider.settings.depth
+
+        def path(action: int) -> list[int]:
+            steps = followed(decider.model, decider.chosen, self._state, action, most)
+            return [executed for executed, _ in steps]
+
         return explain(
-            self._decider.model,
+            decider.model,
             self._state,
             forecast,
             self._decision.action,
             names=self._names,
             ground=ground,
-            paths=[self._decider.path(self._state, g) if g in actions else () for g in ground],
-            discount=self._decider.settings.discount,
+            paths=[path(action) if action in actions else () for action in ground],
+            discount=decider.settings.discount,
         )
 
-    def _chooses(self, expected: s.Chooses) -> str:
-        chosen = self._decider.executed(self._decision)
-        if (chosen in expected.actions) != expected.negated:
-            return ""
-        rest = "" if expected.negated else self._compared(expected.actions[0])
-        return self._choice() + rest
-
     def _choice(self) -> str:
-        decision = self._decision
-        chosen = self._decider.executed(decision)
-        text = f"{self._decider.name(chosen)} is chosen"
-        if decision.indifferent:
+        text = f"{self._decider.name(self._chosen)} is chosen"
+        if self._decision.indifferent:
             text += ", the first of several that are worth the same"
-        return text + ("" if chosen < 0 else f", {self._worth(chosen)}")
+        return text + ("" if self._chosen < 0 else f", {self._worth(self._chosen)}")
 
-    def _compared(self, action: int) -> str:
+    def _why_not(self, action: int) -> str:
         """Say why an action is not chosen."""
         reason, chosen = self._decider.refusal(self._decision, action), self._decision.action
         if reason is not None and self._decision.admissible[chosen]:
-            return f"; {self._decider.name(action)} is refused: {reason}{self._why(action)}"
-        other = self._decider.environment_action(action)
-        found = compared(self._decision.forecast, self._names, chosen, other)
-        if not found.ahead:
-            return f"; {between(found, self._names[chosen]).rstrip('.')}"
-        return f"; it comes before {found.name}, {lesser(found)}"
+            return f"; {self._decider.name(action)} is refused: {reason}{self._remark(action)}"
+        other = compared(self._decision.forecast, self._names, chosen, self._number[action])
+        if not other.ahead:
+            return f"; {between(other, self._names[chosen]).rstrip('.')}"
+        return f"; it comes before {other.name}, {lesser(other)}"
 
     def _worth(self, action: int) -> str:
-        forecast, number = self._decision.forecast, self._decider.environment_action(action)
-        remark = self._explained(()).alternatives[number].remark
-        return f"worth {readable(float(forecast.value[number]))}" + (remark and f" ({remark})")
+        value = float(self._decision.forecast.value[self._number[action]])
+        return f"worth {readable(value)}{self._remark(action)}"
 
-    def _why(self, action: int) -> str:
-        decision = self._decision._replace(proposed=self._decider.environment_action(action))
-        reason = self._decider.refusal(self._decision, action)
-        assert reason is not None
-        text = self._decider.arbiter.explain(decision._replace(reason=reason), self._state)
-        return f" ({text})" if text else ""
-
-    def _refuses(self, expected: s.Refuses) -> str:
-        reason = self._decider.refusal(self._decision, expected.action)
-        if reason is None:
-            return f"it is allowed, {self._worth(expected.action)}"
-        if expected.reason and reason is not s.REASONS[expected.reason]:
-            return f"it is refused for another reason: {reason}{self._why(expected.action)}"
-        return ""
-
-    def _rates(self, what: str, action: int, bounds: s.Bounds) -> str:
-        forecast, number = self._decision.forecast, self._decider.environment_action(action)
-        if not forecast.flags[number] & APPLICABLE:
-            return f"it is not applicable{self._why(action)}"
-        found = float(forecast.value[number] if what == "value" else forecast.reward[number])
-        return "" if found in bounds else f"it is {readable(found)}, not {bounds}"
+    def _remark(self, action: int) -> str:
+        remark = self._account().alternatives[self._number[action]].remark
+        return f" ({remark})" if remark else ""
 
     def _after(self, expected: s.After) -> str:
         decider, steps = self._decider, expected.steps
@@ -329,7 +307,7 @@ class _Checker:
         actions = (None,) * steps if isinstance(steps, int) else steps
         state, reward, unsafe, terminal, made, ended = self._state, 0.0, False, False, 0, ""
         for given in actions:
-            action = decider.executed(decider.decide(state)) if given is None else given
+            action = decider.chosen(state) if given is None else given
             step = None if action < 0 else decider.model.step(state, action)
             if step is None or not step.applicable:
                 ended = f"{decider.name(action)} is not applicable"
@@ -341,18 +319,14 @@ class _Checker:
                 ended = "the task ends" if made < len(actions) else ""
                 break
         after = f"{ended} after {plural(made, 'step')}" if ended else ""
-        if expected.fluent in (UNSAFE, TERMINAL):
-            value = float(unsafe if expected.fluent == UNSAFE else terminal)
-        elif ended:
+        flags = {UNSAFE: unsafe, TERMINAL: terminal}
+        if ended and expected.fluent not in flags:
             return after
-        elif expected.fluent == REWARD:
-            value = reward
-        else:
-            names = [fluent.name for fluent in decider.model.fluents]
-            value = float(state[names.index(expected.fluent)])
-        if value in expected.bounds:
+        values = {REWARD: reward, **flags, **decider.model.values(state)}
+        value = values[expected.fluent]
+        if float(value) in expected.bounds:
             return ""
         if expected.bounds.text in ("true", "false"):
             shown = f"({expected.fluent}) is {str(bool(value)).lower()}"
             return f"{shown} ({after})" if after else shown
-        return f"({expected.fluent}) is {readable(value)}, not {expected.bounds}"
+        return f"({expected.fluent}) is {readable(float(value))}, not {expected.bounds}"

@@ -229,7 +229,7 @@ class ModelAdaptation:
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
         self._estimation: ParameterEstimation | None = None
-        if settings.mode != "off" and not written.has_own_code:
+        if settings.mode != "off" and not written.program.has_own_code:
             self.notice = (
                 "the domain has too many ground actions to adapt its model; it is used as written"
             )

@@ -38,7 +38,7 @@ class AdaptedModel(TransitionModel):
 
     def __init__(self, written: TransitionModel) -> None:
         super().__init__(written.ground, dt=written.dt, theta=written.theta)
-        self._program = program = written._program  # generated and compiled once
+        self.program = program = written.program  # generated and compiled once
         self._written = written
         self.feature_groups: tuple[tuple[FeatureGroup, ...], ...] = tuple(
             feature_groups_of(self.ground, action) for action in self.actions

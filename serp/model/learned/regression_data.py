@@ -279,7 +279,7 @@ def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.
 
     A model that is not compiled yet runs as bytecode, with the same results.
     """
-    if not model.compiled:
+    if not model.program.compiled:
         model = TransitionModel(model.ground, dt=model.dt, theta=model.theta, own_code=False)
     finite = np.isfinite(states)
     step = model.step(np.where(finite, states, 0.0), actions)

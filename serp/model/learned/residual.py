@@ -222,7 +222,7 @@ class ResidualRegression:
             (x, y, valid, change), head, self._published,
             (p.features, p.known, p.columns), self._statistics,
         )  # fmt: skip
-        fit.keep(x, y, valid, change, head, weight)
+        fit.keep(x, y, valid, head, weight)
         self._of_episode += 1
         self._alarms = self._alarms + 1 if changed else 0
         if changed and (self._of_episode < REMEMBERED or self._alarms > _LONG):

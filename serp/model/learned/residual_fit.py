@@ -90,14 +90,14 @@ class KeptSamples:
     """A ring of samples; `d` inputs, `T` targets, of some heads of the regression.
 
     Attributes:
-        x, y, change, valid: Inputs, errors, changes and whether these are observed.
+        x, y, valid: Inputs, errors, and whether these are observed.
         head, weight: Head and weight in the regression.
         seen: Number of samples ever added.
     """
 
     def __init__(self, depth: int, count: int, heads: int) -> None:
         self.x = np.zeros((_KEPT, depth))
-        self.y, self.change = np.zeros((2, _KEPT, count))
+        self.y = np.zeros((_KEPT, count))
         self.valid = np.zeros((_KEPT, count), dtype=np.bool_)
         self.head, self.weight = np.zeros(_KEPT, dtype=np.int64), np.zeros(_KEPT)
         self.seen = 0
@@ -106,13 +106,11 @@ class KeptSamples:
     def __len__(self) -> int:
         return min(self.seen, _KEPT)
 
-    def add(
-        self, x: Vector, y: Vector, valid: Mask, change: Vector, place: tuple[int, float]
-    ) -> None:
-        """Add a sample; `place` is its head and its weight."""
+    def add(self, *sample: Any) -> None:
+        """Add a sample: its inputs, errors, whether these are observed, its head and its weight."""
         at = self.seen % _KEPT
-        self.x[at], self.y[at], self.valid[at], self.change[at] = x, y, valid, change
-        self.head[at], self.weight[at] = place
+        for name, value in zip(self._SAVED, sample, strict=True):
+            getattr(self, name)[at] = value
         self.seen += 1
 
     def newest(self, count: int) -> NDArray[np.int64]:
@@ -136,7 +134,7 @@ class KeptSamples:
             low, high = ranges.get(name, (None, LARGEST))  # not finite where it is not valid
             own[:] = saved.array(name, own.dtype, own.shape, low, high)
 
-    _SAVED = ("x", "y", "change", "valid", "head", "weight")
+    _SAVED = ("x", "y", "valid", "head", "weight")
 
 
 REMEMBERED, _FADED = 8, 0.1
@@ -190,11 +188,9 @@ class FittedWeights:
         """Widen the ranges to inputs `[d]`, or return False for an outlier."""
         return self._ranges.accept(x, self.kept.seen)
 
-    def keep(
-        self, x: Vector, y: Vector, valid: Mask, change: Vector, head: int, weight: float
-    ) -> None:
+    def keep(self, x: Vector, y: Vector, valid: Mask, head: int, weight: float) -> None:
         """Keep a sample of a head, with its weight; `update` learns from it."""
-        self.kept.add(x, y, valid, change, (head, weight))
+        self.kept.add(x, y, valid, head, weight)
         self._pending += 1
         self._since_solved += 1
 

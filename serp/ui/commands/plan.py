@@ -15,6 +15,7 @@ from serp.ui.output import examples, learned_from, open_console, print_json
 from serp.ui.root import say
 
 if TYPE_CHECKING:
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.model.domain import Domain
     from serp.settings import Changes
     from serp.tasks.task import Task
@@ -155,7 +156,7 @@ def _planning(
     """Return a function that makes the planner of a domain, as task, settings and options say."""
     of_decision = ("name", "depth", "discount", "max_nodes", "accepted_risk")
     from serp.settings import resolve
-    from serp.ui.planner import ChosenPlanner, chosen_planner
+    from serp.ui.planner import chosen_planner
 
     resolved = resolve("default", None if task is None else task.settings, settings)
     for section, values in settings.items():

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from serp.ui.asked import asked_task
 from serp.ui.options import (
     domain_option,
     max_ground_schemas_option,
     own_task_option,
+    refuse_given,
     settings_option,
 )
 from serp.ui.output import examples
@@ -103,20 +103,10 @@ def _set(
 
 def _run_to_resume(given: str, out: Path | None) -> Path:
     """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
-    # What cannot change in a run that is resumed.
-    fixed = {
-        "preset": "--preset",
-        "seed": "--seed",
-        "adapt": "--adapt",
-        "planner": "--planner",
-        "num_envs": "--num-envs",
-        "max_ground_schemas": "--max-ground-schemas",
-        "settings": "--set",
-    }
-    for name, option in fixed.items():
-        source = click.get_current_context().get_parameter_source(name)
-        if source is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} cannot change in a run that is resumed")
+    refuse_given(
+        ("preset", "seed", "adapt", "planner", "num_envs", "max_ground_schemas", "settings"),
+        "cannot change in a run that is resumed",
+    )
     if given and out is not None and Path(given) != out:
         raise click.UsageError(f"which run: --resume {given} or --out {out}?")
     path = Path(given) if given else out

@@ -69,14 +69,16 @@ def command(
 
     `serp plan-and-learn --domain FILE` lets a learner practise in this world.
     """
+    from serp.agent.registry import refuse_unknown_names
     from serp.authoring.play import Game
     from serp.errors import SettingsError
+    from serp.settings import resolve
     from serp.tasks.file_world import starting
     from serp.tasks.registry import find_domain_file
     from serp.tasks.task import WorldOptions
     from serp.ui.asked import asked_domain, asked_own_task, parse_state
     from serp.ui.output import open_console
-    from serp.ui.player import Player, Playground
+    from serp.ui.player import Player
 
     try:
         world = WorldOptions(**disturbances)
@@ -88,8 +90,8 @@ def command(
     if planner is not None:
         settings.setdefault("planner", {})["name"] = planner
     dt = dt or (1.0 if task is None else task.dt)
-    played = Playground(domain, task, dt, settings, own_file=file is not None)
-    played.settings()  # what is wrong with them is told at once
+    resolved = resolve("default", None if task is None else task.settings, settings)
+    refuse_unknown_names(resolved, {} if task is None else task.planners)
     console, by_hand = open_console(), sys.stdin.isatty()
     if not assignments and (domain.problem_syntax is None or not domain.problem_syntax.has_init):
         console.print(
@@ -101,7 +103,7 @@ def command(
             assignments = (text,)
     begun = parse_state(assignments, domain)
     game = Game(starting(domain, begun) if begun else domain, world, dt=dt, seed=seed)
-    player = Player(played, game, begun, console)
+    player = Player(domain, task, dt, resolved, file is not None, game, begun, console)
     disturbed = "".join(f", {what} {size:g}" for what, size in disturbances.items() if size)
     console.print(
         f"the world of {game.moment.domain.source.name}, control period {dt:g}{disturbed}"

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
         "serp test domains/soccer.pddl -k goal",
         "serp test cartpole --run runs/seven",
         "serp test new.pddl --scenarios domains/cartpole.scenarios",
-        "serp test cartpole.pddl --update runs/seven --step 1204",
     ),
 )
 @click.argument("names", metavar="FILE|NAME...", nargs=-1)
@@ -42,15 +41,6 @@ if TYPE_CHECKING:
 @click.option("--run", type=click.Path(path_type=Path), metavar="RUN",
               help="Ask planner and vetoes of a run, with the model that it has learned.",
               )  # fmt: skip
-@click.option("--update", type=click.Path(path_type=Path), metavar="RUN",
-              help="Write a recorded step of a run into the file, as a scenario with what holds "
-                   "there now.")  # fmt: skip
-@click.option("--step", type=click.IntRange(min=0), metavar="N",
-              help="The step, as `serp why` counts.")  # fmt: skip
-@click.option("--episode", type=click.IntRange(min=1), metavar="E",
-              help="The episode in which --step counts.")  # fmt: skip
-@click.option("--title", metavar="TEXT", help="Its title; a scenario that has it is replaced.",
-              )  # fmt: skip
 @click.option("--preset", default="default", show_default=True, metavar="NAME",
               help="default or paper.")  # fmt: skip
 @settings_option
@@ -60,10 +50,6 @@ if TYPE_CHECKING:
 def command(
     names: tuple[str, ...],
     words: str,
-    update: Path | None,
-    step: int | None,
-    episode: int | None,
-    title: str | None,
     as_json: bool,
     **deciding: Any,
 ) -> int:
@@ -76,11 +62,6 @@ def command(
     Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
     """
     console = open_console()
-    if update is not None:
-        _update(names, update, step, episode, title, **deciding)
-        return 0
-    if step is not None or episode is not None or title is not None:
-        raise click.UsageError("--step, --episode and --title belong to --update RUN")
     wrong, results = 0, []
     for position, name in enumerate(_domains(names)):
         try:
@@ -101,29 +82,6 @@ def command(
     elif not wrong:
         raise SerpError(f"no scenario has the words `{words}` in its title")
     return 0 if not failed and not wrong else 1
-
-
-def _update(
-    names: tuple[str, ...],
-    of: Path,
-    step: int | None,
-    episode: int | None,
-    title: str | None,
-    **deciding: Any,
-) -> None:
-    """Write a recorded step into the scenario file of a domain."""
-    from serp._util.files import write_durably
-    from serp.authoring.scenarios.files import add_scenario, recorded_step
-
-    if step is None or len(_domains(names)) != 1:
-        raise click.UsageError("--update takes one domain and --step N")
-    (name,) = _domains(names)
-    file = _opened(name, make=True, **deciding)
-    recording, stored = recorded_step(of, step, episode)
-    where = f"step {step} of " + ("" if episode is None else f"episode {episode} of ") + str(of)
-    text = add_scenario(file, title or where, where, recording, stored)
-    write_durably(Path(file.source.name), text)
-    say(f"{file.source.name}: the scenario `{title or where}` is written")
 
 
 def _domains(names: tuple[str, ...]) -> list[str]:
@@ -152,15 +110,10 @@ def _opened(
     preset: str,
     settings: Mapping[str, Mapping[str, Any]],
     dt: float | None,
-    *,
-    make: bool = False,
 ) -> ScenarioFile:
-    """Return the scenarios of a domain, with who decides in them.
-
-    With `make`, a file that is not there has no scenarios.
-    """
-    from serp.authoring.scenarios.checking import trained
-    from serp.authoring.scenarios.files import ScenarioFile, read_beside, scenarios_beside
+    """Return the scenarios of a domain, with who decides in them."""
+    from serp.authoring.scenarios.checking import Decider
+    from serp.authoring.scenarios.files import ScenarioFile, read_beside
     from serp.pddl.source import Source
     from serp.settings import resolve
     from serp.tasks.registry import find_domain_file
@@ -168,12 +121,9 @@ def _opened(
     own = asked_own_task()
     found = find_domain_file(name) if name else None
     domain, task = asked_domain(name, found, None, None, own)
-    if file is None and make and not scenarios_beside(domain).exists():
-        source = Source(str(scenarios_beside(domain)), "")
-    else:
-        source = read_beside(domain) if file is None else Source.read(file)
+    source = read_beside(domain) if file is None else Source.read(file)
     if run is not None:
-        return ScenarioFile(source, trained(open_run(run).agent, domain))
+        return ScenarioFile(source, Decider.of_agent(open_run(run).agent, domain))
     used = resolve(preset, None if task is None else task.settings, settings)
     period = dt or (task.dt if task else 1.0)
     return ScenarioFile.open(source, domain, used, period, task)
@@ -183,12 +133,10 @@ def _report(
     console: Console | None, file: ScenarioFile, words: str, *, first: bool
 ) -> list[dict[str, Any]]:
     """Check the scenarios of a file, print each as soon as it is checked, and return them."""
-    from serp.authoring.scenarios.files import recorded_values
-
     if console is not None:
         console.print(("" if first else "\n") + file.source.name, style="bold")
     results = []
-    for result in file.run(recorded_values, words):
+    for result in file.run(words):
         place, title = result.scenario.place, result.scenario.title
         failures = [dataclasses.asdict(failure) for failure in result.failures]
         results.append({"file": file.source.name, "line": place.line, "title": title,

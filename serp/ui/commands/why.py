@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from serp.runs.agreeing import RunModel
-    from serp.runs.recording import Recording
-    from serp.runs.step_account import FoundStep, StepAccount
+    from serp.runs.step_account import StepAccount
 
 
 @click.command(
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
         "serp why runs/seven",
         "serp why runs/seven --step 1204",
         "serp why runs/seven --episode 12 --step 37",
-        "serp why runs/seven --episode 12 --time 0:14.4",
         "serp why runs/seven --evaluation serp-seed0 --episode 3 --step 8 --json",
     ),
 )
@@ -34,7 +32,6 @@ if TYPE_CHECKING:
               help="The step: as in decisions.csv, from 0; with --episode that of the episode, "
                    "from 1.  [default: the most telling one]")  # fmt: skip
 @click.option("--episode", type=click.IntRange(min=1), metavar="E", help="The episode, from 1.")
-@click.option("--time", metavar="M:SS", help="Time since the episode began, instead of --step.")
 @click.option("--evaluation", metavar="NAME",
               help="A step of an evaluation, such as serp-seed0, instead of the training.",
               )  # fmt: skip
@@ -43,7 +40,6 @@ def command(
     run: Path,
     step: int | None,
     episode: int | None,
-    time: str | None,
     evaluation: str | None,
     as_json: bool,
 ) -> None:
@@ -55,33 +51,22 @@ def command(
     is explained, else the last unsafe step, else the last refused proposal, else the last step.
     """
     from serp.runs.agreeing import RunModel
-    from serp.runs.step_account import account_of_step
+    from serp.runs.step_account import account_of_step, most_telling
 
-    read = RunModel(run)
+    if episode is not None and step is None:
+        raise click.UsageError("give --step beside --episode")
+    read, because = RunModel(run), ""
     recording = read.recording(evaluation)
-    account = account_of_step(read, recording, _asked(recording, step, episode, time))
+    if step is None:
+        step, because = most_telling(recording)
+    elif episode is not None:
+        step = recording.find(episode, step)
+    account = account_of_step(read, recording, step, because)
     if as_json:
         about = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
         print_json({**about, **account.as_dict()})
     else:
         _print(open_console(), read, account)
-
-
-def _asked(
-    recording: Recording, step: int | None, episode: int | None, time: str | None
-) -> FoundStep:
-    """Return the step that the options ask for."""
-    from serp.runs.step_account import FoundStep, most_telling, seconds_of, step_at
-
-    if time is not None:
-        if step is not None or episode is None:
-            raise click.UsageError("--time is a time in an episode: give --episode, and no --step")
-        return step_at(recording, episode, seconds_of(time))
-    if step is None:
-        if episode is not None:
-            raise click.UsageError("give --step or --time beside --episode")
-        return most_telling(recording)
-    return FoundStep(step if episode is None else recording.find(episode, step))
 
 
 def _print(console: Console, run: RunModel, account: StepAccount) -> None:
@@ -95,7 +80,9 @@ def _print(console: Console, run: RunModel, account: StepAccount) -> None:
     for line in who_acted(account):
         console.print(line)
     console.print("")
-    print_account(console, account.account, [], account.proposed if account.vetoed else "")
+    print_account(
+        console, account.account, [], account.proposed if account.step.decision.vetoed else ""
+    )
     if account.ahead_by:
         console.print(f"Later steps were planned again with {account.ahead_by}.")
     else:

@@ -19,7 +19,6 @@ from serp._util.figures import ACTORS, REFUSED
 from serp._util.files import replaced_durably
 from serp._util.numbers import real
 from serp.agent.agent import Agent
-from serp.agent.refusals import why_unsafe
 from serp.agent.step_record import StepRecord
 from serp.errors import EnvironmentFailure, RunError, TaskError, needs_extra
 from serp.model.flags import RISKY, UNSAFE
@@ -194,8 +193,7 @@ def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
         marks.append(Mark(what, why))
     if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
         name = arbiter.actions.name(decision.action)
-        ground = int(decision.forecast.ground[decision.action])
-        why = why_unsafe(arbiter.model, step.state, ground).removeprefix(f"{name}: ")
+        why = arbiter.remark(decision.forecast, step.state, decision.action)
         what = "Unsafe" if decision.unsafe else "Risky"
         marks.append(Mark(f"{what}, executed in step {step.number}: {name}", why))
     return tuple(marks)

@@ -60,7 +60,6 @@ class Branch:
             elsewhere with what follows) or `collapsed` (what follows is not shown).
         parent: The branch before it; None at the root.
         muted: Whether it lies behind an edge that is unsafe or too risky.
-        value: `total` between low (0) and the best (1); 0 where harmful or muted.
         children: The branches behind it.
         rest: What the edges behind it that are not drawn are worth; empty where all are drawn.
         row, rest_row: The rows of the branch and of that text.
@@ -78,7 +77,6 @@ class Branch:
     end: str
     parent: Branch | None
     muted: bool
-    value: float = 1.0
     children: Sequence[Branch] = ()
     rest: str = ""
     row: float = 0.0
@@ -115,7 +113,6 @@ def lay_out(
         layout, fits = _select(graph, weight, keep, rows)
         if fits:
             break
-    _set_values(layout.branches)
     for branch in layout.root.children:
         branch.label = labels[branch.action]
     layout.rows = _place(layout.root, 0.0)
@@ -208,22 +205,6 @@ def _fan(
     return sorted(fan, key=lambda branch: branch.action), rest
 
 
-def _set_values(branches: Sequence[Branch]) -> None:
-    safe = [b.total for b in branches if not (b.harm or b.muted)]
-    totals = sorted(filter(math.isfinite, safe)) or [0.0]
-    # A single very low return must not make all others look alike.
-    high, low = totals[-1], totals[len(totals) // 5]
-    if low == high:
-        low = totals[0]
-    alike = math.isclose(high, low, rel_tol=1e-9)
-    for branch in branches:
-        if branch.harm or branch.muted or math.isnan(branch.total):
-            branch.value = 0.0
-        elif not alike:  # halves, because the difference may overflow
-            share = min(max(branch.total, low), high)
-            branch.value = (share / 2 - low / 2) / (high / 2 - low / 2)
-
-
 def _place(parent: Branch, rows: float) -> float:
     """Set the rows of what is behind a branch, below so many rows; return the rows then."""
     for branch in parent.children:
@@ -278,20 +259,13 @@ class _Drawing:
             yield self._text(x, _y(last.row) + 4.5, text, shade, bold=True)
 
     def _branch(self, branch: Branch) -> Iterator[str]:
-        shade, thick, opacity = "bad" if branch.harm else "good", 1.2, 1.0
-        if branch.chosen:
-            thick = 3.4
-        elif branch.muted:
-            shade = "faint"
-        elif not branch.harm:
-            shade = "good" if branch.value >= 0.5 else "bad"
-            thick, opacity = 0.9 + 1.2 * branch.value, 0.45 + 1.1 * abs(branch.value - 0.5)
-        dashes = DASHES.get(branch.harm, "")
+        shade = "bad" if branch.harm else "faint" if branch.muted else "good"
+        thick = 3.4 if branch.chosen else 1.2
         assert branch.parent is not None
         yield f"<g><title>{escape(self._tooltip(branch))}</title>"
         end = f"H{self._columns[branch.layer + 1]:.1f}"
         yield self._curve(branch.parent.row, branch.row, branch.layer, end,
-                          _stroke(shade, thick, opacity, dashes))  # fmt: skip
+                          _stroke(shade, thick, dashes=DASHES.get(branch.harm, "")))  # fmt: skip
         yield _mark(branch, self._columns[branch.layer + 1], _y(branch.row), shade)
         ink = shade if branch.harm or branch.chosen else "ink" if branch.layer == 0 else "faint"
         x = self._columns[branch.layer] + _TURN + 4
@@ -468,13 +442,10 @@ def _legend(branches: Sequence[Branch], plan: Plan) -> Iterator[tuple[str, str]]
     line = f'<path d="M0 0H{_SAMPLE - 8:.0f}"'
     if plan.path:
         yield f"{line} {_stroke('good' if plan.safe else 'bad', 3.4)}/>", "best path"
-    clear = [branch for branch in branches if not (branch.harm or branch.muted)]
-    for name, shade, thick, high in (("high", "good", 1.8, True), ("low", "bad", 1.1, False)):
-        totals = [branch.total for branch in clear if (branch.value >= 0.5) == high]
-        if totals:
-            low, best = readable(min(totals)), readable(max(totals))
-            text = f"{name}: return {low if low == best else f'{low} to {best}'}"
-            yield f"{line} {_stroke(shade, thick, 0.75)}/>", text
+    if others := [b.total for b in branches if not (b.harm or b.muted or b.chosen)]:
+        low, high = readable(min(others)), readable(max(others))
+        text = f"other path: return {low if low == high else f'{low} to {high}'}"
+        yield f"{line} {_stroke('good', 1.2)}/>", text
     harms = {branch.harm for branch in branches if not branch.muted}
     for harm, text in _HARMS.items():
         if harm in harms:

@@ -71,7 +71,8 @@ def drawn_scenes(
         "environment gives another state than the one recorded."
     )
     omitted = "Not drawn, to keep the file small and the wait short; --pictures draws more."
-    scenes, why, size = DrawnScenes(), omitted, 0
+    scenes, why, room = DrawnScenes(), omitted, 4_500_000  # bytes
+    pictures = scenes.pictures
     rows = dict(zip((each.number for each in steps.episodes), steps.rows, strict=True))
     try:
         if most and seed_of is None:
@@ -81,21 +82,20 @@ def drawn_scenes(
                 if steps["value"].shape[1] != task.actions.size:
                     raise RunError("the recording has other actions than the environment")
                 for episode in by_interest(steps.episodes):
-                    number, first = episode.number, len(scenes.pictures)
+                    number, first = episode.number, len(pictures)
                     states, actions = (steps[name][rows[number]] for name in ("state", "action"))
                     for picture in _pictures(task, seed_of(number - 1), states, actions):
-                        if len(scenes.pictures) >= most or size >= 4_500_000:
-                            scenes.notes[number] = omitted
-                            break
-                        scenes.pictures.append(_webp(picture))
-                        size += len(scenes.pictures[-1])
+                        pictures.append(_webp(picture))
+                        room -= len(pictures[-1])
                         on_picture()
-                    else:
-                        if len(scenes.pictures) - first <= len(states):
-                            scenes.notes[number] = differs
-                    if len(scenes.pictures) > first:
-                        scenes.frames[number] = (first, len(scenes.pictures) - first)
-                    if len(scenes.pictures) >= most or size >= 4_500_000:
+                        if len(pictures) >= most or room <= 0:
+                            break
+                    full = len(pictures) >= most or room <= 0
+                    if len(pictures) - first <= len(states):
+                        scenes.notes[number] = omitted if full else differs
+                    if len(pictures) > first:
+                        scenes.frames[number] = (first, len(pictures) - first)
+                    if full:
                         break
     except SerpError as error:
         why = f"No pictures: {str(error).rstrip('.')}."

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from serp._util.terminal import visible
 from serp.agent.causes import Cause
 from serp.agent.decision import Reason
-from serp.agent.refusals import schema_of
 from serp.pddl.source import Source
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
@@ -126,7 +125,7 @@ def shown_cause(cause: Cause, sources: Sequence[Source]) -> dict[str, str]:
     texts = {
         "kind": cause.what,
         "label": _LABELS[cause.what],
-        "by": "what the run has learned" if cause.origin == "learned" else schema_of(cause),
+        "by": "what the run has learned" if cause.origin == "learned" else cause.schema,
         "text": cause.text,
         "condition": cause.condition,
         "comment": cause.comment,

@@ -17,7 +17,7 @@ from serp.agent.sentences import between, special_about
 from serp.authoring.lint.conditions import threshold
 from serp.authoring.lint.findings import Finding, examine
 from serp.authoring.scenarios.checking import Result
-from serp.authoring.scenarios.files import ScenarioFile, add_situation, recorded_values
+from serp.authoring.scenarios.files import ScenarioFile, add_situation
 from serp.errors import SerpError
 from serp.model import ground as g
 from serp.model.domain import Domain
@@ -65,7 +65,7 @@ class Surroundings:
     def planner_of(self, domain: Domain) -> MonitorReplanner:
         """Return the lookahead of a domain, interpreted: a keystroke waits for no compiler."""
         model = TransitionModel(domain.model.ground, dt=self.dt, own_code=False)
-        return MonitorReplanner.of(model, self.planner, time_budget=2.0)
+        return MonitorReplanner(model, self.planner, time_budget=2.0)
 
 
 @functools.lru_cache(1)
@@ -242,7 +242,7 @@ class Request:
         Raises:
             SerpError: A text is wrong.
         """
-        return list(self._scenario_file().run(recorded_values))
+        return list(self._scenario_file().run())
 
     def with_scenario(self, title: str) -> str:
         """Return the scenarios with one more: what holds in the state.

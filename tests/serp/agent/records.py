@@ -20,11 +20,6 @@ DECISION = Decision(
     proposed=0,
     proposed_by=Actor.LEARNER,
     rho=0.5,
-    predicted_reward=0.0,
-    unsafe=False,
-    risk=0.0,
-    proposal_unsafe=False,
-    indifferent=False,
     admissible=np.ones(1, bool),
     forecast=ActionForecast(
         0, np.zeros(1, int), np.zeros(1), np.zeros(1), np.full(1, SAFE), np.zeros(1),

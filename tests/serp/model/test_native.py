@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.errors import SerpError
-from serp.model.bytecode import SHIFT, Code, Memory, check
 from serp.model.codegen import generate_code
 from serp.model.native import compile_native, structure_digest
 from serp.model.transition_model import Outcome, TransitionModel, Vector
@@ -39,7 +38,7 @@ def as_bytecode(model: TransitionModel, states: Vector, actions: list[int]) -> O
     """A batch of a model that is taken to be too large for machine code of its own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
-        assert not model.has_own_code
+        assert not model.program.has_own_code
         return model.step(states, actions)
 
 
@@ -82,29 +81,6 @@ def test_bytecode_gives_the_same_bits(drawn: tuple[Generated, Vector], random: R
             model = generated.model.replace(dt=dt, theta=generated.model.theta * factor)
             found = as_bytecode(model, states, actions)
             check_same_bits(found, in_cpython(model, states, actions))
-
-
-def test_bytecode_that_leaves_its_memories_is_refused() -> None:
-    sizes = {memory: 2 for memory in Memory}
-    out, constant = Memory.OUT << SHIFT, Memory.CONSTANTS << SHIFT
-    move, end = [Code.MOVE, out + 1, constant + 1, 0], [Code.RETURN, 1, 6, 0]
-    check(np.array([move, end], dtype=np.int32), sizes)
-    for wrong in (
-        [Code.MOVE, out + 2, constant, 0],
-        [Code.MOVE, constant, out, 0],
-        [Code.MOVE, out, 5 << SHIFT, 0],
-        [Code.NEGATE, out, -1, 0],
-        [Code.ADD, out, out, constant + 2],
-        [Code.JUMP, 0, 0, 2],
-        [Code.JUMP_IF, out + 2, 0, 0],
-        [Code.IF_LESS, out, out + 2, 0],
-        [Code.IF_LESS, out, out, -1],
-        [99, 0, 0, 0],
-    ):
-        with pytest.raises(ValueError, match=r"memor|jump|instruction"):
-            check(np.array([wrong, end], dtype=np.int32), sizes)
-    with pytest.raises(ValueError, match="the last one"):
-        check(np.array([end, move], dtype=np.int32), sizes)
 
 
 def test_more_variables_than_registers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

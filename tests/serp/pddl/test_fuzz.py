@@ -192,7 +192,7 @@ def test_deep_and_wide_conditions_run(condition: str) -> None:
     states = np.array([[1.0, 1.0, 0.5], [1.0, 0.0, 0.0], [0.0, 1.0, 100.0], [0.0, 0.0, 3.0]])
     single = np.array([model.step(state, "a").state for state in states])
     assert generate_code(model.ground).text
-    if condition in COMPILED or not model.has_own_code:
+    if condition in COMPILED or not model.program.has_own_code:
         assert model.step(states, "a").state.tobytes() == single.tobytes()
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from serp.pddl.parser import parse_domain
 from serp.pddl.source import DomainError, Source
-from serp.pddl.syntax import FunctionTerm, NumericComparison, conditions_of
+from serp.pddl.syntax import FunctionTerm, NumericComparison, nodes_in
 from tests.serp.pddl.rendering import check_rendering
 
 RIGHT = """\
@@ -57,8 +57,6 @@ SLIPS = [
     (EFFECT, "(x += 1)", EFFECT, "`+=` stands between"),
     (EFFECT, "(x = x + 1)", "(assign (x) (+ (x) 1))", "`=` stands between"),
     (EFFECT, "(when (near) held)", "(when (near) (held))", "an effect in parentheses"),
-    (EFFECT, "(when (and (near) (held) (unsafe)))", "(when (and (near) (held)) (unsafe))",
-     "the effect of `when` stands within"),
     (EFFECT, "(when (near) (held) (unsafe))", "(when (near) (and (held) (unsafe)))",
      "put several under `and`"),
     ("(and (held) (not (near)))", "((held) (not (near)))", "(and (held) (not (near)))",
@@ -67,7 +65,6 @@ SLIPS = [
     (EFFECT, "(increase (x) ((speed) + 1))", "(+ (speed) 1)", "`+` stands between"),
     (EFFECT, "(increase (x) (1))", EFFECT, "a number has no parentheses"),
     (EFFECT, "(increase (x) (^ (speed) 2))", None, "write a product"),
-    (EFFECT, "(increase (x) (arctan2 (speed) x))", "(atan2 (speed) (x))", "`arctan2` is not supp"),
     (EFFECT, "(increase (x) (tan (speed)))", None, "write `(/ (sin ...) (cos ...))`"),
     # Conditions
     (CONDITION, "(x < speed + 1)", "(< (x) (+ (speed) 1))", "the operator comes first"),
@@ -113,8 +110,7 @@ def test_names_that_the_file_declares_are_no_slips() -> None:
     for requirement in (":adl", ":adl :math-functions"):
         source = Source("d.pddl", text % requirement)
         (schema,) = parse_domain(source).schemas
-        *_, comparison = conditions_of(schema)
-        assert isinstance(comparison, NumericComparison)
+        comparisons = [n for n in nodes_in(schema) if isinstance(n, NumericComparison)]
+        (comparison,) = comparisons
         assert isinstance(comparison.left, FunctionTerm)
-    (warning,) = source.warnings
-    assert "`(abs ...)` means this function, not that of `:math-functions`" in str(warning)
+        assert not source.warnings

@@ -23,8 +23,6 @@ from serp.planning.far_sight import FarSightPlanner
 from serp.planning.goal_search import GoalSearch
 from serp.planning.relaxation import RelaxedCosts, relaxed, relaxed_cost
 from serp.settings import PlannerSettings
-from tests.benchmarks.study_new_worlds import FILES as FILES_HERE
-from tests.benchmarks.study_new_worlds import NewWorld, problem
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
 from tests.generated.classical import gripper
 
@@ -241,28 +239,44 @@ def test_states_that_differ_in_what_was_spent_are_one(monkeypatch: pytest.Monkey
         assert len(inert_fluents(model.ground)) == 0
 
 
+PUSH = Path(__file__).parent / "files" / "push.pddl"
+BOXES = """
+(define (problem push-1) (:domain push) (:objects b0 b1 - box)
+  (:init (= (x) 0) (= (y) 0) (= (bx b0) 0) (= (by b0) 1) (= (bx b1) 1) (= (by b1) 1))
+  (:goal (and (= (bx b0) 2) (= (by b0) 2) (= (bx b1) 3) (= (by b1) 2))))
+"""
+
+
 @functools.cache
-def push_world() -> NewWorld:
-    """A room with two boxes, which lie elsewhere in every episode."""
-    domain = (FILES_HERE / "push.pddl").read_text(encoding="utf-8")
-    return NewWorld(load_texts(Texts(domain, problem("push"))))
+def push() -> TransitionModel:
+    """A room in which two boxes are pushed."""
+    return load_texts(Texts(PUSH.read_text(encoding="utf-8"), BOXES)).model
+
+
+def room(seed: int) -> Vector:
+    """Two boxes and the player, at different places and none at a wall."""
+    places = np.random.default_rng(seed).choice(16, 3, replace=False).tolist()
+    values = {}
+    names = (("bx b0", "by b0"), ("bx b1", "by b1"), ("x", "y"))
+    for (across, down), place in zip(names, places, strict=True):
+        values |= {across: 1 + place % 4, down: 1 + place // 4}
+    return push().state(values)
 
 
 def test_every_episode_of_a_puzzle_that_is_new_each_time_reaches_its_goal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("serp.planning.far_sight._SMALL_GRAPH", 500)
-    world = push_world()
-    planner = far_sight(world.model, SETTINGS)
+    planner = far_sight(push(), SETTINGS)
     assert isinstance(planner, FarSightPlanner)
     for episode in range(8):
-        state, _ = world.reset(seed=episode)
+        state = room(episode)
         planner.begin_episode()
         for _ in range(60):
-            state = world.model.step(state, planner.forecast(state).choice).state
-            if world.model.at_goal(state):
+            state = push().step(state, planner.forecast(state).choice).state
+            if push().at_goal(state):
                 break
-        assert world.model.at_goal(state), episode
+        assert push().at_goal(state), episode
 
 
 def test_a_search_that_fails_is_repeated_rarely_and_in_the_next_episode(
@@ -270,12 +284,11 @@ def test_a_search_that_fails_is_repeated_rarely_and_in_the_next_episode(
 ) -> None:
     monkeypatch.setattr("serp.planning.far_sight._SMALL_GRAPH", 50)
     monkeypatch.setattr("serp.planning.far_sight.MAX_EDGES", 60)
-    world = push_world()
-    planner = far_sight(world.model, SETTINGS)
+    planner = far_sight(push(), SETTINGS)
     assert isinstance(planner, FarSightPlanner)
     grow, searches = planner.graph.grow, list[int]()
     monkeypatch.setattr(planner.graph, "grow", lambda *of: (searches.append(now), grow(*of)))
-    state, _ = world.reset(seed=0)
+    state = room(0)
     for now in range(100):
         if now == 50:
             planner.begin_episode()

@@ -37,17 +37,6 @@ SETTINGS = st.builds(
 )
 
 
-def plan(model: TransitionModel, settings: PlannerSettings, state: Vector) -> Plan:
-    planner = MonitorReplanner(
-        model,
-        depth=settings.depth,
-        discount=settings.discount,
-        max_nodes=settings.max_nodes,
-        accepted_risk=settings.accepted_risk,
-    )
-    return planner.plan(state)
-
-
 def bits(forecast: Forecast) -> list[object]:
     """All fields, arrays as their bytes: equal bits, -0.0 and NaN included."""
     return [
@@ -58,11 +47,13 @@ def bits(forecast: Forecast) -> list[object]:
 def plans_of(model: TransitionModel, settings: PlannerSettings, states: Vector) -> list[Plan]:
     """Plans, which are the same where the model runs as bytecode."""
     lookahead = Lookahead(model, settings)
-    plans = [plan(model, settings, state) for state in states]
+    plans = [MonitorReplanner(model, settings).plan(state) for state in states]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
         for state, planned in zip(states, plans, strict=True):
-            assert bits(plan(model, settings, state).forecast) == bits(planned.forecast)
+            assert bits(MonitorReplanner(model, settings).plan(state).forecast) == bits(
+                planned.forecast
+            )
     for state, planned in zip(states, plans, strict=True):
         assert bits(lookahead.forecast(state)) == bits(planned.forecast)  # memory is used again
     return plans

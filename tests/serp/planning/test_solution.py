@@ -18,7 +18,7 @@ from serp.planning.edges import Bound, FirstActions
 from serp.planning.forecast import SAFE, Forecast, score_of
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import rank_of
-from serp.planning.value_iteration import ALIKE, largest_value, look_up
+from serp.planning.value_iteration import ALIKE, look_up
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.worlds import WORLDS, load, states_of, world
@@ -184,7 +184,7 @@ def test_what_is_shown_is_one_step_and_then_the_best_policy(
     alike = 10 * ALIKE * max(1.0, float(np.abs(graph.value).max()))
     for node, arcs in enumerate(of):
         found = FirstActions.allocate(ACTIONS)
-        unit = ALIKE * largest_value(tuple(graph))
+        unit = ALIKE * float(np.abs(graph.value).max())
         choice = look_up(tuple(graph), node, (discount, 0.0), unit, tuple(found))
         forecast = Forecast(choice, *found, 0, Bound.EXHAUSTED)
         for action, edge in enumerate(arcs):

@@ -65,15 +65,15 @@ def made_up() -> list[tuple[int, StepRecord]]:
             bound=list(Bound)[k % len(Bound)],
             indifferent=k % 3 == 0,
         )
-        decision = Decision.of(
-            forecast,
-            random.random(3) < 0.5,
+        decision = Decision(
             action=int(random.integers(3)),
             executed_by=list(Actor)[k % len(Actor)],
             reason=list(Reason)[k % len(Reason)],
             proposed=int(random.integers(-1, 3)),
             proposed_by=list(Actor)[k % 3],
             rho=float("nan") if k == 3 else float(random.random()),
+            forecast=forecast,
+            admissible=random.random(3) < 0.5,
         )
         following, last = random.normal(size=2), bool(random.random() < 0.3)
         made = step_record(

@@ -11,14 +11,7 @@ import pytest
 from serp.agent.decision import Reason
 from serp.errors import RunError
 from serp.runs.agreeing import RunModel
-from serp.runs.step_account import (
-    FoundStep,
-    account_of_step,
-    clock,
-    most_telling,
-    seconds_of,
-    step_at,
-)
+from serp.runs.step_account import account_of_step, clock, most_telling
 from serp.runs.step_sentences import what_came, what_would_differ, who_acted
 from tests.serp.runs.runs import train
 from tests.serp.sample_tasks import corridor
@@ -40,12 +33,13 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
     assert len(rows) == len(recording)
     reasons = set()
     for number, row in enumerate(rows):
-        made = account_of_step(run, recording, FoundStep(number), search=False)
+        made = account_of_step(run, recording, number, search=False)
+        shown, decision = made.as_dict(), made.step.decision
         for name in ("proposed_by", "proposed", "executed", "executed_by", "reason"):
-            assert row[name] == str(getattr(made, name))
-        assert (int(row["episode"]), float(row["rho"])) == (made.episode, made.rho)
+            assert row[name] == shown[name]
+        assert (int(row["episode"]), float(row["rho"])) == (shown["episode"], shown["rho"])
         taken, forecast = made.account.taken, recording.step(number).decision.forecast
-        assert taken is not None and taken.name == made.executed
+        assert taken is not None and taken.name == shown["executed"]
         assert [each.best_return for each in made.account.alternatives] == forecast.value.tolist()
         amounts = [cause.amount or 0.0 for cause in taken.causes if cause.what == "reward"]
         assert sum(amounts) == pytest.approx(taken.reward or 0.0)
@@ -58,30 +52,34 @@ def test_the_account_has_what_was_decided_and_logged(run: RunModel) -> None:
             assert ("unsafe" in {cause.what for cause in made.observed}) == made.unsafe
         if made.predictions:
             (x,) = made.predictions
-            moved = MOVES.get(made.executed) if taken.applicable else None
+            moved = MOVES.get(taken.name) if taken.applicable else None
             assert x.predicted == (None if moved is None else x.before + moved)
             assert made.domain_reward is not None
             assert x.predicted is None or (x.error == 0.0) == (x.predicted == x.observed)
         lines = " ".join([*who_acted(made), *what_came(made)])
         if made.predictions and made.domain_reward is not None:
             assert ("than the file says" in lines) == (
-                made.reward != pytest.approx(made.domain_reward, rel=0.01)
+                shown["reward"] != pytest.approx(made.domain_reward, rel=0.01)
             )
-        assert made.executed in lines
-        if made.reason is Reason.UNSAFE:
+        assert taken.name in lines
+        if decision.reason is Reason.UNSAFE:
             assert f"proposed {made.proposed}" in lines and "event pit" in lines
-        reasons.add(made.reason)
+        reasons.add(decision.reason)
     assert {Reason.PLANNER_TURN, Reason.ACCEPTED, Reason.UNSAFE} <= reasons
 
 
 def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     recording = run.recording()
-    found = most_telling(recording)
-    assert found.because == "the last refused proposal that was applicable"
-    made = account_of_step(run, recording, found)
-    assert made.vetoed and made.other_vetoes is not None and made.other_choices is not None
+    step, because = most_telling(recording)
+    assert because == "the last refused proposal that was applicable"
+    made = account_of_step(run, recording, step)
+    assert (
+        made.step.decision.vetoed
+        and made.other_vetoes is not None
+        and made.other_choices is not None
+    )
     (flip,) = made.other_vetoes.changes
-    state = recording.step(found.step).state
+    state = recording.step(step).state
     ground = run.model.action_index(made.proposed)
     nearer = flip.becomes + float(np.sign(state[0] - flip.becomes))  # x is a whole number
     for value, refused in ((flip.becomes, False), (nearer, True)):
@@ -90,22 +88,6 @@ def test_what_would_have_had_to_differ_is_right(run: RunModel) -> None:
     assert abs(flip.becomes - state[0]) <= np.ptp(recording.ranges)
     assert f"{made.proposed} would not have been refused" in what_would_differ(made)[0]
     assert "Planned again with the file as written" in what_would_differ(made)[-1]
-
-
-def test_times_are_those_of_the_steps_of_an_episode(run: RunModel) -> None:
-    recording = run.recording()
-    for number in range(1, len(recording.episodes[1]) + 1):
-        period = recording.layout.control_period
-        found = step_at(recording, 1, seconds_of(clock((number - 1) * period)))
-        assert recording.step(found.step).number == number
-    assert [seconds_of(text) for text in ("12.5", "3:12", "1:03:12")] == [12.5, 192.0, 3792.0]
-    assert [clock(t) for t in (0.0, 12.46, 192.5, 3792.0)] == [
-        "0:00", "0:12.46", "3:12.5", "1:03:12"
-    ]  # fmt: skip
-    with pytest.raises(RunError, match="episode 1 ends after"):
-        step_at(recording, 1, 1e9)
-    with pytest.raises(RunError, match="is no time"):
-        seconds_of("noon")
 
 
 def test_a_recording_of_another_domain_is_refused(run: RunModel, tmp_path: Path) -> None:
@@ -117,3 +99,8 @@ def test_a_recording_of_another_domain_is_refused(run: RunModel, tmp_path: Path)
             run.recording()
     finally:
         header.write_text(text)
+
+
+def test_times_are_read_as_on_a_clock() -> None:
+    times = {0.0: "0:00", 12.46: "0:12.46", 192.5: "3:12.5", 3792.0: "1:03:12"}
+    assert {time: clock(time) for time in times} == times

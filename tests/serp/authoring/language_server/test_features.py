@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("pygls")
 
 from serp.authoring.language_server.completion import completions, explained
-from serp.authoring.language_server.features import Positions, code_actions, renamed
-from serp.authoring.language_server.index import Index
+from serp.authoring.language_server.index import Index, renamed
+from serp.authoring.language_server.server import Positions, code_actions
 from serp.authoring.lint.findings import findings_of
 from serp.errors import SerpError
 from serp.pddl.source import Source

@@ -25,7 +25,7 @@ SETTINGS = Settings().replace({"planner": {"name": "lookahead", "depth": 3}})
 
 def run(text: str, **options: Any) -> Result:
     source = Source("cartpole.scenarios", f"scenario one\n{text}")
-    (result,) = ScenarioFile.open(source, CARTPOLE, SETTINGS, 0.02).run(lambda step: {})
+    (result,) = ScenarioFile.open(source, CARTPOLE, SETTINGS, 0.02).run()
     return result
 
 
@@ -88,7 +88,7 @@ def test_the_shipped_domains_do_what_their_scenarios_say(name: str) -> None:
     domain = task.load()
     source = Source.read(DOMAINS / f"{name}.scenarios")
     file = ScenarioFile.open(source, domain, resolve("default", task.settings), task.dt, task)
-    results = list(file.run(lambda step: {}))
+    results = list(file.run())
     assert len(results) >= 2
     assert [failure for result in results for failure in result.failures] == []
 
@@ -104,7 +104,7 @@ def test_the_planner_keeps_nothing_of_a_scenario_for_the_next_one() -> None:
         return repr(planner.state_dict())
 
     before = kept()
-    assert not all(result.passed for result in file.run(lambda step: {}))
+    assert not all(result.passed for result in file.run())
     assert kept() == before
-    file.decider.decide(np.zeros(4))
+    file.decider.chosen(np.zeros(4))
     assert kept() != before

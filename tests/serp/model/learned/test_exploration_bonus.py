@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.agent.agent import ExplorationBonus
+from serp.agent.agent import exploration_bonus
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE, Forecast
@@ -44,7 +44,7 @@ def test_the_least_visited_of_the_safe_actions_is_preferred(
     situation: tuple[Forecast, list[int]],
 ) -> None:
     planned, visits = situation
-    preferred = ExplorationBonus(np.array(visits), MIN_VISITS)(planned)
+    preferred = exploration_bonus(np.array(visits), MIN_VISITS, planned)
     for ours, theirs in zip(preferred[1:], planned[1:], strict=True):
         assert ours is theirs
     applicable = APPLICABLE | UNSAFE | RISKY | UNDEFINED
@@ -54,4 +54,4 @@ def test_the_least_visited_of_the_safe_actions_is_preferred(
     unknown = [k for k in safe if visits[k] < MIN_VISITS]
     expected = min(unknown, key=lambda k: (visits[k], k)) if unknown else planned.choice
     assert preferred.choice == expected
-    assert ExplorationBonus(np.array(visits), 0)(planned) is planned
+    assert exploration_bonus(np.array(visits), 0, planned) is planned

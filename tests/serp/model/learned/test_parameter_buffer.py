@@ -27,7 +27,7 @@ def new(name: str) -> AdaptedModel:
 def test_what_is_saved_holds_no_addresses_of_this_process() -> None:
     model = new("cartpole")
     saved = model.buffer.contents()
-    program = model._program
+    program = model.program
     callbacks = [program.native(part) for part in ("step", "flow", "settle")]
     addresses = np.array([callback.address for callback in callbacks], dtype=float)
     assert not any(np.isin(addresses, array).any() for array in saved.values())

@@ -18,7 +18,7 @@ from serp.runs.agreeing import RunModel
 from serp.runs.evaluation import evaluate
 from serp.runs.folder import DECISIONS, METRICS
 from serp.runs.recording import COLUMNS, open_recording
-from serp.runs.step_account import FoundStep, account_of_step
+from serp.runs.step_account import account_of_step
 from tests.serp import lava
 from tests.serp.runs.runs import without_pictures
 from tests.serp.sample_tasks import corridor
@@ -78,7 +78,7 @@ def test_a_loop_outside_makes_the_steps_of_a_training(tmp_path: Path) -> None:
     )
     assert all(ours[name].tobytes() == theirs[name].tobytes() for name in names)
     read = RunModel(tmp_path / "outside")  # it has no checkpoint
-    assert account_of_step(read, read.recording(), FoundStep(3)).predictions
+    assert account_of_step(read, read.recording(), 3).predictions
     assert (tmp_path / "outside" / "report.md").exists()
     assert same(env._agent.adaptation.state_dict(), run.agent.adaptation.state_dict())
 

@@ -15,7 +15,7 @@ DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 MISSPELT = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
 
 
-def test_numbers_that_a_task_never_observes_are_warned_of(run: Run, folder: Path) -> None:
+def test_a_file_that_does_not_fit_its_task_is_warned_of(run: Run, folder: Path) -> None:
     text = (DOMAINS / "cartpole.pddl").read_text()
     in_degrees = text.replace("(> (pole-angle) 0.2618)", "(> (pole-angle) 12)")
     assert in_degrees != text
@@ -25,18 +25,10 @@ def test_numbers_that_a_task_never_observes_are_warned_of(run: Run, folder: Path
     (line,) = (line for line in shown.splitlines() if line.startswith("  warning"))
     assert "`(> (pole-angle) 12)`: the observations of the task give `pole-angle` values" in line
     assert "from −0.52" in line and "is 12 in the same unit?" in line
-
-
-def test_a_fluent_that_the_task_does_not_ground_is_named(run: Run, folder: Path) -> None:
-    text = (DOMAINS / "cartpole.pddl").read_text()
     Path("cartpole.pddl").write_text(text.replace("(pole-angle)      ;", "(wind) (pole-angle) ;"))
     shown = run("check", "cartpole.pddl").stdout
-    assert "cartpole.pddl: 2 warnings" in shown  # by itself
     assert "warning: task cartpole: the grounding does not fit cartpole.pddl: " in shown
     assert "found 4: none for `pole-velocity`" in shown
-    told = run("plan-and-learn", "--domain=cartpole", "--out=runs/new", expect=1).stderr
-    assert "found 4: none for `pole-velocity`" in told
-    assert not Path("runs").exists()
 
 
 def test_every_file_is_checked_even_where_the_first_is_wrong(run: Run, walk: Path) -> None:

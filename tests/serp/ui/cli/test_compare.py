@@ -69,22 +69,15 @@ def asked(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("text", "seeds"),
-    [("2", 2), ("0-1, 9", [0, 1, 9]), ("4-4", [4])],
-)  # fmt: skip
-def test_seeds_are_a_number_of_them_or_the_seeds_themselves(
-    text: str, seeds: int | list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert asked(monkeypatch, f"--seeds={text}")["seeds"] == seeds
-
-
-def test_names_may_be_apart_by_commas_or_given_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lists_may_be_apart_by_commas_or_given_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     names = "serp,dqn:learner.hidden=[8,8];learner.members=1, serp:arbiter.r_min=none"
-    found = asked(monkeypatch, f"--algorithms={names}", "--algorithms=mrp@x")
+    found = asked(
+        monkeypatch, f"--algorithms={names}", "--algorithms=mrp", "--seeds=0-1, 9",
+    )  # fmt: skip
     assert found["algorithms"] == [
-        "serp", "dqn:learner.hidden=[8,8];learner.members=1", "serp:arbiter.r_min=none", "mrp@x",
+        "serp", "dqn:learner.hidden=[8,8];learner.members=1", "serp:arbiter.r_min=none", "mrp",
     ]  # fmt: skip
+    assert found["seeds"] == [0, 1, 9]
 
 
 @pytest.mark.parametrize(

@@ -49,19 +49,6 @@ def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: P
     assert len(text.splitlines()) < 12 + len(shown["remarks"]) + len(shown["quantities"])
 
 
-def test_a_repair_writes_what_is_listed(run: Run, misled: Path) -> None:
-    shown, repaired = told(run, str(misled)), run("repair", str(misled))
-    listed = [remark["finding"] for remark in shown["remarks"]]
-    numbers = [f for f in listed if f["kind"] == "ParameterFinding"]
-    for number in numbers:
-        assert f"; {number['parameter']['text']} as written; observed " in repaired.stdout
-    assert repaired.stdout.count("as written; observed ") == len(numbers)
-    terms = sum(len(f["terms"]) for f in listed if f["kind"] == "MissingEffect")
-    assert repaired.stdout.count("; found in ") == terms
-    for sentence in shown["not_explained"]:
-        assert sentence in repaired.stderr
-
-
 def test_pictures_are_written(run: Run, misled: Path) -> None:
     result = run("diagnose", str(misled), "--png=a.png", "--svg=a.svg")
     for file in ("a.png", "a.svg"):

@@ -31,10 +31,8 @@ def test_options_reach_the_run(run: Run) -> None:
     assert made["budget"] == {"episodes": None, "env_steps": 20, "units": None}
 
 
-@pytest.mark.parametrize("how", ["--resume {}", "--out {} --resume", "--resume --out {}"])
-def test_resuming_a_finished_run_does_nothing_and_says_so(
-    how: str, run: Run, trained: Path
-) -> None:
+@pytest.mark.parametrize("how", ["--resume {}", "--resume --out {}"])
+def test_resuming_a_finished_run_does_nothing(how: str, run: Run, trained: Path) -> None:
     before = rows(trained, "metrics")
     result = run("plan-and-learn", *how.format(trained).split())
     assert "Nothing is left to do" in result.stderr
@@ -95,12 +93,3 @@ def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(
     assert shown.count("finishing the episode") == 1
     run("plan-and-learn", "--resume=r", "--quiet")
     assert len(rows("r", "metrics")) == 6
-
-
-def test_ctrl_c_before_the_run_leaves_nothing(run: Run) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "serp.tasks.registry.find_task", lambda *_, **__: signal.raise_signal(signal.SIGINT)
-        )
-        assert run(*TRAIN, "--out=r", expect=130).stderr.strip() == "Stopped."
-    assert not Path("r").exists()

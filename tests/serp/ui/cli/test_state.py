@@ -50,17 +50,9 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Domain:
     return serp.load_domain(file)
 
 
-@pytest.mark.parametrize(
-    ("text", "state"),
-    [
-        ("X=1.5,( at  Robot1 kitchen )=true", {"x": 1.5, "at robot1 kitchen": 1.0}),
-        ("x=-1.7976931348623157e308", {"x": -1.7976931348623157e308}),
-    ],
-)
-def test_fluents_are_named_as_pddl_has_them(
-    known: Domain, text: str, state: dict[str, float]
-) -> None:
-    assert parse_state([text], known) == state
+def test_fluents_are_named_as_pddl_has_them(known: Domain) -> None:
+    state = parse_state(["X=1.5,( at  Robot1 kitchen )=true"], known)
+    assert state == {"x": 1.5, "at robot1 kitchen": 1.0}
 
 
 @pytest.mark.parametrize(

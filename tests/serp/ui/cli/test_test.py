@@ -40,27 +40,15 @@ def test_without_scenarios_it_says_how_to_write_one(run: Run, walk: Path) -> Non
     assert "Error: walk.scenarios:2:3: " in told and "\nwalk.scenarios:3:10: " in told
 
 
-def test_a_recorded_step_becomes_a_scenario_and_other_lines_stay(run: Run, folder: Path) -> None:
+def test_a_situation_is_that_of_a_recorded_step(run: Run, folder: Path) -> None:
     shutil.copy(DOMAINS / "cartpole.pddl", folder)
     run("plan-and-learn", "--domain=cartpole.pddl", "--env-steps=20", "--out=r", *LEARN)
-    first = "scenario A\r\n  allows push-left ; always\r\n\r\nscenario b\r\n  allows push-left"
-    Path("cartpole.scenarios").write_bytes(first.encode())
-    update = ("test", "cartpole.pddl", "--update=r", *QUICK)
-    run(*update, "--step=3")
-    text = Path("cartpole.scenarios").read_bytes().decode()
-    assert text.startswith(f"{first}\r\n\r\nscenario step 3 of r\r\n  ; step 3 of r: ")
-    run(*update, "--episode=1", "--step=4", "--title=a")  # the same step, in place of the first
-    replaced = Path("cartpole.scenarios").read_bytes().decode()
-    assert replaced.endswith(text.partition("always")[2])
-    situation = [line for line in text.splitlines() if line.startswith("  (")]
-    assert (
-        len(situation) == 4
-        and [line for line in replaced.splitlines() if line in situation][:4] == situation
-    )
-    assert "3 passed" in run("test", "cartpole.pddl", *QUICK).stdout
-    Path("like.scenarios").write_text("scenario one\n  like step 3 of r\n  allows push-left\n")
-    like = run("test", "cartpole.pddl", "--scenarios=like.scenarios", *QUICK).stdout
-    assert "1 passed" in like
-    told = run(*update, "--step=3000", expect=1).stderr
+    step = "scenario one\n  like step {} of r\n  allows push-left\n"
+    Path("like.scenarios").write_text(step.format(3) + step.format("4 of episode 1"))
+    test = ("test", "cartpole.pddl", "--scenarios=like.scenarios", *QUICK)
+    assert "two scenarios" in run(*test, expect=1).stderr
+    Path("like.scenarios").write_text(step.format("4 of episode 1"))
+    assert "1 passed" in run(*test).stdout
+    Path("like.scenarios").write_text(step.format(3000))
+    assert "like.scenarios:2:" in (told := run(*test, expect=1).stderr)
     assert "there is no step 3,000" in told
-    assert Path("cartpole.scenarios").read_bytes().decode() == replaced

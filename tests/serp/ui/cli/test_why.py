@@ -22,7 +22,7 @@ def test_a_step_is_the_same_however_it_is_asked_for(run: Run, trained: Path) -> 
     step = int(recording.episodes[3][4])
     asked = str(trained), "--episode=3"
     shown = explained(run, str(trained), f"--step={step}")
-    assert shown == explained(run, *asked, "--step=5") == explained(run, *asked, "--time=0:00.08")
+    assert shown == explained(run, *asked, "--step=5")
     decision = recording.step(step).decision
     values = [each["best_return"] for each in shown["account"]["alternatives"]]
     assert values == decision.forecast.value.tolist()
@@ -37,8 +37,7 @@ def test_a_step_is_the_same_however_it_is_asked_for(run: Run, trained: Path) -> 
     ("arguments", "status", "said"),
     [
         (["--step=99999"], 1, "there is no step 99,999"),
-        (["--episode=1", "--time=9:00"], 1, "episode 1 ends after"),
-        (["--time=0:01"], 2, "give --episode"),
+        (["--episode=1"], 2, "give --step"),
     ],
 )
 def test_a_step_that_is_not_there_is_refused(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from serp._util.compilation import cached_njit
-from serp.agent.refusals import why_unsafe
+from serp.agent.causes import causes_of
 from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.learned.adaptation import ModelAdaptation
@@ -69,9 +69,8 @@ def test_the_likeliest_outcome_follows_and_the_reward_is_expected() -> None:
     sites, flags = adaptation.model.trace(np.array([0.0, 2.0, 10.0]), 0)
     assert flags & UNSAFE
     assert sites[-1].schema.name == "hole"
-    assert why_unsafe(adaptation.model, np.array([0.0, 2.0, 10.0]), 0).endswith(
-        " % risk of `(unsafe)` (line 12) through event hole"
-    )
+    causes = causes_of(adaptation.model, np.array([0.0, 2.0, 10.0]), 0)
+    assert "`(unsafe)` (line 12) through event hole" in [cause.quoted for cause in causes]
 
 
 def test_a_context_that_matters_is_told_apart() -> None:

@@ -1,0 +1,209 @@
+"""Rules about what a file says: names without use, and effects that come to nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator
+
+from serp.authoring.lint.subject import LintSubject, rule
+from serp.pddl import syntax as x
+from serp.pddl.source import DomainWarning, Edit, Fix
+
+_FLAGS = (x.REWARD, x.UNSAFE, x.TERMINAL)
+_NEUTRAL = {"add": 0.0, "scale": 1.0}
+"""Group of changes → the number that changes nothing."""
+_OPPOSITE = {x.Change.INCREASE: "decrease", x.Change.DECREASE: "increase"}
+
+
+def _schemas(subject: LintSubject) -> Iterator[tuple[str, x.Schema]]:
+    for schema in subject.domain.syntax.schemas:
+        yield f"{schema.kind.value} `{schema.name}`", schema
+
+
+@rule("flag-read-in-action", local=True)
+def _flag_read_in_action(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find conditions of actions on `(unsafe)` or `(terminal)`, which start false in every step."""
+    for what, schema in _schemas(subject):
+        for atom in x.nodes_in(x.conditions_of(schema)) if schema.kind is x.Kind.ACTION else ():
+            if isinstance(atom, x.Atom) and atom.name in (x.UNSAFE, x.TERMINAL):
+                yield DomainWarning(
+                    f"`({atom.name})` starts false in every step, so {what} always finds it "
+                    "false; events are the ones that can read it",
+                    atom.place,
+                )
+
+
+@rule("unused-name")
+def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find what is declared but neither changed nor read, by name."""
+    syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
+    used = x.names_in(syntax.schemas, *((problem.goal, problem.metric) if problem else ()))
+    for name, declaration in syntax.declarations.items():
+        if name not in used and name not in (x.REWARD, x.UNSAFE):
+            what = "function" if declaration.numeric else "predicate"
+            yield DomainWarning(
+                f"{what} `{name}` is declared, but nothing changes or reads it",
+                declaration.place,
+            )
+
+
+@rule("unused-parameter", local=True)
+def _unused_parameter(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find parameters of actions, processes, events and quantifiers that nothing there reads."""
+    for _, schema in _schemas(subject):
+        for form in x.nodes_in(schema):
+            if not isinstance(form, x.Schema | x.Quantified | x.ForallEffect):
+                continue
+            head = form.operator if isinstance(form, x.Quantified) else "forall"
+            if form is schema:
+                head = f":{schema.kind.value} {schema.name}"
+            read = {term.name for term in x.nodes_in(form) if isinstance(term, x.SchemaTerm)}
+            for parameter in form.parameters:
+                if parameter.name not in read:
+                    text = f"parameter `{parameter.name}` of `({head}` is not used"
+                    yield DomainWarning(text, parameter.place)
+
+
+def _changes(subject: LintSubject) -> Iterator[tuple[str, x.ChangeFunction]]:
+    for what, schema in _schemas(subject):
+        for effect in x.nodes_in(schema.effects):
+            if isinstance(effect, x.ChangeFunction):
+                yield what, effect
+
+
+@rule("no-change", local=True)
+def _no_change(subject: LintSubject) -> Iterator[DomainWarning]:
+    for what, effect in _changes(subject):
+        value, neutral = effect.value, _NEUTRAL.get(effect.change.group)
+        if (
+            isinstance(value, x.Number) and value.value == neutral
+            if neutral is not None
+            else x.meaning(value) == x.meaning(effect.function)
+        ):
+            yield DomainWarning(f"`{effect.place.text}` in {what} changes nothing", effect.place)
+
+
+@rule("double-negative", local=True)
+def _double_negative(subject: LintSubject) -> Iterator[DomainWarning]:
+    for what, effect in _changes(subject):
+        opposite, value = _OPPOSITE.get(effect.change), effect.value
+        if opposite is not None and isinstance(value, x.Number) and value.value < 0.0:
+            begin = value.place.start
+            yield DomainWarning(
+                f"`{effect.place.text}` in {what} is `{opposite}`, because the number is negative",
+                effect.place,
+                advice=f"leave the minus out, or write `{opposite}`",
+                fix=Fix((Edit(begin, begin + 1, ""),), sure=False),
+            )
+
+
+def _together(effects: tuple[x.Effect, ...]) -> Iterator[tuple[x.Effect, ...]]:
+    """Yield effects that happen together, and those under each `when` and `forall`."""
+    yield effects
+    for effect in effects:
+        if isinstance(effect, x.When | x.ForallEffect):
+            yield from _together(effect.effects)
+
+
+@rule("assigned-twice", local=True)
+def _assigned_twice(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find functions that one list of effects sets to two numbers."""
+    for what, schema in _schemas(subject):
+        for effects in _together(schema.effects):
+            first: dict[Hashable, x.ChangeFunction] = {}
+            for effect in effects:
+                if not isinstance(effect, x.ChangeFunction) or effect.change is not x.Change.ASSIGN:
+                    continue
+                known = first.setdefault(x.meaning(effect.function), effect)
+                if x.meaning(known.value) != x.meaning(effect.value):
+                    yield DomainWarning(
+                        f"`{effect.place.text}` in {what} sets what `{known.place.text}` sets, "
+                        "and is carried out only where both are equal",
+                        effect.place,
+                    )
+
+
+@rule("set-and-unset", local=True)
+def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find what one list of effects makes false and true: in PDDL, true wins."""
+    for what, schema in _schemas(subject):
+        for effects in _together(schema.effects):
+            settings = [effect for effect in effects if isinstance(effect, x.SetPredicate)]
+            made = {x.meaning(effect.atom) for effect in settings if effect.value}
+            for effect in settings:
+                if not effect.value and x.meaning(effect.atom) in made:
+                    yield DomainWarning(
+                        f"`{effect.place.text}` in {what} comes to nothing: "
+                        f"`{effect.atom.place.text}` is made true at the same time",
+                        effect.place,
+                    )
+
+
+@rule("never-read", needs_problem=True)
+def _never_read(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find functions that effects change, and that nothing reads but these effects.
+
+    A domain without `(reward)` is for problems with a goal, which may read anything.
+    """
+    syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
+    if problem is None and x.REWARD not in syntax.declarations:
+        return
+    read = x.names_in(*map(x.conditions_of, syntax.schemas))
+    read |= x.names_in(problem.goal, problem.metric) if problem else set()
+    for _, effect in _changes(subject):
+        read |= x.names_in(effect.value) - {effect.function.name}
+    unread = x.changed_names(syntax.schemas) - read - {*_FLAGS}
+    for name, declaration in syntax.declarations.items():
+        if name not in unread:
+            continue
+        what = "function" if declaration.numeric else "predicate"
+        flags = "`(reward)` needs" if declaration.numeric else "`(unsafe)`, `(terminal)` need"
+        yield DomainWarning(
+            f"{what} `{name}` is changed, but nothing reads it: no condition, no reward",
+            declaration.place,
+            advice=f"only {flags} no reader",
+        )
+
+
+@rule("frozen-fluent")
+def _frozen_fluent(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find functions that nothing changes, and that alone decide whether an event ever fires.
+
+    A file that leaves its dynamics out altogether is left alone, and so is what a problem states.
+    """
+    syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
+    moving = x.changed_names(syntax.schemas)
+    if not any(syntax.declarations[name].numeric for name in moving - {*_FLAGS}):
+        return
+    known = {function.name for function, _ in problem.values} if problem else set()
+    for what, schema in _schemas(subject):
+        read = x.names_in(x.conditions_of(schema))
+        frozen = all(syntax.declarations[n].numeric and n not in moving for n in read)
+        for name in sorted(read - known) if schema.kind is x.Kind.EVENT and frozen else ():
+            known.add(name)
+            yield DomainWarning(
+                f"nothing changes `{name}`, and {what} waits for nothing else: the planner never "
+                "sees it begin or end",
+                syntax.declarations[name].place,
+                advice="write what changes it, if that is known",
+            )
+
+
+@rule("same-schema", local=True)
+def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find schemas that say the same as an earlier one.
+
+    Actions that do nothing, or cost something only, are described by their names: nobody has
+    measured what they do.
+    """
+    known: dict[Hashable, str] = {}
+    for what, schema in _schemas(subject):
+        if schema.kind is x.Kind.ACTION and not x.changed_names((schema,)) - {x.REWARD}:
+            continue
+        parts = (schema.kind, schema.parameters, schema.precondition, schema.effects)
+        first = known.setdefault(x.meaning(parts), what)
+        if first != what:
+            yield DomainWarning(
+                f"{what} says the same as {first}",
+                schema.place.opening,
+                advice="is one of them a copy that should have been changed?",
+            )
