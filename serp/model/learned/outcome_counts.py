@@ -188,13 +188,25 @@ def _add(table, row, room):
 
 
 @cached_njit(nogil=True)
-def _count(buffer, group, table, sample, flow, dt, losses, rate, room):
-    # Pointers into an array keep it alive only where the array is an argument.
+def _count(buffer, position, table, sample, flow, dt, losses, rate, room):
+    """Update the losses with a new sample, and then count it; all arguments are arrays.
+
+    `position` is that of the group among those of the action. `sample` is (state `[F]`, action, the
+    observed next state, whether the episode is over), `flow` (state and reward after effects and
+    processes, the flags of these). `losses` `[2]` are moving averages of the
+    Brier scores (Monthly Weather Review 78, 1950) of the file and of the counts, `rate` the weight
+    of this sample in them. `room` is scratch memory: pointers into an array keep it alive only
+    where the array is an argument.
+
+    Returns:
+        False where it is no outcome, and there is no room for another.
+    """
     state, action, observed, over = sample
     flowed, flags = flow
     base, counts = pointer_to(buffer, 0), pointer_to(table, 0)
     source, target = pointer_to(state, 0), pointer_to(observed, 0)
     scratch, seen = pointer_to(room, 0), (pointer_to(flowed, 0), flags)
+    group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
     inputs, width = advanced(base, int(base[group + b.G_INPUTS])), state.shape[0]
     _extend(counts, inputs, source)
     if not over:
@@ -215,24 +227,6 @@ def _count(buffer, group, table, sample, flow, dt, losses, rate, room):
             scratch[kind] = 1.0
     _add(counts, row, scratch)
     return True
-
-
-@cached_njit(nogil=True)
-def count(buffer, position, table, sample, flow, dt, losses, rate):
-    """Update the losses with a new sample, and then count it; all arguments are arrays.
-
-    `position` is that of the group among those of the action. `sample` is (state `[F]`, action, the
-    observed next state, whether the episode is over), `flow` (state and reward after effects and
-    processes, the flags of these). `losses` `[2]` are moving averages of the
-    Brier scores (Monthly Weather Review 78, 1950) of the file and of the counts, `rate` the weight
-    of this sample in them.
-
-    Returns:
-        False where it is no outcome, and there is no room for another.
-    """
-    group = int(buffer[int(buffer[b.TABLE]) + 2 * sample[1] + 1]) + position * b.GROUP
-    room = np.empty(room_for(sample[0].shape[0]))
-    return _count(buffer, group, table, sample, flow, dt, losses, rate, room)
 
 
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step
@@ -370,8 +364,10 @@ class OutcomeCounts:
         buffer, position, dt = place
         assert self.table is not None
         rate = rate_of(self.samples - 1, _MEMORY)
-        flow = step.flowed, step.flags
-        return bool(count(buffer, position, self.table, step[:4], flow, dt, self._scores, rate))
+        flow, room = (step.flowed, step.flags), np.empty(room_for(len(step.state)))
+        return bool(
+            _count(buffer, position, self.table, step[:4], flow, dt, self._scores, rate, room)
+        )
 
     def _begin(self, places: NDArray[np.int64]) -> None:
         self.places = places
