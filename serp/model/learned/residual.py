@@ -47,18 +47,6 @@ may have changed if this fraction of recent steps are surprises."""
 
 
 @cached_njit(nogil=True)
-def update_whole(state, next_state, numeric, whole):
-    """Update which fluents were always `whole` `[F]`; return whether none is NaN or huge."""
-    for i in range(state.shape[0]):
-        if not (abs(state[i]) < HUGE and abs(next_state[i]) < HUGE):
-            return False
-    for i in range(state.shape[0]):
-        if numeric[i] and next_state[i] != np.floor(next_state[i]):
-            whole[i] = False
-    return True
-
-
-@cached_njit(nogil=True)
 def account(sample, head, published, sizes, statistics):
     """Add a sample to the losses.
 

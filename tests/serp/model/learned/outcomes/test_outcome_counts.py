@@ -46,15 +46,6 @@ def shared(adaptation: ModelAdaptation) -> list[Vector]:
     return [group.outcomes for group in groups if group.outcomes is not None]
 
 
-def test_a_file_that_is_right_has_nothing_counted() -> None:
-    adaptation = adaptation_of(from_text(GRID).model)
-    random = np.random.default_rng(1)
-    for _ in range(100):
-        state = np.array([float(random.integers(2)), *random.integers(3, size=2).astype(float)])
-        adaptation.observe(state, 0, np.add(state, [0.0, 0.0, 1.0]), False)
-    assert not adapted(adaptation).buffer.active and not shared(adaptation)
-
-
 def test_the_likeliest_outcome_follows_and_the_reward_is_expected() -> None:
     adaptation = adaptation_of(from_text(GRID).model)
     slip(adaptation, 600)
@@ -206,19 +197,6 @@ def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twi
         assert after.tolist() == (state if blocked else moved(state, RIGHT)).tolist()
 
 
-def test_what_explains_an_observation_shares_it() -> None:
-    """In a corridor most slips are seen at walls alone, where several outcomes explain them."""
-    adaptation = adaptation_of(from_text(LAKE).model)
-    random = np.random.default_rng(7)
-    for _ in range(4_000):
-        state = np.array([0.0, 0.0, float(random.integers(2))])
-        after = moved(state, int(random.choice([UP, LEFT, RIGHT], p=[0.5, 0.3, 0.2])))
-        adaptation.observe(state, UP, after, GOES_ON)
-    found = chances(adaptation, np.array([0.0, 4.0, 2.0]), UP)
-    expected = {(0.0, 3.0, 2.0): 0.5, (0.0, 4.0, 1.0): 0.3, (0.0, 4.0, 3.0): 0.2}
-    assert found == pytest.approx(expected, abs=0.08)
-
-
 def test_the_order_of_ambiguous_observations_does_not_matter() -> None:
     """In a corner, a slip may be one of two; what is seen elsewhere later tells which it was."""
     adaptation = adaptation_of(from_text(LAKE).model)
@@ -230,18 +208,6 @@ def test_the_order_of_ambiguous_observations_does_not_matter() -> None:
         adaptation.observe(inside, DOWN, moved(inside, DOWN), GOES_ON)
     found = chances(adaptation, np.array([0.0, 1.0, 2.0]), DOWN)
     assert found == pytest.approx({(0.0, 1.0, 1.0): 2 / 3, (0.0, 2.0, 2.0): 1 / 3}, abs=0.05)
-
-
-def test_the_table_is_laid_out_anew_from_what_was_counted() -> None:
-    """What a checkpoint does not hold cannot be forged: offsets, and a hash table without end."""
-    model = from_text(GRID).model
-    whole, resumed = adaptation_of(model), adaptation_of(model)
-    slip(whole, 100)
-    arrays, meta = whole.state_dict()
-    resumed.load_state_dict(arrays, meta)
-    (table,), (again,) = shared(whole), shared(resumed)
-    assert table.tobytes() == again.tobytes()
-    assert sum(array.nbytes for name, array in arrays.items() if "outcome_counts" in name) < 20_000
 
 
 def test_damaged_counts_are_refused() -> None:
