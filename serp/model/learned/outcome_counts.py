@@ -44,20 +44,6 @@ IMPOSSIBLE, POSSIBLE, FITS = range(3)
 """How an outcome fits an observation; one without a prediction is impossible."""
 
 
-@cached_njit(nogil=True, forceinline=True)
-def _extend(table, inputs, state):
-    """Extend the observed ranges by a state."""
-    columns, places, ranges = (
-        int(table[c.T_COLUMNS]),
-        int(table[c.T_PLACES]),
-        int(table[c.T_RANGES]),
-    )
-    for k in range(columns):
-        value = state[int(inputs[int(table[places + k])])]
-        table[ranges + 2 * k] = min(table[ranges + 2 * k], value)
-        table[ranges + 2 * k + 1] = max(table[ranges + 2 * k + 1], value)
-
-
 @cached_njit(nogil=True)
 def _compare(buffer, table, kind, inputs, state, flow, observed, dt, room):
     """Return whether an outcome, after events, is the one observed; and whether it is an end.
@@ -208,9 +194,6 @@ def _count(buffer, position, table, sample, flow, dt, losses, rate, room):
     scratch, seen = pointer_to(room, 0), (pointer_to(flowed, 0), flags)
     group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
     inputs, width = advanced(base, int(base[group + b.G_INPUTS])), state.shape[0]
-    _extend(counts, inputs, source)
-    if not over:
-        _extend(counts, inputs, target)
     fitting = _fit_all(base, action, counts, inputs, source, seen, target, over, dt, scratch)
     fits, before = advanced(scratch, FIT * c.KINDS), int(counts[c.T_KINDS])
     row = c.find_or_enter(counts, inputs, source)
@@ -290,7 +273,6 @@ class OutcomeCounts:
         nothing = (old["schemas"] == CHANGE) & (old["changes"] == 0.0).all(axis=1)
         self.table[c.T_KINDS] = min(c.KINDS, kinds + (not nothing[1:].any()))
         new = _parts(self.table)
-        new["ranges"][:] = old["ranges"]
         for name in ("schemas", "changes"):
             new[name][:kinds] = old[name]
 
@@ -346,7 +328,6 @@ class OutcomeCounts:
                 return True
             self._context = np.union1d(self._bits, np.flatnonzero(whole[inputs]))
             self.table = new_table(self.places, self._context)
-            _parts(self.table)["ranges"][:] = step.state[columns, None]
             # All samples so far were as in the file.
             sets, totals = int(self.table[c.T_ALTERNATIVES]), int(self.table[c.T_TOTALS])
             self.table[c.T_SETS], self.table[sets : sets + 2] = 1, (1, self.samples - 1)
@@ -430,7 +411,7 @@ class OutcomeCounts:
             c.enter(table, codes[row], row)
         for name, part in _parts(table).items():
             # Probabilities are counts divided by totals, and shares of evidence and trust.
-            low = {"changes": -LARGEST, "ranges": -LARGEST, "schemas": CHANGE}.get(name, 0.0)
+            low = {"changes": -LARGEST, "schemas": CHANGE}.get(name, 0.0)
             low = c.LEAST if name in ("evidence", "trust") else low
             high = MOST if name in ("counts", "totals", "codes", "trust") else LARGEST
             part[:] = saved.array(name, np.float64, part.shape, low, high)
@@ -445,7 +426,6 @@ def _parts(table: Vector) -> dict[str, Vector]:
     shapes = {
         "schemas": (c.T_SCHEMAS, (kinds,)),
         "changes": (c.T_CHANGES, (kinds, columns)),
-        "ranges": (c.T_RANGES, (columns, 2)),
         "trust": (c.T_TRUST, (c.EXPERTS,)),
         "sets": (c.T_ALTERNATIVES, (int(table[c.T_SETS]), 2)),
         "codes": (c.T_CODES, (rows,)),
@@ -469,7 +449,6 @@ def new_table(places: NDArray[np.int64], context: NDArray[np.int64]) -> Vector:
         c.T_CONTEXT: len(context),
         c.T_SCHEMAS: c.KINDS,
         c.T_CHANGES: c.KINDS * len(places),
-        c.T_RANGES: 2 * len(places),
         c.T_TRUST: c.EXPERTS,
         c.T_ALTERNATIVES: 2 * c.SETS,
         c.T_CODES: c.ROWS,

@@ -2,7 +2,7 @@
 
 An outcome is what the file predicts for the action, what it predicts for another action with the
 same arguments (a robot that slips; walls and conditions of the file hold then, too), or a change of
-the state, within the ranges in which fluents were observed.
+the state.
 
 `buffer` is the memory of `serp.model.learned.parameter_buffer`, `table` that of
 `serp.model.learned.outcome_table`, all as pointers. `room` is scratch memory, see `room_for`.
@@ -38,9 +38,9 @@ _ITERATIONS = 10
 # Header of a table.
 (
     T_COLUMNS, T_KINDS, T_ROWS, T_COUNT, T_CONTEXT, T_PLACES, T_SCHEMAS, T_CHANGES,
-    T_CODES, T_SLOTS, T_COUNTS, T_TOTALS, T_RANGES, T_EVIDENCE, T_TRUST, T_SETS,
+    T_CODES, T_SLOTS, T_COUNTS, T_TOTALS, T_EVIDENCE, T_TRUST, T_SETS,
     T_ALTERNATIVES, TABLE,
-) = range(18)  # fmt: skip
+) = range(17)  # fmt: skip
 
 _MEMORY = 0.995
 """Weight of the past in the evidence for an expert, per sample."""
@@ -284,43 +284,20 @@ def _by_schema(buffer, action, schema, table, inputs, state, dt, values, step):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _by_change(table, kind, inputs, state, values):
-    """Write the counted fluents after a change.
-
-    Returns:
-        Whether those that change are within the ranges in which they were observed.
-    """
-    columns, places, ranges = (
-        int(table[T_COLUMNS]),
-        int(table[T_PLACES]),
-        int(table[T_RANGES]),
-    )
-    changes = int(table[T_CHANGES]) + kind * columns
-    within = True
-    for k in range(columns):
-        by = table[changes + k]
-        values[k] = state[int(inputs[int(table[places + k])])] + by
-        inside = table[ranges + 2 * k] <= values[k] <= table[ranges + 2 * k + 1]
-        within = within and (by == 0.0 or inside)
-    return within
-
-
-@cached_njit(nogil=True, forceinline=True)
 def predict(buffer, action, table, kind, inputs, state, flowed, dt, room):
     """Write what an outcome predicts, see `values_of`; return whether it is possible.
 
     `flowed` `[F]` is the state after effects, processes and residual.
     """
     width, columns = int(buffer[b.WIDTH]), int(table[T_COLUMNS])
-    values = values_of(room, width, columns, kind)
-    if kind == 0:
-        places = int(table[T_PLACES])
-        for k in range(columns):
-            values[k] = flowed[int(inputs[int(table[places + k])])]
-        return True
+    values, places = values_of(room, width, columns, kind), int(table[T_PLACES])
     schema = table[int(table[T_SCHEMAS]) + kind]
-    if schema == CHANGE:
-        return _by_change(table, kind, inputs, state, values)
+    if kind == 0 or schema == CHANGE:
+        changes = int(table[T_CHANGES]) + kind * columns
+        for k in range(columns):
+            column = int(inputs[int(table[places + k])])
+            values[k] = flowed[column] if kind == 0 else state[column] + table[changes + k]
+        return True
     step = advanced(room, STEP * KINDS)
     return _by_schema(buffer, action, int(schema), table, inputs, state, dt, values, step)
 

@@ -214,8 +214,6 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         numeric = [model.fluents[group.inputs[place]].numeric for place in places]
         schemas = len({action.schema for action in model.actions})
         table[int(table[c.T_SCHEMAS]) :][1:kinds] = rng.integers(CHANGE, schemas, kinds - 1)
-        ranges = table[int(table[c.T_RANGES]) :][: 2 * len(places)].reshape(-1, 2)
-        ranges[:] = -5.0, 5.0
         changes[1:kinds] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
         counts = rng.choice((1.0, 3.0, 50.0), kinds)
         start = int(table[c.T_COUNTS])
