@@ -11,48 +11,39 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.2.0.dev0"
 
-_NAMES = {
-    "serp.agent.arbiter": ("Arbiter",),
-    "serp.agent.strategy": ("Strategy",),
-    "serp.errors": (
-        "RunError",
-        "SerpError",
-        "SettingsError",
-        "TaskError",
-    ),
-    "serp.learning.dqn": ("Proposal",),
-    "serp.model.domain": (
-        "Domain",
-        "load_domain",
-    ),
-    "serp.model.transition_model": ("TransitionModel",),
-    "serp.pddl.source": ("DomainError",),
-    "serp.planning.lookahead": ("Lookahead",),
-    "serp.planning.plan_follower": ("PlanFollower",),
-    "serp.planning.replanner": ("MonitorReplanner",),
-    "serp.runs.comparison.compare": ("compare",),
-    "serp.runs.diagnosis.diagnosis": ("diagnose",),
-    "serp.runs.diagnosis.repair": ("repair",),
-    "serp.runs.guarded_env": ("GuardedEnv",),
-    "serp.runs.policy": (
-        "Policy",
-        "export_policy",
-    ),
-    "serp.runs.recording": ("Recording",),
-    "serp.runs.run": (
-        "Run",
-        "load_run",
-    ),
-    "serp.runs.train": ("plan_and_learn",),
-    "serp.runs.tuning": ("tune",),
-    "serp.settings": ("Settings",),
-    "serp.tasks.file_world": ("file_task",),
-    "serp.tasks.registry": ("load_task",),
-    "serp.tasks.symmetry": ("Symmetry",),
-    "serp.tasks.task": ("Task",),
+_HOMES = {
+    "Arbiter": "serp.agent.arbiter",
+    "Domain": "serp.model.domain",
+    "DomainError": "serp.pddl.source",
+    "GuardedEnv": "serp.runs.guarded_env",
+    "Lookahead": "serp.planning.lookahead",
+    "MonitorReplanner": "serp.planning.replanner",
+    "PlanFollower": "serp.planning.plan_follower",
+    "Policy": "serp.runs.policy",
+    "Proposal": "serp.learning.dqn",
+    "Recording": "serp.runs.recording",
+    "Run": "serp.runs.run",
+    "RunError": "serp.errors",
+    "SerpError": "serp.errors",
+    "Settings": "serp.settings",
+    "SettingsError": "serp.errors",
+    "Strategy": "serp.agent.strategy",
+    "Symmetry": "serp.tasks.symmetry",
+    "Task": "serp.tasks.task",
+    "TaskError": "serp.errors",
+    "TransitionModel": "serp.model.transition_model",
+    "compare": "serp.runs.comparison.compare",
+    "diagnose": "serp.runs.diagnosis.diagnosis",
+    "export_policy": "serp.runs.policy",
+    "file_task": "serp.tasks.file_world",
+    "load_domain": "serp.model.domain",
+    "load_run": "serp.runs.run",
+    "load_task": "serp.tasks.registry",
+    "plan_and_learn": "serp.runs.train",
+    "repair": "serp.runs.diagnosis.repair",
+    "tune": "serp.runs.tuning",
 }
-"""Module → the public names that it defines."""
-_HOMES = {name: module for module, names in _NAMES.items() for name in names}
+"""Public name → the module that defines it."""
 
 __all__ = [*sorted(_HOMES), "__version__"]
 

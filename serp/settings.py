@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import ItemsView, Mapping
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -14,10 +13,6 @@ from pydantic_core import ErrorDetails
 from serp._util.numbers import COUNTED, SIZE
 from serp._util.text import did_you_mean
 from serp.errors import SettingsError
-
-_INFINITIES = {math.inf: "inf", -math.inf: "-inf"}
-"""JSON has no infinity: infinities are written as these strings."""
-
 
 _WANTED = {
     "int_type": "must be a whole number",
@@ -64,32 +59,28 @@ class Section(BaseModel):
         """Return the section with other values."""
         return type(self)(**{**dict(self), **changes})
 
+    @classmethod
+    def from_dict(cls, values: Any) -> Self:
+        """Return the section that `as_dict` wrote.
+
+        Raises:
+            SettingsError: It is none.
+        """
+        return cls(**dict(entries(values, cls.section(), "{}")))
+
     def as_dict(self) -> dict[str, Any]:
-        """Return setting → JSON value (tuples as lists, infinity as "inf")."""
-        return {name: _to_json(value) for name, value in self}
+        """Return setting → JSON value (tuples as lists)."""
+        return {name: list(v) if isinstance(v, tuple) else v for name, v in self}
 
 
 def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _to_json(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return list(value)
-    return _INFINITIES.get(value, value) if isinstance(value, float) else value
-
-
-def from_json(value: Any) -> Any:
-    """Return the value that `Section.as_dict` wrote as a JSON value."""
-    if isinstance(value, str):
-        return {word: number for number, word in _INFINITIES.items()}.get(value, value)
-    return value
-
-
 def setting_value(text: str) -> Any:
-    """Return the value of a setting that a text gives: JSON where it is, `inf`, `none`, or text."""
+    """Return the value of a setting that a text gives: JSON where it is, `none`, or text."""
     text = text.strip()
-    words = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
+    words = {"none": None, "None": None, "True": True, "False": False}
     try:
         value = words[text] if text in words else json.loads(text)
     except (ValueError, RecursionError):
@@ -272,15 +263,6 @@ class TrainingSettings(Section):
     episode_steps: PositiveCount = 10_000
     """Steps after which an episode is truncated that the environment does not end. Runs are saved
     and stopped only between episodes."""
-    checkpoint_seconds: Annotated[float, Field(ge=0)] = 15.0
-    """Longest time between two checkpoints. They are written between episodes, more often where
-    writing takes little time."""
-    record: bool = True
-    """Whether to record every step: state, decision, and all that was predicted. `serp why` needs
-    it."""
-    tensorboard: bool = False
-    """Whether to write the metrics of every episode as TensorBoard events, too (extra
-    `tensorboard`)."""
 
 
 Changes = Mapping[str, Mapping[str, Any]]
@@ -337,7 +319,7 @@ class Settings(BaseModel):
         return self.model_copy(update=sections)
 
     def as_dict(self) -> dict[str, dict[str, Any]]:
-        """Return section → setting → JSON value (tuples as lists, infinity as "inf")."""
+        """Return section → setting → JSON value (tuples as lists)."""
         return {name: section.as_dict() for name, section in self}
 
     @classmethod
@@ -347,14 +329,7 @@ class Settings(BaseModel):
         Raises:
             SettingsError: A name is unknown, or a value is out of range.
         """
-        return cls().replace(
-            {
-                name: {setting: from_json(value) for setting, value in values.items()}
-                if isinstance(values, Mapping)
-                else values
-                for name, values in entries(sections, "settings", "{}")
-            }
-        )
+        return cls().replace(sections)
 
 
 def entries(value: Any, what: str, example: str) -> ItemsView[Any, Any]:

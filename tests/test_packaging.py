@@ -171,7 +171,7 @@ def test_nothing_heavy_is_imported_before_it_is_needed(script: str, tmp_path: Pa
 
 OPTIONAL = (
     "Box2D", "PIL", "distributed", "imageio_ffmpeg", "matplotlib", "minigrid", "optuna", "pygame",
-    "pymunk", "ray", "stable_baselines3", "tensorboard", "unified_planning",
+    "pymunk", "ray", "stable_baselines3", "unified_planning",
 )  # fmt: skip
 WITHOUT = f"""
 import shlex, sys
@@ -200,7 +200,6 @@ def test_planning_and_learning_need_no_extra_and_what_needs_one_says_which(tmp_p
         "plots": "diagnose run --svg diagnosis.svg",
         "minigrid": "plan --domain four-rooms --observe",
         "box2d": "plan --domain lunar-lander",
-        "tensorboard": "plan-and-learn --domain cartpole --set training.tensorboard=true",
         "tune": "tune --domain cartpole --vary planner.depth=2..3 --env-steps 30",
         "report": "compare --domain cartpole --algorithms mrp --env-steps 30",
         "soccer": "plan-and-learn --domain soccer --env-steps 30",

@@ -31,7 +31,7 @@ ROOMS = (
     "ui",
 )
 """Rooms of `serp` from the bottom up: a room imports from itself and from the rooms before it."""
-MOST_PARAMETERS = 10
+MOST_PARAMETERS = 11
 CIRCLES = [{"serp.tasks.task"}]
 """Files that import one another and are known: `Task.bind` returns a `BoundTask`."""
 
@@ -122,7 +122,7 @@ def decorators(node: ast.FunctionDef) -> str:
     return " ".join(ast.unparse(each) for each in node.decorator_list)
 
 
-def test_no_function_has_more_than_ten_parameters() -> None:
+def test_no_function_has_too_many_parameters() -> None:
     """Compiled kernels excepted."""
     wrong = []
     for package in PACKAGES:

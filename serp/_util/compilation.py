@@ -40,13 +40,11 @@ class _CompileTimer(event.Listener):
     """Adds up the time of compilation; nested compilations count once."""
 
     def __init__(self) -> None:
-        self.loops = 0
-        self.on_loop: Callable[[], None] | None = None
+        self.on_begin: Callable[[], None] | None = None
         self._lock = threading.Lock()
         self._depth = 0
         self._begin = 0.0
         self._total = 0.0
-        self._name = ""
 
     @property
     def seconds(self) -> float:
@@ -60,24 +58,14 @@ class _CompileTimer(event.Listener):
             if self._depth > 1:
                 return
             self._begin = time.monotonic()
-            before, self._name = self._name, _name_of(event.data)
-            fresh = before != self._name
-            self.loops += fresh
-        if fresh and self.on_loop is not None:
-            self.on_loop()
+        if self.on_begin is not None:
+            self.on_begin()
 
     def on_end(self, event: Any) -> None:
         with self._lock:
             self._depth -= 1
             if not self._depth:
                 self._total += time.monotonic() - self._begin
-
-
-def _name_of(data: Any) -> str:
-    """Return what identifies the function that is being compiled."""
-    if "dispatcher" in data:
-        return f"{data['dispatcher'].py_func.__module__}.{data['dispatcher'].py_func.__qualname__}"
-    return f"{data['module']}.{data['qualname']}"
 
 
 _TIMER: Final = _CompileTimer()
@@ -92,11 +80,6 @@ def compile_seconds() -> float:
     return _TIMER.seconds
 
 
-def compiled_functions() -> int:
-    """Return how many functions this process has compiled."""
-    return _TIMER.loops
-
-
 def working_time() -> float:
     """Return the time of a monotonic clock, in seconds, that stops during compilation."""
     return time.monotonic() - _TIMER.seconds
@@ -105,11 +88,11 @@ def working_time() -> float:
 @contextmanager
 def notifying_of_compilation(tell: Callable[[], None]) -> Iterator[None]:
     """Call a function whenever the compilation of a loop begins."""
-    before, _TIMER.on_loop = _TIMER.on_loop, tell
+    before, _TIMER.on_begin = _TIMER.on_begin, tell
     try:
         yield
     finally:
-        _TIMER.on_loop = before
+        _TIMER.on_begin = before
 
 
 _MAGIC: Final = b"serp compiled code 1\n"

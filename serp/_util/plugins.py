@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,25 +14,13 @@ from serp.errors import SerpError
 
 def offered(group: str) -> dict[str, EntryPoint]:
     """Return the entry points of a group by name, without importing them."""
-    places = tuple((place, _changed(place)) for place in sys.path)
-    return {entry.name: entry for entry in _declared(group, places)}
+    return {entry.name: entry for entry in _declared(group, tuple(sys.path))}
 
 
 @functools.lru_cache(maxsize=16)
-def _declared(group: str, places: tuple[tuple[str, int], ...]) -> EntryPoints:
-    """Return the entry points of a group; reading them takes milliseconds, and every agent asks.
-
-    They are read again when a folder of `sys.path` changed, as it does when a package is installed.
-    """
+def _declared(group: str, places: tuple[str, ...]) -> EntryPoints:
+    """Return the entry points of a group; reading them takes milliseconds, and every agent asks."""
     return entry_points(group=group)
-
-
-def _changed(place: str) -> int:
-    """Return when a folder was changed, in ns; 0 if that cannot be told."""
-    try:
-        return os.stat(place or ".").st_mtime_ns
-    except (OSError, ValueError):
-        return 0
 
 
 def find(

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
-from collections.abc import Iterable, Sequence
-
-from serp._util.terminal import visible
+from collections.abc import Iterable
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -47,7 +44,9 @@ _DIGITS = 6
 
 
 def readable(value: float | None) -> str:
-    """Return a number with four significant digits: `1,234`, `−0.2618`, `–` for none."""
+    """Return a number with four significant digits: `1,234`, `−0.2618`, `–` for none; or `true`."""
+    if isinstance(value, bool):
+        return str(value).lower()
     if value is None or math.isnan(value):
         return "–"
     if isinstance(value, int) or 1e3 <= abs(value) < 1e9:
@@ -128,29 +127,3 @@ def _fixed(value: float, decimals: int) -> str:
 
 def _minus(text: str) -> str:
     return text.replace("-", "−", 1) if text.startswith("-") else text
-
-
-def markdown_text(text: object) -> str:
-    """Return text escaped for Markdown, on one line, so that it also fits a table cell.
-
-    Control and format characters become visible escapes.
-    """
-    line = visible(" ".join(str(text).split()))
-    line = re.sub(r"([\\`*_\[\]<>|#&~$!])", r"\\\1", line)
-    # These would begin a list or underline a heading.
-    return re.sub(r"^(\d*)([-+.)](?= |$)|[-=]+$)", r"\1\\\2", line)
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:
-    """Return a table of Markdown cells; the first `left` columns are text, the others numbers."""
-    marks = ["---"] * left + ["---:"] * (len(head) - left)
-    lines = [head, marks, *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def code(text: str, language: str = "sh") -> str:
-    """Return a code block, with control and format characters escaped."""
-    text = visible(text)
-    longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
-    fence = "`" * max(3, longest + 1)
-    return f"{fence}{language}\n{text}\n{fence}"

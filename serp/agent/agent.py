@@ -15,7 +15,7 @@ from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
-from serp.agent.protocols import LearnerProposer, Mask, Proposer, StatefulPlanner, undisturbed
+from serp.agent.protocols import LearnerProposer, Mask, StatefulPlanner, undisturbed
 from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
@@ -163,9 +163,8 @@ class Agent:
         The environment's info and the environment are needed if the task's grounding takes them.
 
         Raises:
-            EnvironmentFailure: The observation is not a member of the space, or holds a number that
-                is not finite in float32.
-            TaskError: The grounding failed, or gave such a number.
+            EnvironmentFailure: The observation is no member of the space, or not finite in float32.
+            TaskError: The grounding failed, or gave a number that is not finite in float32.
         """
         return self.take_in(self.task.observation(raw), self.task.ground(raw, info, env))
 
@@ -194,7 +193,7 @@ class Agent:
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""
-        return self.arbiter.decide(state, self.proposer(x))
+        return self.arbiter.decide(state, LearnerProposer(self.learner, x))
 
     def decide_randomly(self, state: Vector) -> Decision:
         """Decide on a uniformly drawn proposal, for D_0; the vetoes hold."""
@@ -203,21 +202,11 @@ class Agent:
 
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
         """Decide as the trained agent does: by its strategy, without exploration."""
-        return self.arbiter.decide_greedily(state, self.proposer(x))
-
-    def decide_in_turns(self, state: Vector, x: Vector, strategy: Strategy) -> Decision:
-        """Decide as in training by a given strategy, without exploration."""
-        return self.arbiter.decide_in_turns(
-            state, LearnerProposer(self.learner, x, explores=False), strategy
-        )
+        return self.arbiter.decide_greedily(state, LearnerProposer(self.learner, x))
 
     def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
         """Decide for the learner's greedy choice, without planner and veto."""
         return self.arbiter.execute(state, self.learner.propose_greedily(x))
-
-    def proposer(self, x: Vector) -> Proposer:
-        """Return the learner with an input."""
-        return LearnerProposer(self.learner, x)
 
     def observe(self, step: StepRecord, episode: int = 0) -> None:
         """Update vetoes and model with an env step of training; notify when vetoes see less far.
@@ -268,10 +257,7 @@ class Agent:
         self._waiting.clear()
 
     def remember(self, step: StepRecord, following: Decision | None) -> None:
-        """Store an env step in the learner's replay memory.
-
-        `following` is the decision in the next state, None if the episode ended.
-        """
+        """Store an env step to be learned from; `following`, if any, is the next decision."""
         decision = step.decision
         allowed: Mask | None = None
         if following is not None:

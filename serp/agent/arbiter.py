@@ -104,11 +104,6 @@ class Arbiter(Declared):
         situation = self._situation(self.forecast(state))
         return self._follow(situation, self.strategy.propose_greedily(situation, learner))
 
-    def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
-        """Decide as in training by a given strategy, without the exploration bonus."""
-        situation = self._situation(self.forecast(state))
-        return self._follow(situation, strategy.propose(situation, learner))
-
     def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:
         """Decide on a given proposal: execute it unless it is refused."""
         return self._follow(self._situation(self.forecast(state)), proposal)

@@ -7,7 +7,7 @@ reward of the step changed by there, so that the amounts of a step add up to its
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -101,10 +101,7 @@ class Cause:
 
 def listed_values(values: Mapping[str, float | bool], most: int = 6) -> str:
     """Return values as `x = 1.2, open = true`, and how many more there are."""
-    shown = [
-        f"{name} = {str(value).lower() if isinstance(value, bool) else readable(float(value))}"
-        for name, value in values.items()
-    ]
+    shown = [f"{name} = {readable(value)}" for name, value in values.items()]
     more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
     return ", ".join(shown[:most]) + more
 
@@ -239,20 +236,17 @@ class _Tracing:
         tests = [effect.condition]
         if schema.kind is not Kind.ACTION:
             tests = [*schema.preconditions, effect.condition]
-        read: list[g.Test | g.Value] = list(tests)
+        read: list[g.Test | g.Value] = [*tests]
         if isinstance(effect, g.SetNumber):
             read.append(effect.value)
         values = self._before(schema, at)
-        return Cause(
+        return _cause(
             what,
-            amount,
-            schema.kind.value,
-            schema.name,
-            effect.place.text,
-            " ".join(test.place.text for test in tests if isinstance(test, _PLACED)),
-            {} if values is None else self._reads(read, values),
-            _comment(effect.place, schema),
-            location_of(effect.place),
+            schema,
+            effect.place,
+            amount=amount,
+            condition=" ".join(test.place.text for test in tests if isinstance(test, _PLACED)),
+            reads={} if values is None else self._reads(read, values),
         )
 
     def _of_problem(
@@ -263,51 +257,27 @@ class _Tracing:
         goal, metric = ground.goal, ground.metric
         reached = flags & TERMINAL and goal is not None and self._model.at_goal(np.array(after))
         place = getattr(goal, "place", None)
+        reads = {} if goal is None else self._reads([goal], after)
         if reached and ground.goal_rewarded:
             worth = rest
             if ground.goal_parameter is not None:
                 worth = float(self._model.theta[ground.goal_parameter])
             rest -= worth
-            yield self._of_line("reward", worth, "goal", place, goal, after)
+            yield _cause("reward", "goal", place, amount=worth, reads=reads)
         if abs(rest) > _NOISE * max(1.0, abs(reward)):
-            place_of = None if metric is None else metric.place
-            yield self._of_line("reward", rest, "metric", place_of, None, after)
+            yield _cause("reward", "metric", None if metric is None else metric.place, amount=rest)
         if reached:
-            yield self._of_line("end", None, "goal", place, goal, after)
-
-    def _of_line(
-        self,
-        what: What,
-        amount: float | None,
-        origin: Origin,
-        place: Place | None,
-        test: g.Test | None,
-        after: list[float],
-    ) -> Cause:
-        return Cause(
-            what, amount, origin, "",
-            "" if place is None else place.text,
-            reads={} if test is None else self._reads([test], after),
-            comment="" if place is None else comment_of(_line_of(place)),
-            place=None if place is None else location_of(place),
-        )  # fmt: skip
+            yield _cause("end", "goal", place, reads=reads)
 
     def _without_result(self, passage: Passage) -> Cause:
         what, schema, item = passage.site.what, passage.site.schema, passage.site.item
-        place = None if schema is None else schema.place
-        if isinstance(item, _PLACED):
-            place = item.place
         assert what in ("failed", "conflict", "undefined")
-        return Cause(
-            what,
-            None,
-            "metric" if schema is None else schema.kind.value,
-            "" if schema is None else schema.name,
-            item.place.text if isinstance(item, _PLACED) else "",
-            reads=self._reads([item], self._state) if isinstance(item, _TESTS) else {},
-            comment=_comment(place, schema),
-            place=None if place is None else location_of(place),
-        )
+        place = item.place if isinstance(item, _PLACED) else None
+        reads = self._reads([item], self._state) if isinstance(item, _TESTS) else {}
+        cause = _cause(what, schema or "metric", place, reads=reads)
+        if place is None and schema is not None:
+            return replace(cause, place=location_of(schema.place))
+        return cause
 
     def _before(self, schema: g.GroundSchema, at: int) -> Sequence[float] | None:
         """Return the values that the effects of a schema read; None where that is not known."""
@@ -340,10 +310,32 @@ _PLACED = (g.Holds, g.Compare, g.Not, g.All, g.AnyOf, g.SetBoolean, g.SetNumber)
 _TESTS = (g.Holds, g.Compare, g.Not, g.All, g.AnyOf)
 
 
-def _comment(place: Place | None, schema: g.GroundSchema | None) -> str:
-    """Return the comment of a line, else that of its schema."""
-    comment = "" if place is None else comment_of(place)
-    return comment or ("" if schema is None else comment_of(schema.place))
+def _cause(
+    what: What,
+    of: g.GroundSchema | Origin,
+    place: Place | None,
+    *,
+    amount: float | None = None,
+    condition: str = "",
+    reads: dict[str, float | bool] | None = None,
+) -> Cause:
+    """Return a cause of a schema, or of goal or metric, whose comment stands above its line."""
+    schema = of if isinstance(of, g.GroundSchema) else None
+    commented = place if schema is not None or place is None else _line_of(place)
+    comment = "" if commented is None else comment_of(commented)
+    if schema is not None:
+        comment = comment or comment_of(schema.place)
+    return Cause(
+        what,
+        amount,
+        of.kind.value if isinstance(of, g.GroundSchema) else of,
+        "" if schema is None else schema.name,
+        "" if place is None else place.text,
+        condition,
+        reads or {},
+        comment,
+        None if place is None else location_of(place),
+    )
 
 
 def _line_of(place: Place) -> Place:

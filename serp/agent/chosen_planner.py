@@ -12,6 +12,7 @@ from serp._util.text import plural, readable
 from serp.agent.counterfactuals import Counterfactuals, counterfactuals
 from serp.agent.explanation import Explanation, explain
 from serp.agent.protocols import Planner
+from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import TO_THE_UNKNOWN
 from serp.model.transition_model import Outcome, TransitionModel, Vector
 from serp.planning.edges import Bound
@@ -19,7 +20,8 @@ from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
-from serp.settings import PlannerSettings
+from serp.settings import PlannerSettings, Settings
+from serp.tasks.task import Task
 
 
 class ChosenPlanner:
@@ -54,6 +56,20 @@ class ChosenPlanner:
         self.model, self.settings, self.name = model, settings, name
         self._planner, self._seconds, self._undisturbed = planner, seconds, undisturbed
 
+    @classmethod
+    def of_settings(
+        cls, model: TransitionModel, settings: PlannerSettings, task: Task | None, seconds: float
+    ) -> ChosenPlanner:
+        """Return the planner that settings name, of a task's own planners or the installed ones.
+
+        Raises:
+            SettingsError: There is no such planner.
+        """
+        own = {} if task is None else task.planners
+        refuse_unknown_names(Settings(planner=settings), own)
+        planner = make_planner(model, settings, own)
+        return cls(planner, model, settings, seconds, f"The planner {settings.name}")
+
     def forecast(self, state: Vector) -> Forecast:
         """Return the planner's own forecast for a state `[F]`."""
         return self._planner.forecast(state)
@@ -79,8 +95,14 @@ class ChosenPlanner:
         return self.forecast(state).choice
 
     def _followed(self, state: Vector, action: int) -> Iterator[tuple[int, Outcome]]:
+        """Yield what the planner does by the model from an action on, and what that leads to."""
         plan = self._planner.plan if isinstance(self._planner, PlanFollower) else ()
-        return followed(self.model, self._choose, state, action, len(plan) or self.settings.depth)
+        for _ in range(len(plan) or self.settings.depth):
+            step = self.model.step(state, action) if action >= 0 else None
+            if step is None or not step.applicable:
+                return
+            yield action, step
+            action, state = -1 if step.terminal else self._choose(step.state), step.state
 
     @staticmethod
     def decided_by_graph(plan: Plan) -> bool:
@@ -149,27 +171,3 @@ class ChosenPlanner:
             Bound.NODES: " The limits on nodes and edges ended the lookahead.",
         }.get(plan.bound, "")
         return f"{self.name} looked ahead {plural(plan.depth, 'action')}{states}, {discount}.{why}"
-
-
-def followed(
-    model: TransitionModel,
-    choose: Callable[[Vector], int],
-    state: Vector,
-    action: int,
-    most: int,
-) -> Iterator[tuple[int, Outcome]]:
-    """Yield what a planner does by the model from an action on: actions and what they lead to.
-
-    Args:
-        model: The model.
-        choose: State → position of the planner's action there; -1 for none.
-        state: `[F]`, in which the first action is executed.
-        action: The first ground action; -1 for none.
-        most: Most steps.
-    """
-    for _ in range(most):
-        step = model.step(state, action) if action >= 0 else None
-        if step is None or not step.applicable:
-            return
-        yield action, step
-        action, state = -1 if step.terminal else choose(step.state), step.state

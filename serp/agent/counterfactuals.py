@@ -30,12 +30,8 @@ _HALVINGS: Final = 30
 class Counterfactual:
     """A change of one fluent that changes the outcome.
 
-    Attributes:
-        fluent: Its name.
-        value: Its value in the state.
-        becomes: The value nearest to it with another outcome.
-        outcome: That outcome, in words.
-        share: Size of the change as a share of the range of the fluent; 1 for a predicate.
+    `becomes` is the value nearest to its `value` in the state with another `outcome`; `share` is
+    the size of the change as a share of the range of the fluent, 1 for a predicate.
     """
 
     fluent: str
@@ -96,15 +92,15 @@ def counterfactuals(
             return now if other != now and not over and _is_over(model, changed) else other
 
         if not fluent.numeric:
-            nearest = 1.0 - value if at(1.0 - value) != now else None
+            candidates = iter([1.0 - value])
         elif fluent.index in whole:
             steps = (value + sign * k for k in range(1, _POINTS + 1) for sign in (-1, 1))
-            within = (becomes for becomes in steps if low <= becomes <= high)
-            nearest = next((becomes for becomes in within if at(becomes) != now), None)
+            candidates = (becomes for becomes in steps if low <= becomes <= high)
         else:
             borders = [_border(at, now, value, end) for end in (low, high)]
             found = [border for border in borders if border is not None]
-            nearest = min(found, key=lambda becomes: abs(becomes - value), default=None)
+            candidates = iter(sorted(found, key=lambda becomes: abs(becomes - value)))
+        nearest = next((becomes for becomes in candidates if at(becomes) != now), None)
         if nearest is not None:
             shown = float if fluent.numeric else bool
             share = abs(nearest - value) / (high - low) if fluent.numeric else 1.0

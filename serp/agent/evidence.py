@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-import numpy as np
 from scipy import special
 
 from serp._util.saved_state import Saved
@@ -31,11 +29,7 @@ Belief = tuple[float, float]
 class Returns:
     """The returns of the episodes of one acting policy, the newest with the most weight.
 
-    Attributes:
-        count: Sum of the weights.
-        mean: Weighted mean.
-        squares: Weighted sum of squared deviations from it.
-        episodes: Number of episodes.
+    `count` is the sum of the weights, `squares` that of squared deviations from the `mean`.
     """
 
     def __init__(self) -> None:
@@ -86,7 +80,6 @@ class Evidence(Strategy):
         self._worst, self._best = math.inf, -math.inf
         self._steps = 0
         self._rho = 0.0
-        self._random = np.random.default_rng(seed)
 
     @property
     def rho(self) -> float:
@@ -95,7 +88,7 @@ class Evidence(Strategy):
 
     @property
     def imitation_weight(self) -> float:
-        """The probability that the planner is the better one."""
+        """Weight of the imitation loss: the probability that the planner is the better one."""
         return 1.0 - self._rho
 
     def imitated(self, forecast: ActionForecast) -> int:
@@ -114,7 +107,7 @@ class Evidence(Strategy):
         if not led.episodes:
             return None
         mean, variance = belief
-        span = self._span
+        span = self._best - self._worst
         return Worth(self._worst + mean * span, math.sqrt(variance) * span, led.episodes)
 
     @property
@@ -124,52 +117,37 @@ class Evidence(Strategy):
             return "the learner's choice"
         return "the planner's choice, the learner's where all plans are worth the same"
 
-    @property
-    def turns(self) -> str:
-        """In words: who leads with which probability."""
-        return f"the learner leads an episode with probability {self._rho:.2f}, else the planner"
-
-    @property
-    def _span(self) -> float:
-        """Range of all returns."""
-        return self._best - self._worst
-
-    @property
-    def _both(self) -> tuple[Returns, Returns]:
-        """The returns of the planner, and of the learner."""
-        return self.planner, self.learner
-
     def _beliefs(self) -> list[Belief]:
         """Return mean and variance of the expected return of the planner, and of the learner.
 
         The unit is the range of all returns, from 0 for the worst to 1 for the best. The prior has
         mean 0 and variance 1, and the range counts as one return's evidence on how much they vary.
         """
-        span = self._span or 1.0
-        squares = sum(led.squares for led in self._both) / span / span
+        span = self._best - self._worst or 1.0
+        squares = (self.planner.squares + self.learner.squares) / span / span
         noise = (squares + 1.0 / 12.0) / self._freedom
 
         def belief(led: Returns) -> Belief:
             share = led.count / (led.count + noise)
             return share * (led.mean - self._worst) / span, 1.0 - share
 
-        return [belief(led) for led in self._both]
+        return [belief(self.planner), belief(self.learner)]
 
     @property
     def _freedom(self) -> float:
         """Degrees of freedom: returns that say how much returns vary."""
-        return sum(led.count for led in self._both) + 1.0
+        return self.planner.count + self.learner.count + 1.0
 
     @property
     def _episodes(self) -> int:
-        return sum(led.episodes for led in self._both)
+        return self.planner.episodes + self.learner.episodes
 
     def _probability(self) -> float:
         """Return the probability that the learner is better."""
         episodes = self._episodes
         if not episodes or self._steps <= self._settings.learner.learning_starts:
             return 0.0  # the learner has learned nothing yet
-        if not self._span > 1e-9 * max(abs(self._best), abs(self._worst)):
+        if not self._best - self._worst > 1e-9 * max(abs(self._best), abs(self._worst)):
             # All returns are equal. By Laplace's rule of succession the next one differs with
             # probability 1 / (n + 2), and is better as probably as worse.
             return 0.5 / (episodes + 2.0)
@@ -179,14 +157,6 @@ class Evidence(Strategy):
     def _draw(self) -> None:
         """Draw who leads the next episode."""
         self._leads[self.env_index] = bool(self._random.random() < self._rho)
-
-    def forked(self, seed: np.random.SeedSequence) -> Evidence:
-        """Return a copy that draws its own acting policy."""
-        forked = copy.copy(self)
-        forked._random = np.random.default_rng(seed)
-        forked._leads = self._leads.copy()
-        forked._draw()
-        return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
@@ -205,7 +175,7 @@ class Evidence(Strategy):
         if abs(return_) <= _LARGEST:
             self._steps += length
             before = self._episodes
-            for led in self._both:
+            for led in (self.planner, self.learner):
                 led.fade((before / (before + 1)) ** _FORGETTING)
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)
             (self.learner if self._leads[self.env_index] else self.planner).add(return_)

@@ -38,8 +38,7 @@ class RunnerUp:
     """The best action beside the one taken, by the order in which a planner prefers actions.
 
     Attributes:
-        action: Its position.
-        name: Its name.
+        action, name: Its position and its name.
         ahead: Whether the planner prefers the action taken to it; False where somebody else than
             the planner had the choice.
         by: What decides between the two: `rank` (safe before risky before unsafe), the `risk` of
@@ -108,8 +107,7 @@ class Alternative:
     """What is predicted for one action; what is behind that is traced when it is read.
 
     Attributes:
-        action: Its position.
-        name: Its name.
+        action, name: Its position and its name.
         applicable: Whether its precondition holds and the step has a result; False, too, where the
             model does not know the action.
         unsafe: Whether the file flags it.

@@ -125,16 +125,9 @@ class Learner(Protocol):
     ) -> None:
         """Store an env step in the replay memory.
 
-        Args:
-            observation: Input `[F]` before the step.
-            action: The executed environment action.
-            reward: The reward that is learned from.
-            next_observation: Input `[F]` after the step.
-            terminated: Whether the environment ended the episode.
-            truncated: Whether the episode was cut off.
-            next_allowed: `[E]` actions that the value of the next state is maximised over; None
-                for all.
-            imitated: The planner's action, to be imitated; -1: none.
+        Observations are inputs `[F]`; `action` is the executed environment action. The value of the
+        next state is maximised over `next_allowed` `[E]`, None for all. `imitated` is the planner's
+        action, to be imitated; -1: none.
         """
 
     def learn(self) -> float | None:
@@ -150,22 +143,18 @@ class Learner(Protocol):
         """Restore what `state_dict` returned."""
 
 
-MakeLearner = Callable[..., Learner]
-"""Takes the arguments of `serp.learning.dqn.DQN`; equal seeds give equal bits."""
+MakeLearner = Callable[..., Learner]  # with the arguments of `DQN`; equal seeds give equal bits
 
 
 class LearnerProposer:
     """The proposals of a learner for one input `[F]`."""
 
-    def __init__(self, learner: Learner, x: Vector, *, explores: bool = True) -> None:
+    def __init__(self, learner: Learner, x: Vector) -> None:
         self._learner = learner
         self._x = x
-        self._explores = explores
 
     def propose(self, explorable: Mask | None) -> Proposal:
         """Propose an action, with exploration."""
-        if not self._explores:
-            return self.propose_greedily()
         return self._learner.propose(self._x, explorable)
 
     def propose_greedily(self) -> Proposal:

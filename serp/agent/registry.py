@@ -45,11 +45,6 @@ KINDS: Final = {
 """Entry-point group → what it offers, and the setting that chooses one by its name."""
 
 
-def strategy_names() -> list[str]:
-    """Return the names of all strategies, sorted."""
-    return sorted(plugins.offered(STRATEGIES))
-
-
 def find_strategy(name: str) -> type[Strategy]:
     """Return the strategy of a name, or raise a SettingsError."""
     strategy = _load(STRATEGIES, name)

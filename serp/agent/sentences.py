@@ -1,15 +1,18 @@
-"""Sentences about causes and alternatives, for people."""
+"""Sentences about decisions, their causes and alternatives, for people."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause, listed_values
 from serp.agent.counterfactuals import Counterfactual, Counterfactuals
-from serp.agent.explanation import Alternative, RunnerUp
+from serp.agent.decision import Actor, Reason
+from serp.agent.explanation import Alternative, RunnerUp, unsafe_ahead
 from serp.planning.edges import Bound
 from serp.planning.forecast import Forecast
 
@@ -24,6 +27,9 @@ PARTIAL: Final = (
 """What a bound that is `partial` means."""
 
 
+_OF_ALL: Final = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
+
+
 def kind_of_return(partial: bool) -> str:
     """Return what the return of an action is called; `partial` as in `Explanation`."""
     return "partial return" if partial else "best return"
@@ -31,35 +37,48 @@ def kind_of_return(partial: bool) -> str:
 
 def line_of_cause(cause: Cause) -> str:
     """Return a cause as a line."""
-    return _line([[cause]])
+    return line_of_run([[cause]])
 
 
-def lines_of(alternative: Alternative) -> list[str]:
-    """Return what is behind an alternative, now and ahead, a line for each schema of the file."""
-    return [
-        *lines_of_causes((*alternative.causes, *alternative.ahead)),
-        *beyond_of(alternative),
-    ]
+def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
+    """Return what is behind an alternative, now and ahead, a line for each schema of the file.
 
-
-def beyond_of(alternative: Alternative) -> list[str]:
-    """Return the line about what of a best return is not listed, if there is anything."""
-    beyond = alternative.beyond
-    return [f"{_signed(beyond)} estimated after these steps, discounted."] if beyond else []
+    Of more than `most` lines the last one says how many more there are.
+    """
+    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
+    if most is not None and len(lines) > most:
+        lines[most:] = [f"… and {len(lines) - most} more (--json has all)"]
+    if alternative.beyond:
+        lines.append(f"{signed(alternative.beyond)} estimated after these steps, discounted.")
+    return lines
 
 
 def lines_of_causes(causes: Iterable[Cause]) -> list[str]:
-    """Return causes as lines.
+    """Return causes as lines, see `runs_of`."""
+    return [line_of_run(run) for run in runs_of(causes)]
 
-    What a schema brings in one control period is one line, and so is what it brings in several
-    periods in succession.
+
+def runs_of(causes: Iterable[Cause]) -> list[list[list[Cause]]]:
+    """Return causes in runs of control periods, those that begin first first.
+
+    A run has, of each period in succession, what a schema brings in it, which is the same in all of
+    them. The first period is a run of its own: it is what the action itself brings.
     """
-    by_schema: dict[tuple[str, str], dict[int, list[Cause]]] = {}
+    periods: dict[tuple[str, str, int], list[Cause]] = {}
     for cause in causes:
-        periods = by_schema.setdefault((cause.origin, cause.name), {})
-        periods.setdefault(cause.after, []).append(cause)
-    runs = [run for periods in by_schema.values() for run in _runs(periods)]
-    return [_line(run) for run in sorted(runs, key=lambda run: run[0][0].after)]
+        periods.setdefault((cause.origin, cause.name, cause.after), []).append(cause)
+    by_schema: dict[tuple[str, str], list[list[list[Cause]]]] = {}
+    for (origin, name, after), unordered in sorted(periods.items(), key=lambda item: item[0][2]):
+        brought = sorted(unordered, key=lambda cause: _ORDER.index(cause.what))
+        runs = by_schema.setdefault((origin, name), [])
+        before = runs[-1][-1] if runs else []
+        same = [(c.what, c.text) for c in before] == [(c.what, c.text) for c in brought]
+        if same and before[0].after == after - 1 > 0:
+            runs[-1].append(brought)
+        else:
+            runs.append([brought])
+    every = [run for runs in by_schema.values() for run in runs]
+    return sorted(every, key=lambda run: run[0][0].after)
 
 
 def between(runner_up: RunnerUp, name: str) -> str:
@@ -67,16 +86,8 @@ def between(runner_up: RunnerUp, name: str) -> str:
     other = runner_up.name
     if runner_up.ahead:
         return f"Next best: {other}, {lesser(runner_up)}."
-    if runner_up.by == "order":
-        return f"To the planner {other} is worth the same and comes first in the file."
-    better = {
-        "value": f"its return is larger by {readable(abs(runner_up.gap))}",
-        "delay": "it is worth as much, and does not put that off",
-        "rank": "it is safer one step ahead",
-        "risk": f"its path has less risk{_risks(runner_up)}",
-        "safe steps": "its path stays safe for longer",
-    }[runner_up.by]
-    return f"By the planner's values {other} comes before {name}: {better}."
+    turned = replace(runner_up, path_risks=runner_up.path_risks[::-1])
+    return f"By the planner's values {other} comes before {name}, {lesser(turned)}."
 
 
 def lesser(other: RunnerUp) -> str:
@@ -128,6 +139,67 @@ def special_about(forecast: Forecast) -> list[str]:
     return sentences
 
 
+def who_decided(
+    reason: Reason,
+    proposed: tuple[str, Actor],
+    executed: tuple[str, Actor],
+    *,
+    rho: float,
+    indifferent: bool,
+    bound: Bound,
+    why: str,
+) -> list[str]:
+    """Say who decided and why, and what the planner's values leave out, or take of the unknown.
+
+    `proposed` and `executed` are names of actions and whose they are; the former is empty for no
+    proposal. ρ is NaN if it need not be told. `why` follows a refusal, see `why_refused`.
+    """
+    (proposal, proposer), (action, actor) = proposed, executed
+    who = "Exploration, at random," if proposer is Actor.EXPLORATION else f"The {proposer}"
+    if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
+        rarely = ", for it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
+        lines = [f"It was the planner's turn: {action} was executed{rarely}."]
+    elif reason is Reason.ACCEPTED:
+        lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
+        if indifferent:
+            lead = ", for all plans were worth the same to the planner"
+        lines = [f"{who} chose {action}{lead}. Nothing refused it."]
+    else:
+        lines = [f"{who} proposed {proposal}."] if proposal else []
+        if reason in _OF_ALL and why and proposal:  # what is behind it is its alone
+            why = f"; {proposal}{why}"
+        problem = str(reason).capitalize() if reason in _OF_ALL else f"Refused: {reason}"
+        lines.append(f"{problem}{why}.")
+        whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
+        lines.append(
+            f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
+            if action != proposal
+            else f"{action} was executed all the same: nothing better was left."
+        )
+    if bound is Bound.UNKNOWN:
+        lines.append(TO_THE_UNKNOWN)
+    return [*lines, PARTIAL] if bound.partial else lines
+
+
+def why_refused(
+    reason: Reason, causes: Iterable[Cause], reward: float | None, safe_steps: int | None
+) -> str:
+    """Return what of the file is behind a refusal, to follow the sentence about its reason.
+
+    `causes`, `reward` and `safe_steps` are those of the proposed action, as in `Alternative`.
+    """
+    wanted = ("unsafe", "risk", "failed", "conflict", "undefined")
+    for cause in causes:
+        if cause.what in wanted:
+            text = line_of_cause(cause).rstrip(".")
+            known = ("unsafe", "not applicable", "no defined result")
+            shorter = [text.removeprefix(begin) for begin in known if text.startswith(begin)]
+            return shorter[0] if shorter else f": {text}"
+    if reason is Reason.LOW_REWARD:
+        return f": it is {readable(reward)}"
+    return "" if safe_steps is None else f": {unsafe_ahead(safe_steps)}"
+
+
 def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
     """Say with which changes the outcome is another one: by default another choice."""
     lines = [
@@ -141,7 +213,7 @@ def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
 def _change(change: Counterfactual) -> str:
     """Return the condition of a change: `With x at least 0.31 instead of 0.28`."""
     if isinstance(change.becomes, bool):
-        return f"If {change.fluent} were {str(change.becomes).lower()}"
+        return f"If {change.fluent} were {readable(change.becomes)}"
     now, then = readable(float(change.value)), readable(change.becomes)
     if float(change.value).is_integer() and change.becomes.is_integer():
         return f"With {change.fluent} = {then} instead of {now}"
@@ -149,24 +221,7 @@ def _change(change: Counterfactual) -> str:
     return f"With {change.fluent} {side} {then} instead of {now}"
 
 
-def _runs(periods: dict[int, list[Cause]]) -> list[list[list[Cause]]]:
-    """Return the causes of a schema in runs of control periods in succession with the same ones.
-
-    The first period is a run of its own: it is what the action itself brings.
-    """
-    runs: list[list[list[Cause]]] = []
-    for after, unordered in sorted(periods.items()):
-        causes = sorted(unordered, key=lambda cause: _ORDER.index(cause.what))
-        before = runs[-1][-1] if runs else []
-        same = [(c.what, c.text) for c in before] == [(c.what, c.text) for c in causes]
-        if same and before[0].after == after - 1 > 0:
-            runs[-1].append(causes)
-        else:
-            runs.append([causes])
-    return runs
-
-
-def _line(run: Sequence[Sequence[Cause]]) -> str:
+def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     """Return the line of what a schema brings in some control periods in succession."""
     causes, after = run[0], run[0][0].after
     when = f"in step {after + 1}: " if after else ""
@@ -192,7 +247,7 @@ _ORDER: Final = (*_BROUGHT, "failed", "conflict", "undefined")
 def _what(cause: Cause, amount: float | None) -> str:
     match cause.what:
         case "reward":
-            return _signed(amount)
+            return signed(amount)
         case "unsafe":
             return "unsafe"
         case "risk":
@@ -221,6 +276,7 @@ def _where(causes: Sequence[Cause]) -> str:
     return f"{text}. [{'; '.join(details)}]"
 
 
-def _signed(amount: float | None) -> str:
+def signed(amount: float | None) -> str:
+    """Return an amount with its sign: `+0.5`, `−1`."""
     text = readable(amount)
     return text if text.startswith(("−", "–")) else f"+{text}"

@@ -10,17 +10,18 @@ from typing import Any, ClassVar, Final, NamedTuple
 from serp._util.saved_state import Declared, Reader, count, counts_of
 from serp.agent.decision import Actor, Decision, Reason
 from serp.model.transition_model import Vector
-from serp.planning.edges import Bound
 
 STEPS_BY: Final[Mapping[str, str]] = {actor.value: f"{actor.value}_steps" for actor in Actor}
 """Actor → name of the count of steps in which its action was executed."""
 
 SAFETY: Final = ("vetoes", "unsafe_predicted", "unsafe_executed", "no_safe_action")
-SIGHT: Final = ("saw_all", "by_cells", "cut_short", "indifferent")
-_SUMS: Final = (*SAFETY[1:], "saw_all", "by_cells", "cut_short", "layers_seen", "indifferent")
-_BUDGETS: Final = (Bound.NODES.name.lower(), Bound.TIME.name.lower())
-_ALL: Final = Bound.EXHAUSTED.name.lower()
-_CELLS: Final = (Bound.CELLS.name.lower(), Bound.UNKNOWN.name.lower())
+_SIGHT: Final = {
+    "saw_all": ("exhausted",),
+    "by_cells": ("cells", "unknown"),
+    "cut_short": ("nodes", "time"),
+}
+"""Name of a count → the bounds of the planner's sight that it counts: names of `Bound`."""
+_SUMS: Final = (*SAFETY[1:], *_SIGHT, "layers_seen", "indifferent")
 
 
 class DecisionCounts(Declared):
@@ -49,14 +50,9 @@ class DecisionCounts(Declared):
     def __init__(self) -> None:
         self.executed: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
-        self.unsafe_predicted = 0
-        self.unsafe_executed = 0
-        self.no_safe_action = 0
-        self.saw_all = 0
-        self.by_cells = 0
-        self.cut_short = 0
-        self.layers_seen = 0
-        self.indifferent = 0
+        self.unsafe_predicted = self.unsafe_executed = self.no_safe_action = 0
+        self.saw_all = self.by_cells = self.cut_short = 0
+        self.layers_seen = self.indifferent = 0
 
     def count(self, step: Any) -> None:
         """Count a step, given its `Decision` or its row of `decisions.csv`."""
@@ -66,11 +62,9 @@ class DecisionCounts(Declared):
         self.unsafe_predicted += step.proposal_unsafe
         self.unsafe_executed += step.unsafe
         self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
-        everything = step.bound == _ALL
-        self.saw_all += everything
-        self.by_cells += step.bound in _CELLS
-        self.cut_short += step.bound in _BUDGETS
-        self.layers_seen += 0 if everything else step.depth
+        for name, bounds in _SIGHT.items():
+            setattr(self, name, getattr(self, name) + (step.bound in bounds))
+        self.layers_seen += 0 if step.bound in _SIGHT["saw_all"] else step.depth
         self.indifferent += step.indifferent
 
     @property
@@ -107,25 +101,18 @@ def total(metrics: Mapping[str, Any]) -> dict[str, int]:
 
 
 def sight_of(counts: Mapping[str, int], steps: int) -> dict[str, float | None]:
-    """Return how far the planner saw.
+    """Return how far the planner saw: shares of all steps, see `DecisionCounts`.
 
-    The shares of all steps in which it saw everything that can be reached, in which values of cells
-    stood for what lies beyond the layers that it saw, in which a budget cut it short, and in which
-    it had no reason to prefer one action; and the mean number of layers that it saw in the steps in
-    which it did not see everything.
+    `mean_depth` is the mean number of layers that it saw where it did not see everything.
     """
-    shares = {name: counts[name] / steps if steps else None for name in SIGHT}
+    shares = {name: counts[name] / steps if steps else None for name in (*_SIGHT, "indifferent")}
     partial = steps - counts["saw_all"]
     return {**shares, "mean_depth": counts["layers_seen"] / partial if partial else None}
 
 
 @dataclass(slots=True)
 class EpisodeTotals:
-    """The totals of an episode: sums of rewards by their source, and counts of its steps.
-
-    `unsafe_observed` and `avoidable_unsafe` count the steps for which `StepRecord.unsafe_observed`
-    and `Decision.avoidable_unsafe` hold.
-    """
+    """The totals of an episode: sums of rewards by their source, and counts of its steps."""
 
     length: int = 0
     return_: float = 0.0

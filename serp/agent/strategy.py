@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
@@ -17,13 +16,7 @@ from serp.tasks.action_map import ActionForecast
 
 
 class Worth(NamedTuple):
-    """What the expected return of one acting policy is believed to be.
-
-    Attributes:
-        mean: Mean of the belief.
-        deviation: Its standard deviation.
-        episodes: Episodes in which it acted.
-    """
+    """Mean and standard deviation of what an acting policy's return is believed to be."""
 
     mean: float
     deviation: float
@@ -55,27 +48,22 @@ class PolicyEvidence(NamedTuple):
         }
 
     def __str__(self) -> str:
-        parts = [
-            f"the {name} has not led an episode"
-            if worth is None
-            else f"an episode that the {name} leads is worth {worth} "
-            f"({plural(worth.episodes, 'episode')})"
-            for name, worth in (("planner", self.planner), ("learner", self.learner))
-        ]
-        better = f"the learner is better with a probability of {percent(self.learner_better)}"
-        return "; ".join([*parts, better])
+        parts = []
+        for name, worth in (("planner", self.planner), ("learner", self.learner)):
+            if worth is None:
+                parts.append(f"the {name} has not led an episode")
+            else:
+                led = plural(worth.episodes, "episode")
+                parts.append(f"an episode that the {name} leads is worth {worth} ({led})")
+        better = percent(self.learner_better)
+        return "; ".join([*parts, f"the learner is better with a probability of {better}"])
 
 
 Seed = int | np.random.SeedSequence
 
 
 class Situation(NamedTuple):
-    """What a strategy knows of the current state.
-
-    Attributes:
-        forecast: The planner's forecast.
-        admissible: `[E]` actions that no veto refuses.
-    """
+    """The planner's forecast for the current state, and `[E]` what no veto refuses."""
 
     forecast: ActionForecast
     admissible: Mask
@@ -102,6 +90,7 @@ class Strategy(Declared):
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
+        self._random = np.random.default_rng(seed)
         self.env_index = 0
 
     @property
@@ -113,11 +102,6 @@ class Strategy(Declared):
     def choice(self) -> str:
         """In words: what `propose_greedily` returns."""
         return "the learner's choice"
-
-    @property
-    def turns(self) -> str:
-        """In words: what `propose` returns now, without exploration."""
-        return self.choice
 
     @property
     def evidence(self) -> PolicyEvidence | None:
@@ -136,14 +120,6 @@ class Strategy(Declared):
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the trained policy's proposal, without exploration or random draws."""
         return learner.propose_greedily()
-
-    def forked(self, seed: np.random.SeedSequence) -> Strategy:
-        """Return an independent copy for the beginning of an episode.
-
-        Args:
-            seed: Seed of the copy's random draws.
-        """
-        return copy.copy(self)
 
     def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's action that the learner is to imitate in a state; -1: none."""
@@ -167,25 +143,11 @@ class Mixture(Strategy):
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
         self._rho = settings.arbiter.rho
-        self._random = np.random.default_rng(seed)
 
     @property
     def rho(self) -> float:
         """ρ."""
         return self._rho
-
-    @property
-    def turns(self) -> str:
-        """In words: who acts with which probability."""
-        if self._rho >= 1.0:
-            return self.choice
-        return f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
-
-    def forked(self, seed: np.random.SeedSequence) -> Mixture:
-        """Return a copy with its own random draws."""
-        forked = copy.copy(self)
-        forked._random = np.random.default_rng(seed)
-        return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""

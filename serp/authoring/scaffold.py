@@ -221,7 +221,7 @@ def describe(env: gym.Env[Any, Any], called: str) -> Described:
             "write the task yourself (how-to: Connect your own environment)"
         )
     documentation = inspect.getdoc(type(env.unwrapped)) or ""
-    names = Names()
+    used: set[str] = set()
     actions = []
     titles = _action_names(env, space.size)
     titles = titles or numbered(documentation, "Action Space", space.size)
@@ -231,11 +231,11 @@ def describe(env: gym.Env[Any, Any], called: str) -> Described:
         if isinstance(action, np.ndarray):
             value = repr(tuple((action - getattr(space.space, "start", 0)).ravel().tolist()))
             otherwise = f"action-{'-'.join(map(str, action.ravel().tolist()))}"
-        actions.append(_entry(names, titles[k] if titles else "", otherwise, value))
-    names = Names()
+        actions.append(_entry(used, titles[k] if titles else "", otherwise, value))
+    used = set()
     titles = numbered(documentation, "Observation Space", len(fields))
     numbers = [
-        _entry(names, titles[k] if titles else "", name, expression, bounds)
+        _entry(used, titles[k] if titles else "", name, expression, bounds)
         for k, (name, expression, bounds) in enumerate(fields)
     ]
     period = None
@@ -244,9 +244,9 @@ def describe(env: gym.Env[Any, Any], called: str) -> Described:
     return Described(actions, numbers, float(period) if period and period > 0 else None)
 
 
-def _entry(names: Names, text: str, otherwise: str, value: str, bounds: str = "") -> Entry:
+def _entry(used: set[str], text: str, otherwise: str, value: str, bounds: str = "") -> Entry:
     """Return an entry; a comment that only repeats the name is left out."""
-    name = names.make(text or otherwise, otherwise)
+    name = _name_of(text or otherwise, otherwise, used)
     comment = "" if re.findall(r"\w+", text.lower()) == name.split("-") else remark(text)
     return Entry(name, value, ", ".join(filter(None, (comment, bounds))))
 
@@ -330,32 +330,26 @@ def numbered(documentation: str, heading: str, count: int) -> list[str] | None:
     return texts if len(texts) == count else None
 
 
-class Names:
-    """Makes distinct names of PDDL from any texts."""
+def _name_of(text: str, otherwise: str, used: set[str]) -> str:
+    """Return a new name of PDDL made of the first sentence of a text, brackets left out.
 
-    def __init__(self) -> None:
-        self._used: set[str] = set()
-
-    def make(self, text: str, otherwise: str) -> str:
-        """Return a name made of the first sentence of a text, brackets left out.
-
-        It is made of `otherwise` where the text has no letters.
-        """
-        plain = unicodedata.normalize("NFKD", _ASIDE.sub("", text)).encode("ascii", "ignore")
-        words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", _MINUS.sub("minus ", plain.decode()))
-        words = re.split(r"[.;:,](?:\s|$)", words.strip())[0].lower().replace("'", "")
-        name = "-".join(re.findall(r"[a-z0-9]+", words))
-        while len(name) > _LONGEST and "-" in name:
-            name = name.rpartition("-")[0]
-        name = name[:_LONGEST].strip("-")
-        if not re.search("[a-z]", name):
-            name = "-".join(re.findall(r"[a-z0-9]+", otherwise.lower())) or "entry"
-        if not name[0].isalpha() or name in _RESERVED:
-            name = f"the-{name}"
-        numbers = (f"{name}-{number}" for number in itertools.count(2))
-        unique = next(n for n in itertools.chain([name], numbers) if n not in self._used)
-        self._used.add(unique)
-        return unique
+    It is made of `otherwise` where the text has no letters.
+    """
+    plain = unicodedata.normalize("NFKD", _ASIDE.sub("", text)).encode("ascii", "ignore")
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", _MINUS.sub("minus ", plain.decode()))
+    words = re.split(r"[.;:,](?:\s|$)", words.strip())[0].lower().replace("'", "")
+    name = "-".join(re.findall(r"[a-z0-9]+", words))
+    while len(name) > _LONGEST and "-" in name:
+        name = name.rpartition("-")[0]
+    name = name[:_LONGEST].strip("-")
+    if not re.search("[a-z]", name):
+        name = "-".join(re.findall(r"[a-z0-9]+", otherwise.lower())) or "entry"
+    if not name[0].isalpha() or name in _RESERVED:
+        name = f"the-{name}"
+    numbers = (f"{name}-{number}" for number in itertools.count(2))
+    unique = next(n for n in itertools.chain([name], numbers) if n not in used)
+    used.add(unique)
+    return unique
 
 
 # Texts -------------------------------------------------------------------------------------------

@@ -113,7 +113,7 @@ class Domain:
         objects = problem.objects if problem is not None else self.syntax.constants
         for argument, parameter in zip(arguments, declaration.parameters, strict=True):
             known = objects.get(argument)
-            if known is None or not any(self.syntax.is_a(known.type, t) for t in parameter.types):
+            if known is None or not self.syntax.admits(parameter, known.type):
                 return None
         return declaration
 

@@ -28,8 +28,8 @@ Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 
 MAX_GROUND_SCHEMAS = 50_000
-_FLUENTS_EACH = 4
-_BINDINGS_EACH = 20
+FLUENTS_EACH = 4
+BINDINGS_EACH = 20
 
 
 class InstantiationBudget:
@@ -47,7 +47,7 @@ class InstantiationBudget:
     def count_binding(self, place: Place) -> None:
         """Count one binding of a variable."""
         self.bindings += 1
-        if self.bindings > (most := _BINDINGS_EACH * self.ground_schemas):
+        if self.bindings > (most := BINDINGS_EACH * self.ground_schemas):
             raise _too_large(
                 f"instantiation takes more than {most} bindings",
                 place,
@@ -68,7 +68,7 @@ class InstantiationBudget:
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
         """Check a number of fluents against the limit."""
-        if count > (most := _FLUENTS_EACH * self.ground_schemas):
+        if count > (most := FLUENTS_EACH * self.ground_schemas):
             raise _too_large(
                 f"the domain has more than {most} fluents over these objects",
                 declaration.place,
@@ -160,9 +160,9 @@ class Facts:
         """Return the objects of any of the types, in the order of the files."""
         found = self._members.get(types)
         if found is None:
-            is_a, objects = self.domain.is_a, self.objects.values()
-            names = (o.name for o in objects if any(is_a(o.type, t) for t in types))
-            found = self._members[types] = dict.fromkeys(names)
+            parents, objects = self.domain.parents, self.objects.values()
+            fits = {o.type: any(x.is_subtype(o.type, t, parents) for t in types) for o in objects}
+            found = self._members[types] = dict.fromkeys(o.name for o in objects if fits[o.type])
         return found
 
     def keys_of(self, declaration: x.Declaration) -> Iterator[Key]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 
 from serp._util.text import closest, did_you_mean
@@ -70,19 +70,17 @@ def _name(title: Group, what: str) -> str:
 
     A domain's name becomes part of file names; a problem's name is not used.
     """
-    words = [node.text for node in title.items[1:] if isinstance(node, Word)]
-    if what == "problem" and len(words) == len(title.items) - 1 and len(words) != 1:
+    words = [node for node in title.items[1:] if isinstance(node, Word)]
+    if what == "problem" and len(words) == len(title.items) - 1 != 1:
         title.place.warn(f"`{title.place.text}`: other tools take one name")
-        return " ".join(words)
+        return " ".join(word.text for word in words)
     if len(title.items) != 2:
         raise DomainError(f"expected `({what} name)` after `define`", title.place)
-    node = title.items[1]
-    if isinstance(node, Word) and (what == "problem" or _FILE_NAME.match(node.text)):
-        if not is_name(node):
-            node.place.warn(f"`{node.text}`: for other tools a name begins with a letter and goes "
-                            "on with letters, digits, `-` and `_`")  # fmt: skip
-        return node.text
-    return expect_name(node, f"the {what}").text
+    if words and not is_name(words[0]) and (what == "problem" or _FILE_NAME.match(words[0].text)):
+        words[0].place.warn(f"`{words[0].text}`: for other tools a name begins with a letter and "
+                            "goes on with letters, digits, `-` and `_`")  # fmt: skip
+        return words[0].text
+    return expect_name(title.items[1], f"the {what}").text
 
 
 def read_requirements(group: Group | None) -> frozenset[str]:
@@ -130,12 +128,6 @@ def add_section(section: Group, single: dict[str, Group]) -> None:
 
 DOMAIN_SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions")
 SCHEMA_FIELDS = (":parameters", ":precondition", ":effect")
-_RESERVED = {
-    x.REWARD: "is what a step gains",
-    x.UNSAFE: "flags what does damage",
-    x.TERMINAL: "ends the task",
-}
-"""Reserved name → what it means."""
 SCHEMA_SECTIONS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
 
 
@@ -207,7 +199,7 @@ def _all_declarations(
 
 def _check_reserved(declaration: x.Declaration) -> None:
     name = declaration.name
-    if name not in _RESERVED:
+    if name not in (x.REWARD, x.UNSAFE, x.TERMINAL):
         return
     if declaration.numeric != (name == x.REWARD):
         kind = "function" if name == x.REWARD else "predicate"
@@ -216,7 +208,7 @@ def _check_reserved(declaration: x.Declaration) -> None:
         problem = f"`({name})` is reserved and takes no parameters"
     else:
         return
-    advice = f"it {_RESERVED[name]}; where you mean something else, choose another name"
+    advice = "where you mean something else, choose another name"
     raise DomainError(problem, declaration.place, advice, code="reserved-name")
 
 
@@ -331,8 +323,8 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
             objects |= _objects(listed, domain)
     math = x.MATH_REQUIREMENT in requirements
     scope = Scope(domain.parents, objects, domain.declarations, {}, math=math, declares=":objects")
-    atoms, values = _initial(single[":init"], scope) if ":init" in single else ((), ())
-    init = single[":init"].place if ":init" in single else None
+    init = single.get(":init")
+    atoms, values = _initial(init, scope) if init is not None else ((), ())
     goal: x.Condition | None = None
     metric: x.Metric | None = None
     if ":goal" in single:
@@ -341,7 +333,8 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
     if ":metric" in single:
         with source.recovering():
             metric = _metric(single[":metric"], scope)
-    return x.ProblemSyntax(name, objects, atoms, values, goal, metric, top.place, init)
+    place = init.place if init is not None else None
+    return x.ProblemSyntax(name, objects, atoms, values, goal, metric, top.place, place)
 
 
 def _objects(group: Group, domain: x.DomainSyntax) -> dict[str, x.ObjectDeclaration]:
@@ -363,91 +356,77 @@ def _check_domain_name(group: Group, domain: x.DomainSyntax) -> None:
         word.place.warn(text, "other-domain", write=domain.name)
 
 
-class _Initial:
-    """The facts of an `:init`, as they are read."""
-
-    def __init__(self, scope: Scope) -> None:
-        self._scope = scope
-        # What a metric may read, an initial value may name: `(reward)` too.
-        self._readable = replace(scope, in_metric=True)
-        self.atoms: list[x.Atom] = []
-        self.denied: dict[tuple[str, ...], Place] = {}
-        self.values: dict[tuple[str, ...], tuple[x.FunctionTerm, x.Number]] = {}
-
-    def add(self, node: Node) -> None:
-        item = expect_group(node, "a fact")
-        if item.head == "=":
-            self._add_value(item)
-        elif item.head == "not":
-            fact = parse_condition(item.items[1], self._scope) if len(item.items) == 2 else None
-            if not isinstance(fact, x.Atom):
-                raise DomainError("`not` takes one predicate", item.place)
-            self.denied[_key(fact)] = item.place  # false anyway, unless it is stated too
-        else:
-            self._add_fact(item)
-
-    def _add_value(self, item: Group) -> None:
-        if len(item.items) != 3:
-            raise DomainError("expected `(= (function) number)`", item.place)
-        target = expect_group(as_function(item.items[1], self._scope), "a function")
-        function = parse_expression(target, self._readable)
-        if isinstance(function, x.TotalTime) and parse_number(item.items[2]).value == 0.0:
-            text = "`(total-time)` always starts at 0; leave this out"
-            item.place.warn(text, "needless", write="")
-            return
-        if not isinstance(function, x.FunctionTerm):
-            raise DomainError("expected a function of the domain", function.place)
-        key = _key(function)
-        if key in self.values:
-            raise DomainError(
-                f"a second value for `{function.place.text}`", item.place, code="declared-twice"
-            )
-        value = parse_number(item.items[2])
-        if function.name == x.REWARD and value.value != 0.0:
-            problem = "`(reward)` starts at 0 in every step"
-            raise DomainError(problem, value.place, code="reserved-name")
-        self.values[key] = (function, value)
-
-    def _add_fact(self, item: Group) -> None:
-        if item.head == "at" and len(item.items) == 3 and isinstance(item.items[2], Group):
-            raise unsupported("timed initial literals are not supported", item.place, "timed")
-        if item.head in ("oneof", "or", "unknown", "probabilistic") and (
-            item.head not in self._scope.declarations
-        ):
-            problem = f"`{item.head}` is not supported in `:init`"
-            raise unsupported(problem, item.place.opening, "unknown")
-        fact = parse_condition(item, self._scope)
-        if not isinstance(fact, x.Atom):
-            raise DomainError(
-                "expected a predicate over objects or `(= (function) number)`",
-                item.place,
-                "list facts one after the other, without `and`" if item.head == "and" else "",
-            )
-        if fact.name in (x.UNSAFE, x.TERMINAL):
-            raise DomainError(
-                f"`({fact.name})` starts false in every step", item.place, code="reserved-name"
-            )
-        self.atoms.append(fact)
-
-
 def _initial(
     group: Group, scope: Scope
 ) -> tuple[tuple[x.Atom, ...], tuple[tuple[x.FunctionTerm, x.Number], ...]]:
-    initial = _Initial(scope)
+    """Parse `:init` into what is true, and the values of functions."""
+    source = group.place.source
+    atoms: list[x.Atom] = []
+    denied: dict[Hashable, Place] = {}
+    values: dict[Hashable, tuple[x.FunctionTerm, x.Number]] = {}
     for node in group.items[1:]:
-        with group.place.source.recovering():
-            initial.add(node)
-    for atom in initial.atoms:
-        if (denied := initial.denied.get(_key(atom))) is not None:
-            with group.place.source.recovering():
+        with source.recovering():
+            item = expect_group(node, "a fact")
+            if item.head == "=":
+                given = _value(item, scope)
+                if given and values.setdefault(x.meaning(given[0]), given) is not given:
+                    problem = f"a second value for `{given[0].place.text}`"
+                    raise DomainError(problem, item.place, code="declared-twice")
+            elif item.head == "not":
+                fact = parse_condition(item.items[1], scope) if len(item.items) == 2 else None
+                if not isinstance(fact, x.Atom):
+                    raise DomainError("`not` takes one predicate", item.place)
+                denied[x.meaning(fact)] = item.place  # false anyway, unless it is stated too
+            else:
+                atoms.append(_fact(item, scope))
+    for atom in atoms:
+        if (place := denied.get(x.meaning(atom))) is not None:
+            with source.recovering():
                 problem = f"`{atom.place.text}` is also stated true"
-                raise DomainError(problem, denied, code="declared-twice")
-    initial.values.pop((x.REWARD,), None)
-    return tuple(initial.atoms), tuple(initial.values.values())
+                raise DomainError(problem, place, code="declared-twice")
+    return tuple(atoms), tuple(values.values())
 
 
-def _key(term: x.Atom | x.FunctionTerm) -> tuple[str, ...]:
-    return (term.name, *(argument.name for argument in term.arguments))
+def _value(item: Group, scope: Scope) -> tuple[x.FunctionTerm, x.Number] | None:
+    """Parse `(= (function) number)`; None where it says what holds anyway."""
+    if len(item.items) != 3:
+        raise DomainError("expected `(= (function) number)`", item.place)
+    target = expect_group(as_function(item.items[1], scope), "a function")
+    # What a metric may read, an initial value may name: `(reward)` too.
+    function = parse_expression(target, replace(scope, in_metric=True))
+    if isinstance(function, x.TotalTime) and parse_number(item.items[2]).value == 0.0:
+        text = "`(total-time)` always starts at 0; leave this out"
+        item.place.warn(text, "needless", write="")
+        return None
+    if not isinstance(function, x.FunctionTerm):
+        raise DomainError("expected a function of the domain", function.place)
+    value = parse_number(item.items[2])
+    if function.name != x.REWARD:
+        return function, value
+    if value.value != 0.0:
+        problem = "`(reward)` starts at 0 in every step"
+        raise DomainError(problem, value.place, code="reserved-name")
+    return None
+
+
+def _fact(item: Group, scope: Scope) -> x.Atom:
+    if item.head == "at" and len(item.items) == 3 and isinstance(item.items[2], Group):
+        raise unsupported("timed initial literals are not supported", item.place, "timed")
+    uncertain = item.head in ("oneof", "or", "unknown", "probabilistic")
+    if uncertain and item.head not in scope.declarations:
+        problem = f"`{item.head}` is not supported in `:init`"
+        raise unsupported(problem, item.place.opening, "unknown")
+    fact = parse_condition(item, scope)
+    if not isinstance(fact, x.Atom):
+        raise DomainError(
+            "expected a predicate over objects or `(= (function) number)`",
+            item.place,
+            "list facts one after the other, without `and`" if item.head == "and" else "",
+        )
+    if fact.name in (x.UNSAFE, x.TERMINAL):
+        problem = f"`({fact.name})` starts false in every step"
+        raise DomainError(problem, item.place, code="reserved-name")
+    return fact
 
 
 def _goal(group: Group, scope: Scope) -> x.Condition | None:

@@ -38,16 +38,6 @@ _EFFECTS = {
 _ARITHMETIC = "+-*/"
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 _GROUNDED = "declare a function whose value the grounding gives"
-PORTABLE = {
-    "abs": "write two conditions, or two effects under `when`: one where it is negative",
-    "sqrt": "compare squares instead of roots",
-    **dict.fromkeys(
-        ("min", "max"),
-        "write an effect under `when` for each case, or an event that limits the number",
-    ),
-    **dict.fromkeys(("sin", "cos", "atan2"), _GROUNDED),
-}
-"""Function of `:math-functions` → what to write in its stead."""
 _MATH = {
     **dict.fromkeys(("^", "**", "pow"), "write a product, or `(sqrt ...)` for a root"),
     "tan": "write `(/ (sin ...) (cos ...))`",

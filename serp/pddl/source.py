@@ -115,13 +115,14 @@ class Source:
         path, advice = Path(path), ""
         try:
             status = path.stat()
-            if stat.S_ISREG(status.st_mode) and status.st_size <= _LARGEST:
-                # Some editors put a byte order mark first; it is not part of the text.
+            if path.is_dir():
+                reason = "it is a folder"
+            elif not stat.S_ISREG(status.st_mode):
+                reason = "it is not a regular file"
+            elif status.st_size > _LARGEST:
+                reason = f"it has {status.st_size:,} bytes, and a PDDL file at most {_LARGEST:,}"
+            else:  # some editors put a byte order mark first; it is not part of the text
                 return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
-            reason = f"it has {status.st_size:,} bytes, and a PDDL file at most {_LARGEST:,}"
-            if not stat.S_ISREG(status.st_mode):
-                folder = stat.S_ISDIR(status.st_mode)
-                reason = "it is a folder" if folder else "it is not a regular file"
             problem = f"{path}: cannot be read ({reason})"
         except FileNotFoundError:
             problem = f"{path}: there is no such file"
@@ -317,16 +318,10 @@ class DomainError(SerpError):
         fix: Fix | None = None,
         code: str = "malformed",
     ) -> None:
-        """Describe what is wrong.
+        """Describe what is wrong: see the attributes.
 
-        Args:
-            problem: One sentence.
-            place: Where.
-            advice: What to do about it.
-            write: What to write there instead, where that is known.
-            guess: What may have been meant there; the advice says so.
-            fix: What to change, where that is not this place alone.
-            code: What kind of error it is.
+        `write` is the text to write at the place, where that is known, and `guess` one that may
+        have been meant; `fix` is for a change of other places.
         """
         self.code = code
         self.fix = fix

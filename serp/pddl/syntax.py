@@ -266,9 +266,9 @@ class DomainSyntax:
     requirements: frozenset[str]
     place: Place
 
-    def is_a(self, type_name: str, ancestor: str) -> bool:
-        """Whether a type is the ancestor or below it."""
-        return is_subtype(type_name, ancestor, self.parents)
+    def admits(self, parameter: SchemaParameter, type_name: str) -> bool:
+        """Whether a parameter may be an object of a type."""
+        return any(is_subtype(type_name, wanted, self.parents) for wanted in parameter.types)
 
 
 @dataclass(frozen=True)

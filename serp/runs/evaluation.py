@@ -26,7 +26,6 @@ EPISODES: Final = 100
 ENOUGH: Final = WINDOW
 """Number of episodes below which mean and interval are rough."""
 CONFIDENCE: Final = 0.95
-_DRAWS = 3  # spawn key of a strategy's random draws
 
 
 @dataclass(frozen=True)
@@ -151,9 +150,7 @@ def play(
             begun = evaluation_seed(seed, episode)
             rollout = Rollout(task, agent.perceive, seed=begun, limit=limit, judge=judge)
             agent.arbiter.begin_episode()
-            draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
-            decide = _decisions(agent, policy, draws)
-            steps = rollout.steps(decide)
+            steps = rollout.steps(_decisions(agent, policy))
             if recorder is not None:
                 steps = _recorded(steps, recorder, episode + 1)
             yield Episode(episode + 1, rollout.info, steps, rollout.totals)
@@ -219,28 +216,17 @@ def evaluate(
 
 def meaning_of(agent: Agent, policy: Policy) -> str:
     """Return a description of a policy of an agent."""
-    strategy = agent.strategy
     if policy == "planner":
         return "the planner alone"
     if policy == "learner":
         return "the learner's choice alone, no veto"
-    chosen = strategy.choice if policy == "serp" else f"as in training: {strategy.turns}"
-    return f"{chosen}, within the vetoes: a vetoed choice is replaced by the planner's"
+    choice = agent.strategy.choice
+    return f"{choice}, within the vetoes: a vetoed choice is replaced by the planner's"
 
 
-def other_in_training(agent: Agent) -> str | None:
-    """Return a description of who acts in training; None if it is the policy `serp`."""
-    strategy = agent.strategy
-    return None if strategy.turns == strategy.choice else strategy.turns
-
-
-def _decisions(agent: Agent, policy: Policy, draws: np.random.SeedSequence) -> Decide:
-    """Return a policy for an episode, with the seed of its random draws."""
+def _decisions(agent: Agent, policy: Policy) -> Decide:
     if policy == "serp":
         return agent.decide_greedily
     if policy == "learner":
         return agent.decide_as_baseline
-    if policy == "planner":
-        return lambda state, x: agent.arbiter.plan(state)
-    strategy = agent.strategy.forked(draws)
-    return lambda state, x: agent.decide_in_turns(state, x, strategy)
+    return lambda state, x: agent.arbiter.plan(state)

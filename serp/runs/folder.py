@@ -6,7 +6,7 @@
 ``decisions.csv``           one row per decision
 ``recording``               every step in numbers, see `serp.runs.recording`
 ``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
-``summary.json``, ``report.md``, ``learning-curve.png``, ``learning-curve.svg``  the results
+``summary.json``, ``learning-curve.png``, ``learning-curve.svg``  the results
 
 What cannot be read or written is a `RunError`.
 """
@@ -22,7 +22,7 @@ import os
 import platform
 import re
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -217,20 +217,9 @@ def machine() -> dict[str, Any]:
     return {
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "platform": platform.platform(),
-        "processor": _processor(),
+        "processor": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
     }
-
-
-def _processor() -> str:
-    """Return the model of the processor, as far as the system names it."""
-    with contextlib.suppress(OSError):
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-        for line in text.splitlines():
-            name, _, value = line.partition(":")
-            if name.strip() == "model name":
-                return value.strip()
-    return platform.processor() or platform.machine()
 
 
 def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path:
@@ -245,19 +234,20 @@ def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path
     return path
 
 
-def make_empty(path: Path, is_trace: Callable[[str], bool]) -> None:
+def make_empty(path: Path) -> None:
     """Create the folder of a new run, unless it exists and is empty; see `refuse_occupied`."""
-    refuse_occupied(path, is_trace)
+    refuse_occupied(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
 
 
-def refuse_occupied(path: Path, is_trace: Callable[[str], bool]) -> None:
+def refuse_occupied(path: Path) -> None:
     """Raise a RunError if a new run cannot have a folder, because there is something in it.
 
-    The files that a run stopped before its beginning may have left (`is_trace`) are ignored.
+    What a run left that was stopped before its beginning is ignored. Its lock file shows that the
+    other files are its own: without it, a domain.pddl may be the user's.
     """
     if path.is_file():
         raise RunError(f"{path} is a file. Give another folder with --out.")
@@ -267,9 +257,7 @@ def refuse_occupied(path: Path, is_trace: Callable[[str], bool]) -> None:
         return
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
-    # The lock file shows that a run left the other files. Without it, a domain.pddl may be the
-    # user's own.
-    if names and not (LOCK in names and all(map(is_trace, names - {LOCK}))):
+    if names and not (LOCK in names and names <= _LEFT):
         raise occupied(path)
 
 
@@ -288,23 +276,16 @@ def occupied(path: Path) -> RunError:
 METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
-_COPY: Final = re.compile(r"(domain|problem)\.pddl")
+_COPIES: Final = ("domain.pddl", "problem.pddl")
 _TABLES: Final = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
+_LEFT: Final = {
+    *(LOCK, *_COPIES, *_TABLES),
+    *(aside_of(Path(name)).name for name in (*_COPIES, CONFIG)),
+}
+"""What a run may leave that is stopped before its beginning: `CONFIG` is written last."""
 _POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
 Texts = Sequence[tuple[str, str]]
 """Name and text of a domain file and, if there is one, of its problem file."""
-
-
-def is_trace(name: str) -> bool:
-    """Return whether a file may be what a run left that was stopped before its beginning.
-
-    ``config.json`` is none: it is written last, and makes the folder a run.
-    """
-    written = name.removesuffix(aside_of(Path("x")).suffix)
-    return bool(_COPY.fullmatch(written)) or written in _TABLES or written == CONFIG != name
-
-
-_COPIES: Final = ("domain.pddl", "problem.pddl")
 
 
 class RunFolder(Closing):
@@ -354,15 +335,14 @@ class RunFolder(Closing):
         copies = dict(zip(_COPIES, domain_files, strict=False))
         names = {copy: name for copy, (name, _) in copies.items()}
         text = config_text(config, names, command, now or datetime.datetime.now())
-        make_empty(path, is_trace)
+        make_empty(path)
         run = cls(path, json.loads(text), RunLock(path))
         try:
             # Another process may have begun a run since the folder was checked.
             if os.path.lexists(path / CONFIG):
                 raise occupied(path)
-            for file in path.iterdir():  # of a run that was stopped before its beginning
-                if _COPY.fullmatch(file.name) and file.name not in copies:
-                    file.unlink()
+            for name in _COPIES:  # of a run that was stopped before its beginning
+                (path / name).unlink(missing_ok=True)
             for copy, (_, content) in copies.items():
                 write_durably(path / copy, content.encode())
             write_durably(path / CONFIG, text)  # last, because it makes the folder a run

@@ -23,7 +23,7 @@ from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
 from serp.agent.protocols import Mask, Proposer
 from serp.agent.registry import refuse_unknown_names
-from serp.agent.step_record import EpisodeTotals, StepRecord
+from serp.agent.step_record import DecisionCounts, EpisodeTotals, StepRecord
 from serp.errors import Notice, SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
@@ -135,17 +135,10 @@ class _Asked:
 
 
 class _Turn(NamedTuple):
-    """Whose turn it is in a state.
-
-    Attributes:
-        decision: The decision if the learner's action does not count.
-        asked: Whether the strategy wants the learner's action.
-        masks: `[E]` actions that will be executed if they are proposed.
-    """
+    """The decision in a state if the learner's action does not count, and whether it counts."""
 
     decision: Decision
     asked: bool
-    masks: NDArray[np.bool_]
 
 
 class ArbitratedEnv(TaskEnv):
@@ -185,7 +178,11 @@ class ArbitratedEnv(TaskEnv):
         Raises:
             gymnasium.error.ResetNeeded: No episode is running.
         """
-        return self._whose_turn(self.running).masks.copy()
+        decision, asked = self._whose_turn(self.running)
+        masks = decision.admissible
+        if not (asked and masks.any()):
+            masks = np.arange(len(masks)) == decision.action
+        return masks.copy()
 
     @property
     def last_decision(self) -> Decision | None:
@@ -198,9 +195,9 @@ class ArbitratedEnv(TaskEnv):
 
     def decide(self, rollout: Rollout, action: int) -> Decision:
         """Return the decision for a proposal."""
-        turn = self._whose_turn(rollout)
-        decision, self._turn = turn.decision, None
-        if turn.asked:
+        decision, asked = self._whose_turn(rollout)
+        self._turn = None
+        if asked:
             proposal = Proposal(action, False, None)
             decision = self._agent.arbiter.exchange(decision, proposal)
         self._last = decision, rollout.state
@@ -210,10 +207,7 @@ class ArbitratedEnv(TaskEnv):
         if self._turn is None:
             learner = _Asked()
             decision = self.ask(rollout.state, learner)
-            masks = decision.admissible
-            if not (learner.asked and masks.any()):
-                masks = np.arange(len(masks)) == decision.action
-            self._turn = _Turn(decision, learner.asked, masks)
+            self._turn = _Turn(decision, learner.asked)
         return self._turn
 
     def next_seed(self, seed: int | None) -> int:
@@ -302,13 +296,14 @@ class GuardedEnv(ArbitratedEnv):
                     Path(out), bound, resolved,
                     preset=preset, seed=seed, budget=Budget(), begun=begun,
                 )  # fmt: skip
-                self._log = RunLog(self._folder, bound, resolved.training)
+                self._log = RunLog(self._folder, bound)
         except BaseException:
             bound.close()
             raise
         self._unit = UnitCounter(resolved.arbiter.rho_unit)
         self._evaluation: contextlib.ExitStack | None = None
         self.env_steps = self.episode = 0
+        self._tally = DecisionCounts()
         self._initial = resolved.training.random_steps > 0
 
     def reset(
@@ -331,6 +326,7 @@ class GuardedEnv(ArbitratedEnv):
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Adapt the model, count, log, and return the task's info with the decision."""
         agent = self._agent
+        self._tally.count(step.decision)
         if self._log is not None:
             self._log.step(step, env_step=self.env_steps, episode=self.episode + 1)
         with blas_on_one_thread():
@@ -406,7 +402,7 @@ class GuardedEnv(ArbitratedEnv):
                 self._log.flush()
                 seconds = compile_seconds() - self._compiled
                 account = account_of(self._agent)
-                write_results(self._folder, compile_seconds=seconds, account=account)
+                write_results(self._folder, self._tally.vetoes_by_reason(), seconds, account)
             self._folder = self._log = None
         super().close()
 

@@ -13,9 +13,9 @@ import numpy as np
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from serp._util.compilation import compile_seconds, compiled_functions, notifying_of_compilation
+from serp._util.compilation import notifying_of_compilation
 from serp._util.terminal import open_console, visible
-from serp._util.text import duration, percent, plural, readable
+from serp._util.text import duration, percent, readable
 from serp.agent.decision import Actor
 from serp.runs.trainer import Budget, Trainer
 
@@ -154,25 +154,17 @@ class Progress:
 
 @contextlib.contextmanager
 def show_compiling(*, quiet: bool = False, stream: TextIO | None = None) -> Iterator[None]:
-    """Show that loops are compiled in the body, and afterwards how many.
+    """Show once that loops are compiled in the body, if any are: it may take minutes.
 
-    Nothing is shown if `quiet`, or if all machine code comes from the cache. The stream is standard
-    error by default.
+    Nothing is shown if `quiet`. The stream is standard error by default.
     """
     console = open_console(stream, stderr=True, quiet=quiet)
-    loops, seconds = compiled_functions(), compile_seconds()
+    lines = iter(["Compiling, once; the code is kept for later runs …"])
 
     def begin() -> None:
-        if compiled_functions() == loops + 1:
+        for line in lines:
             with contextlib.suppress(*_CLOSED):
-                console.print("Compiling, once …")
+                console.print(line)
 
-    try:
-        with notifying_of_compilation(begin):
-            yield
-    finally:
-        if compiled_functions() > loops:
-            what = plural(compiled_functions() - loops, "loop")
-            took = duration(compile_seconds() - seconds)
-            with contextlib.suppress(*_CLOSED):
-                console.print(f"Compiled {what} in {took}, kept for later runs.")
+    with notifying_of_compilation(begin):
+        yield

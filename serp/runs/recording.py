@@ -503,8 +503,7 @@ def open_recording(run: Path, evaluation: str | None = None) -> Recording:
     if not (run / RECORDING / HEADER).is_file():
         there = "".join(f"\n  serp why {run} --evaluation {name}" for name in evaluations_of(run))
         raise RunError(
-            f"{run} has no recording of its steps. A run trained with training.record=true, which "
-            "is the default, has one; `serp evaluate` records its episodes."
+            f"{run} has no recording of its steps; `serp evaluate` records episodes of the policy."
             + (f" There are evaluations:{there}" if there else "")
         )
     return Recording(run / RECORDING)

@@ -1,41 +1,17 @@
-"""The results of a run: ``summary.json``, ``report.md`` and the learning curve."""
+"""The results of a run: ``summary.json`` and the learning curve."""
 
 from __future__ import annotations
 
-import shlex
 import warnings
 from collections.abc import Mapping
 from typing import Any
 
 from serp._util.files import finite, json_text
-from serp._util.text import code, duration, markdown_text, plural, readable, table
+from serp._util.text import duration, plural, readable
 from serp.errors import MissingExtra, Notice, needs_extra
-from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
+from serp.runs.folder import METRICS, SUMMARY, RunFolder
 from serp.runs.summary import FIRST, WINDOW, summarize
-from serp.runs.tables import count_decisions, read_metrics
-
-
-def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bool = True) -> str:
-    """Return a short report of a run as Markdown; `drawn`: with the picture of its learning curve.
-
-    `serp report` shows the whole run.
-    """
-    sections = [f"# Run: {markdown_text(title(summary))}", lead(summary)]
-    if drawn:
-        sections.append("![Learning curve: return per episode](learning-curve.png)")
-    if "trained_policy" in summary:
-        sections.append(f"The trained policy is {markdown_text(summary['trained_policy'])}.")
-    if summary.get("evidence"):
-        sections.append(f"The evidence: {markdown_text(summary['evidence']['sentence'])}.")
-    if "model" in summary:
-        sections.append(f"The model is {markdown_text(summary['model']['sentence'])}.")
-    vetoes = summary["vetoes_by_reason"].items()
-    if vetoes:
-        rows = [(markdown_text(why), f"{count:,}") for why, count in vetoes]
-        sections.append(table(("reason of a veto", "vetoes"), rows))
-    if metadata["command"]:
-        sections.append(code(shlex.join(map(str, metadata["command"]))))
-    return "\n\n".join(sections) + "\n"
+from serp.runs.tables import read_metrics
 
 
 def title(summary: Mapping[str, Any]) -> str:
@@ -63,21 +39,22 @@ def lead(summary: Mapping[str, Any]) -> str:
 
 
 def write_results(
-    run: RunFolder, compile_seconds: float = 0.0, account: Mapping[str, Any] | None = None
+    run: RunFolder,
+    vetoes_by_reason: Mapping[str, int],
+    compile_seconds: float = 0.0,
+    account: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write ``summary.json``, ``report.md``, ``learning-curve.png`` and ``learning-curve.svg``.
+    """Write ``summary.json``, ``learning-curve.png`` and ``learning-curve.svg``.
 
-    Without matplotlib there is no learning curve, and a `Notice` is issued. `compile_seconds` of
-    compilation are not part of training; `account` is what `account_of` says of the agent.
+    Without matplotlib there is no learning curve, and a `Notice` is issued. The arguments are those
+    of `summarize`.
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
-    vetoes = count_decisions(run.path / DECISIONS).vetoes_by_reason()
     summary: dict[str, Any] = finite(
-        summarize(metrics, run.config, vetoes, compile_seconds, account)
+        summarize(metrics, run.config, vetoes_by_reason, compile_seconds, account)
     )
     run.write(SUMMARY, json_text(summary))
-    drawn = True
     try:
         with needs_extra("plots", "the learning curve"):
             from serp._util.figures import render
@@ -88,5 +65,3 @@ def write_results(
         run.write("learning-curve.svg", render(figure, "svg"))
     except MissingExtra as missing:
         warnings.warn(str(missing), Notice, stacklevel=2)
-        drawn = False
-    run.write("report.md", report(run.metadata, summary, drawn=drawn))

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import math
-import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final
 
 import numpy as np
 
-from serp._util.files import Closing
 from serp._util.saved_state import Saved
 from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
@@ -20,59 +16,6 @@ from serp.model.transition_model import Vector
 from serp.tasks.environment import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
-
-SLOW_STEP_SECONDS: Final = 30.0
-"""A call of the environment that takes longer is reported while it lasts, once per run."""
-
-
-class Watchdog(Closing):
-    """Watches an environment from its own thread, and reports once that a call takes long.
-
-    It is a context manager around the calls of the environment. It cannot watch an environment that
-    never releases Python's global interpreter lock.
-
-    Args:
-        task: The task with the environment.
-        seconds: A call that takes longer is reported; infinity: none is.
-        step: Returns the number of the current env step.
-        say: Called with the message, in the watching thread.
-    """
-
-    def __init__(
-        self,
-        task: BoundTask,
-        seconds: float,
-        step: Callable[[], int],
-        say: Callable[[str], None],
-    ) -> None:
-        self._task = task
-        self._seconds = seconds
-        self._step = step
-        self._say = say
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="serp watchdog", daemon=True)
-
-    def __enter__(self) -> Self:
-        if math.isfinite(self._seconds):
-            self._thread.start()
-        return self
-
-    def close(self) -> None:
-        """Stop watching."""
-        self._over.set()
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _watch(self) -> None:
-        while not self._over.wait(min(1.0, self._seconds / 4)):
-            call = self._task.call
-            if call is not None and time.monotonic() - call.since >= self._seconds:
-                self._say(
-                    f"The environment has not returned for {self._seconds:g} s: {call.what}, env "
-                    f"step {self._step():,}. This is reported once; two Ctrl-C stop at once."
-                )
-                return
-
 
 _TRAINING: Final = 1
 _EVALUATION: Final = 2
@@ -98,20 +41,6 @@ def _seed(seed: int, use: int, episode: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(use, episode)).generate_state(1)[0])
 
 
-class Playable(Protocol):
-    """The part of a task that a rollout uses; `BoundTask` and `RemoteTask` have it."""
-
-    @property
-    def env(self) -> Any:
-        """The environment, for a grounding that takes it."""
-
-    def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; return observation and info."""
-
-    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Execute an action; return observation, reward, terminated, truncated and info."""
-
-
 class Rollout:
     """A running episode of a task, right after the reset of its environment.
 
@@ -128,7 +57,7 @@ class Rollout:
 
     def __init__(
         self,
-        task: Playable,
+        task: BoundTask | RemoteTask,
         perceive: Perceive,
         *,
         seed: int,

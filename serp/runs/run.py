@@ -12,7 +12,7 @@ import os
 import sys
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import gymnasium as gym
 from numpy.typing import NDArray
@@ -45,9 +45,6 @@ from serp.tasks.file_world import world_task
 from serp.tasks.registry import load_task
 from serp.tasks.task import BoundTask, Task, WorldOptions, reward_source
 
-if TYPE_CHECKING:
-    from serp.tasks.task import BoundTask
-
 
 class RunMetadata(BaseModel):
     """The part of a run's configuration that it is read back with."""
@@ -71,7 +68,7 @@ class RunMetadata(BaseModel):
     states can be reached from there, see `Task.closed`."""
     max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
     """Limit on the size of each grounded domain."""
-    world: Annotated[WorldOptions | None, BeforeValidator(WorldOptions.from_dict)] = None
+    world: Annotated[WorldOptions, BeforeValidator(WorldOptions.from_dict)] | None = None
     """What the environment was made with, if it was made of the file itself."""
     baseline: bool = False
     """Whether the learner always acts and nothing is refused, see `serp.agent.agent.Agent`."""
@@ -300,7 +297,7 @@ class Run:
         Args:
             policy: `serp`: the trained agent within the vetoes, as `serp.Run.decide`; `planner`:
                 the planner without the learner; `learner`: the learner's greedy choice without
-                vetoes; `training`: planner or learner as at the end of training, within the vetoes.
+                vetoes.
                 None of them explores.
             episodes: Number of episodes, at least 1.
             seed: Seed of the environment.

@@ -1,4 +1,4 @@
-"""The account of a recorded step: what `serp.explanation` tells of it, and what came of it.
+"""The account of a recorded step: what `serp.agent.explanation` tells of it, and what came of it.
 
 Values are those that were recorded. Causes are those of the file as the run has it. What lies
 beyond one control period, and what would have had to differ, is computed by a planner that makes
@@ -14,10 +14,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause, observed_causes
 from serp.agent.counterfactuals import Counterfactuals
 from serp.agent.decision import Reason
 from serp.agent.explanation import Explanation, explain
+from serp.agent.sentences import lines_of_causes, lines_of_changes, who_decided, why_refused
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.runs.agreeing import RunModel, agreeing_planner, other_vetoes_of
@@ -272,3 +274,92 @@ def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], 
     except StateError:
         return [], None, step.unsafe
     return causes, judged.reward, judged.unsafe or step.unsafe
+
+
+# Sentences ----------------------------------------------------------------------------------------
+
+_MINOR = 0.05
+"""Error, in usual changes, up to which a fluent is as predicted."""
+_SAME_REWARD = 0.01
+"""Difference of two rewards, as a share, up to which they are the same."""
+
+
+def heading(account: StepAccount) -> str:
+    """Return which step it is: `step 1,204, that is step 37 of episode 12, at 0:14.4`."""
+    of, time = account.step, account.time
+    return f"step {of.step:,}, that is step {of.number:,} of episode {of.episode:,}, at {time}"
+
+
+def who_acted(account: StepAccount) -> list[str]:
+    """Say who acted and why."""
+    decision, why = account.step.decision, ""
+    if decision.proposed >= 0:
+        of = account.account.alternatives[decision.proposed]
+        why = why_refused(decision.reason, of.causes, of.reward, of.safe_steps)
+    return who_decided(
+        decision.reason,
+        (account.proposed, decision.proposed_by),
+        (account.name(decision.action), decision.executed_by),
+        rho=decision.rho,
+        indifferent=decision.indifferent,
+        bound=decision.forecast.bound,
+        why=why,
+    )
+
+
+def what_would_differ(account: StepAccount) -> list[str]:
+    """Say what would have had to differ for another outcome, and what was searched."""
+    vetoes, choices, proposed = account.other_vetoes, account.other_choices, account.proposed
+    lines = []
+    if vetoes is not None:
+        lines += lines_of_changes(vetoes, f"{proposed} would not have been refused")
+    if choices is not None:
+        lines += lines_of_changes(choices)
+        if account.step.decision.vetoed and vetoes is None:
+            lines.append(f"Planned again, {proposed} is not refused: the model was another then.")
+        lines.append(f"{choices.searched} Planned again with {account.ahead_by}.")
+    return lines
+
+
+def prediction_line(each: PredictedFluent) -> str:
+    """Return an error of a prediction as a line."""
+    line = (
+        f"{each.fluent}: {readable(each.predicted)} predicted, {readable(each.observed)} observed"
+    )
+    if math.isinf(each.error):
+        line += "; it never changed before"
+    elif not isinstance(each.observed, bool):
+        line += f", error: {percent(abs(each.error))} of a typical change"
+    if each.learned is not None:
+        line += f"; {readable(each.learned)} by what the run has learned"
+    return line + f" (before: {readable(each.before)})"
+
+
+def what_came(account: StepAccount) -> list[str]:
+    """Compare what was predicted with what was observed, the largest errors first."""
+    predictions, step = account.predictions, account.step
+    wrong = [each for each in predictions if abs(each.error) > _MINOR]
+    if predictions and predictions[0].predicted is None:
+        lines = ["The file predicts nothing for this action."]
+    elif wrong:
+        right = len(predictions) - len(wrong)
+        rest = f"; {plural(right, 'other')} as predicted" if right else ""
+        lines = [f"Not as the file predicts{rest}:", *(f"  {prediction_line(w)}" for w in wrong)]
+    else:
+        lines = ["Every fluent came as the file predicts."]
+    came = f"The environment gave {readable(step.env_reward)}"
+    if step.terminated or step.truncated:
+        came += " and the episode ended" + ("" if step.terminated else ", cut off")
+    lines.append(came + ".")
+    if account.domain_reward is None:
+        return lines
+    expected = account.account.alternatives[step.decision.action].reward
+    predicted = "" if expected is None else f", and {readable(expected)} was predicted"
+    worth = f"By the file what came is worth {readable(account.domain_reward)}{predicted}"
+    lines.append(worth + (":" if account.observed else "."))
+    lines += [f"  {line}" for line in lines_of_causes(account.observed)]
+    gap = step.env_reward - account.domain_reward
+    if not math.isclose(step.env_reward, account.domain_reward, rel_tol=_SAME_REWARD):
+        more = "more" if gap > 0 else "less"
+        lines.append(f"The environment gave {readable(abs(gap))} {more} than the file says.")
+    return lines

@@ -15,22 +15,16 @@ import os
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
 
-from serp._util.files import Closing, cannot_write, open_regular
-from serp.agent.step_record import DecisionCounts
+from serp._util.files import Closing, cannot_write, open_regular, read_regular
 from serp.errors import RunError
 
 if TYPE_CHECKING:
     from serp.agent.decision import Decision
     from serp.agent.step_record import EpisodeTotals
-
-
-LONGEST: Final = 1 << 24
-"""Largest length of a line that is read, in bytes."""
 
 
 class MetricsRow(NamedTuple):
@@ -164,8 +158,8 @@ class Position(NamedTuple):
 class Table(Closing):
     """Writes one CSV file with fixed columns.
 
-    A missing or empty file is created with its header. Opening an existing one checks its header
-    and drops an incomplete last line.
+    A missing or empty file is created with its header. Opening an existing one checks its header;
+    `truncate` then drops what was written after a checkpoint.
 
     Args:
         path: The file.
@@ -183,9 +177,17 @@ class Table(Closing):
         except OSError as error:
             raise cannot_write(path, error, "The table is unchanged.") from error
         try:
-            self._end = self._open_rows()
+            found = self._file.read(len(self._header))
+            if not self._header.startswith(found):
+                raise RunError(
+                    f"{self._path}:1: has other columns than this serp writes "
+                    f"({', '.join(self._columns)}). Begin a new run with another --out."
+                )
+            begun = found == self._header
+            self._end = os.fstat(self._file.fileno()).st_size if begun else 0
             self._checksum = self._checksum_of(self._end)
-            if not self._end:
+            if not begun:  # a new file, or one that was truncated in its header
+                self._file.truncate(0)
                 self._write(self._header)
         except BaseException as error:
             self._file.close()
@@ -254,29 +256,6 @@ class Table(Closing):
         finally:
             self._file.close()
 
-    def _open_rows(self) -> int:
-        """Check the header, drop an incomplete last line, and return the end of the last row."""
-        size = os.fstat(self._file.fileno()).st_size
-        found = self._file.read(len(self._header))
-        if not self._header.startswith(found):
-            raise RunError(
-                f"{self._path}:1: has other columns than this serp writes "
-                f"({', '.join(self._columns)}). Begin a new run with another --out."
-            )
-        end = 0  # of a file that is empty, or truncated inside its header
-        if found == self._header:
-            tail = max(0, size - LONGEST)
-            self._file.seek(tail)
-            end = tail + self._file.read(LONGEST).rfind(b"\n") + 1
-            if end == tail:
-                raise RunError(
-                    f"{self._path} ends with a line of more than {LONGEST:,} bytes: it was changed "
-                    "or damaged. Restore it from a copy, or begin a new run with another --out."
-                )
-        if end < size:
-            self._file.truncate(end)
-        return end
-
     def _checksum_of(self, size: int) -> int:
         """Return the CRC-32 of the first `size` bytes."""
         checksum = 0
@@ -320,97 +299,56 @@ def _cell(value: Any) -> str | float | None:
     return " ".join(text.splitlines()) if "\n" in text or "\r" in text else text
 
 
-def read_rows(
-    path: Path, columns: Sequence[str], added: Sequence[str] = ()
-) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number (from 1; the header is line 1) and cells of every complete row.
-
-    A last line without a line break is incomplete (the run was killed, or is writing) and is left
-    out. A file that lacks the columns `added`, which earlier versions did not write, has empty
-    cells there.
-    """
-    number, found = 0, list(columns)
-    try:
-        with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
-            for number, line in enumerate(iter(lambda: file.readline(LONGEST), b""), start=1):
-                if len(line) == LONGEST:
-                    raise _malformed(path, number, f"longer than {LONGEST:,} bytes")
-                if number > 1 and not line.endswith(b"\n"):
-                    break
-                cells = _cells(path, number, line)
-                if number == 1:
-                    found = cells
-                    if found not in (list(columns), [c for c in columns if c not in added]):
-                        raise RunError(
-                            f"{path}:1: the columns are not {', '.join(columns)}. Was this file "
-                            "written by serp, of this version?"
-                        )
-                elif len(cells) != len(found):
-                    raise _malformed(
-                        path, number, f"{len(cells)} cells where the header has {len(found)}"
-                    )
-                else:
-                    if len(found) < len(columns):
-                        row = dict(zip(found, cells, strict=True))
-                        cells = [row.get(name, "") for name in columns]
-                    yield number, cells
-    except OSError as error:
-        raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
-    if number == 0:
-        raise RunError(f"{path} is empty; it should begin with a header.")
-
-
 def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     """Read ``metrics.csv``: column → array ``[episodes]``.
 
-    Counts are int64, flags bool, everything else float64 with NaN for an empty cell.
+    Counts are int64, flags bool, everything else float64 with NaN for an empty cell. A last line
+    without a line break is incomplete (the run was killed, or is writing) and is left out.
     """
     hints = get_type_hints(MetricsRow)
-    kinds = {field.rstrip("_"): hints[field] for field in MetricsRow._fields}
-    columns: dict[str, list[float]] = {name: [] for name in METRICS_COLUMNS}
-    for number, cells in read_rows(path, METRICS_COLUMNS):
-        for name, cell in zip(METRICS_COLUMNS, cells, strict=True):
-            columns[name].append(_parse(path, number, name, kinds[name], cell))
+    kinds = [hints[field] for field in MetricsRow._fields]
+    columns: list[list[float]] = [[] for _ in kinds]
+    for number, cells in enumerate(_cells(path), start=2):
+        if len(cells) != len(kinds):
+            why = f"{len(cells)} cells where the header has {len(kinds)}"
+            raise _malformed(path, number, why)
+        for k, cell in enumerate(cells):
+            try:
+                columns[k].append(_parse(kinds[k], cell))
+            except (KeyError, ValueError, OverflowError):
+                wanted = {bool: "0 or 1", int: "a whole number of 64 bits"}.get(
+                    kinds[k], "a number"
+                )
+                why = f"{METRICS_COLUMNS[k]} is {cell!r}; it must be {wanted}"
+                raise _malformed(path, number, why) from None
     return {
-        name: np.array(column, kinds[name] if kinds[name] in (int, bool) else float)
-        for name, column in columns.items()
+        name: np.array(column, kind if kind in (int, bool) else float)
+        for name, kind, column in zip(METRICS_COLUMNS, kinds, columns, strict=True)
     }
 
 
-def count_decisions(path: Path) -> DecisionCounts:
-    """Count the decisions of ``decisions.csv``."""
-    tally = DecisionCounts()
-    for number, cells in read_rows(path, DECISIONS_COLUMNS):
-        row = dict(zip(DECISIONS_COLUMNS, cells, strict=True))
-        flags = {
-            name: bool(_parse(path, number, name, bool, row[name]))
-            for name in ("vetoed", "proposal_unsafe", "unsafe", "indifferent")
-        }
-        depth = int(_parse(path, number, "depth", int, row["depth"]))
-        tally.count(SimpleNamespace(**(row | flags | {"depth": depth})))
-    return tally
-
-
-def _parse(path: Path, number: int, name: str, kind: Any, cell: str) -> float:
+def _cells(path: Path) -> Iterator[list[str]]:
+    """Yield the cells of every complete row of ``metrics.csv``, which has numbers only."""
     try:
-        if kind is bool:
-            return {"0": False, "1": True}[cell]
-        if kind is int:
-            return int(np.int64(cell))
-        return float(cell) if cell else math.nan
-    except (KeyError, ValueError, OverflowError):
-        wanted = {bool: "0 or 1", int: "a whole number of 64 bits"}.get(kind, "a number")
-        raise _malformed(path, number, f"{name} is {cell!r}; it must be {wanted}") from None
+        content = read_regular(path)
+    except OSError as error:
+        raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
+    lines = content.decode("utf-8", "backslashreplace").split("\n")
+    if lines[0].rstrip("\r") != ",".join(METRICS_COLUMNS):
+        raise RunError(
+            f"{path}:1: the columns are not {', '.join(METRICS_COLUMNS)}. Was this file written by "
+            "serp, of this version?"
+        )
+    for line in lines[1:-1]:
+        yield line.rstrip("\r").split(",")
 
 
-def _cells(path: Path, number: int, line: bytes) -> list[str]:
-    try:
-        text = line.decode("utf-8").rstrip("\r\n")
-        return next(csv.reader([text], strict=True), [])
-    except UnicodeDecodeError:
-        raise _malformed(path, number, "not UTF-8") from None
-    except csv.Error as error:
-        raise _malformed(path, number, str(error)) from None
+def _parse(kind: Any, cell: str) -> float:
+    if kind is bool:
+        return {"0": False, "1": True}[cell]
+    if kind is int:
+        return int(np.int64(cell))
+    return float(cell) if cell else math.nan
 
 
 def _malformed(path: Path, number: int, why: str) -> RunError:

@@ -16,20 +16,19 @@ import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final, Unpack
+from typing import Any, Final
 
 from serp._util.numbers import seed_of
 from serp._util.processes import one_thread
 from serp._util.text import plural
 from serp.agent.agent import account_of
 from serp.agent.registry import refuse_unknown_names
-from serp.agent.step_record import StepRecord
+from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError
 from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
-from serp.runs.folder import METRICS, RunFolder, default_path, is_trace, refuse_occupied
+from serp.runs.folder import METRICS, RunFolder, default_path, refuse_occupied
 from serp.runs.progress import Progress, show_compiling
-from serp.runs.rollout import SLOW_STEP_SECONDS, Watchdog
 from serp.runs.run import (
     Run,
     begin_run,
@@ -37,18 +36,14 @@ from serp.runs.run import (
     read_run_metadata,
     reading,
     refuse_changes,
+    task_of_run,
 )
 from serp.runs.run_log import RunLog
 from serp.runs.tables import read_metrics
-from serp.runs.tensorboard import require_tensorboard
-from serp.runs.trainer import Budget, Callbacks, Trainer, TrainingCallbacks
+from serp.runs.trainer import Budget, Callbacks, OnEpisode, Trainer
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_task
 from serp.tasks.task import BoundTask, Task, describe_source
-
-if TYPE_CHECKING:
-    from serp.runs.run import Run
-
 
 SIGNALS: Final[tuple[signal.Signals, ...]] = (
     signal.SIGINT,
@@ -58,6 +53,10 @@ SIGNALS: Final[tuple[signal.Signals, ...]] = (
 _ECHO: Final = 1.0
 """Seconds in which a repeated SIGTERM or SIGHUP counts as the same request, because `timeout`,
 shells and schedulers send it to the process and to its group."""
+
+
+CHECKPOINT_SECONDS: Final = 15.0
+"""Longest time between two checkpoints; they are written between episodes."""
 
 
 class StoppedAtOnce(KeyboardInterrupt):
@@ -150,8 +149,6 @@ def continue_training(
 ) -> Run:
     """Continue a run from its newest checkpoint, as if it had not been interrupted."""
     made = read_run_metadata(folder)
-    if made.settings.training.tensorboard:
-        require_tensorboard()
     with compiled_trainer(
         task, made.settings, made.seed, baseline=made.baseline, quiet=quiet
     ) as trainer:
@@ -222,7 +219,6 @@ def train(
     digests = content_digests(folder)
     progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
     trainer.task.on_notice = progress.note
-    watchdog = Watchdog(trainer.task, SLOW_STEP_SECONDS, lambda: trainer.under_way, progress.note)
 
     def save() -> float:
         """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
@@ -232,7 +228,7 @@ def train(
             trainer.log.flush()
         folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
         cost = trainer.wall_time - begun
-        return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
+        return trainer.wall_time + min(CHECKPOINT_SECONDS, 50 * cost)
 
     with _advice_to_resume(folder), stop_between_episodes() as stopping:
 
@@ -247,8 +243,8 @@ def train(
             progress.refresh()
 
         trainer.on_step = after_step
-        log = RunLog(folder, trainer.task, settings, trainer.env_steps)
-        with log, one_thread(), progress, watchdog:
+        log = RunLog(folder, trainer.task, trainer.env_steps)
+        with log, one_thread(), progress:
             trainer.log = log
             task = trainer.task
             source = describe_source(
@@ -277,7 +273,8 @@ def train(
         from serp.runs.report import write_results
 
         account = account_of(trainer.agent)
-        write_results(folder, compile_seconds=trainer.compile_seconds, account=account)
+        vetoes = trainer.tally.vetoes_by_reason()
+        write_results(folder, vetoes, trainer.compile_seconds, account)
         if callbacks.failure is not None:
             raise callbacks.failure
         if stopping.signal is not None and not budget.spent_by(trainer):
@@ -300,7 +297,8 @@ def plan_and_learn(
     out: str | Path | None = None,
     resume: bool = False,
     quiet: bool = False,
-    **callbacks: Unpack[TrainingCallbacks],
+    on_step: OnStep | None = None,
+    on_episode: OnEpisode | None = None,
 ) -> Run:
     """Train on a task: the planner acts from the first step, the learner takes over.
 
@@ -318,10 +316,10 @@ def plan_and_learn(
         resume: Continue the run in `out` with its own domain, settings and seed; the continued
             run equals one that was never interrupted.
         quiet: Show no progress.
-        **callbacks: `on_step`, a function that is called with the `StepRecord` of every env
-            step, and `on_episode`, one that is called with the metrics of every episode
-            (`MetricsRow`). They must not change what they get. If one of them raises, the episode
-            is finished, the run is saved, and the error is raised.
+        on_step: Called with the `StepRecord` of every env step, after learning from it; must not
+            change it. If it raises, the episode is finished, the run is saved, and the error is
+            raised.
+        on_episode: Called with the metrics (`MetricsRow`) of every new episode; see `on_step`.
 
     Returns:
         The finished run.
@@ -332,7 +330,7 @@ def plan_and_learn(
     """
     begun = datetime.datetime.now()
     budget = Budget(episodes=episodes, env_steps=env_steps)
-    called = Callbacks(callbacks)
+    callbacks = Callbacks(on_step, on_episode)
     seed = seed_of(seed)
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
@@ -343,20 +341,16 @@ def plan_and_learn(
             raise RunError("to resume, name the run's folder (--out RUN)")
         folder = RunFolder.open(out, writing=True)
         with folder:
-            from serp.runs.run import task_of_run
-
             # The run has its own copy of the domain.
             own = task_of_run(folder, None if isinstance(task, str) else task)
             with own.bind() as bound:
-                return continue_training(folder, bound, budget, called, quiet=quiet)
+                return continue_training(folder, bound, budget, callbacks, quiet=quiet)
     if isinstance(task, str):
         task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
     refuse_unknown_names(resolved, task.planners)
-    if resolved.training.tensorboard:
-        require_tensorboard()
     if out is not None:
-        refuse_occupied(Path(out), is_trace)
+        refuse_occupied(Path(out))
     with task.bind() as bound:
         path = Path(out) if out is not None else default_path(bound.name, begun)
 
@@ -366,4 +360,4 @@ def plan_and_learn(
                 path, bound, resolved, preset=preset, seed=seed, budget=budget, begun=begun
             ) as folder,
         ):
-            return train(folder, trainer, budget, called, quiet=quiet)
+            return train(folder, trainer, budget, callbacks, quiet=quiet)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,17 +40,6 @@ class Budget(Section):
     units: Limit = None
     """Number of complete units of `arbiter.rho_unit`, such as games; None for no limit."""
 
-    @classmethod
-    def from_dict(cls, values: Any) -> Budget:
-        """Return the budget that `as_dict` wrote.
-
-        Raises:
-            SettingsError: It is not a budget.
-        """
-        if not isinstance(values, Mapping):
-            raise SettingsError(f"{values!r} is not a budget")
-        return cls(**values)
-
     @property
     def limits(self) -> dict[str, int]:
         """The limits that there are, by name."""
@@ -75,19 +64,6 @@ OnEpisode = Callable[[MetricsRow], None]
 """Called with the row of the metrics of every episode, after the episode."""
 
 
-class TrainingCallbacks(TypedDict, total=False):
-    """Functions that a training calls; their results are ignored.
-
-    Attributes:
-        on_step: Called with every env step, after learning from it.
-        on_episode: Called with the metrics of every episode. A resumed run calls it for the new
-            episodes only.
-    """
-
-    on_step: OnStep
-    on_episode: OnEpisode
-
-
 class Callbacks:
     """Calls the functions of the user until one of them fails.
 
@@ -97,14 +73,11 @@ class Callbacks:
         failure: What a function raised; no function is called after that.
     """
 
-    def __init__(self, functions: TrainingCallbacks) -> None:
-        for name, function in functions.items():
-            if name not in TrainingCallbacks.__annotations__:
-                raise TypeError(f"plan_and_learn() got an unexpected keyword argument {name!r}")
+    def __init__(self, on_step: OnStep | None = None, on_episode: OnEpisode | None = None) -> None:
+        for name, function in (("on_step", on_step), ("on_episode", on_episode)):
             if function is not None and not callable(function):
                 raise SettingsError(f"{name} must be a function of one argument, not {function!r}")
-        self._on_step = functions.get("on_step")
-        self._on_episode = functions.get("on_episode")
+        self._on_step, self._on_episode = on_step, on_episode
         self.failure: Exception | None = None
 
     def step(self, record: StepRecord) -> None:

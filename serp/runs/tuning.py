@@ -178,7 +178,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     if not isinstance(task, Task | str):
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     search = _Search(find_task(task) if isinstance(task, str) else task, request)
-    folder = default_path(f"tune-{search.name}") if request.out is None else Path(request.out)
+    folder = request.out or default_path(f"tune-{search.name}")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     with locked(folder, _JOURNAL):
         storage = optuna.storages.journal.JournalFileBackend(str(folder / _JOURNAL))

@@ -19,10 +19,7 @@ from optuna.distributions import (
     FloatDistribution,
     IntDistribution,
 )
-from pydantic import TypeAdapter, ValidationError
-from pydantic.fields import FieldInfo
 
-from serp._util.text import did_you_mean
 from serp.errors import SettingsError
 from serp.settings import Changes, Settings, setting_value
 
@@ -59,10 +56,10 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
     """Return the parameters of some settings; empty if one of them is not in the space."""
     parameters: dict[str, Any] = {}
     for name, values in space.items():
-        section, _, setting = name.partition(".")
-        value = getattr(getattr(settings, section), setting)
+        value = _value(settings, name)
         if isinstance(values, CategoricalDistribution):
-            inside, value = json.dumps(value) in values.choices, json.dumps(value)
+            value = json.dumps(value)
+            inside = value in values.choices
         else:
             assert isinstance(values, IntDistribution | FloatDistribution)
             number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -74,18 +71,17 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
 
 
 def _distribution(name: str, given: Any) -> BaseDistribution:
-    field = _field(name)
     if given in (None, ""):
-        return _choices(_all_values(name, field.annotation))
+        return _choices(_all_values(name, _kind(name)))
     if not isinstance(given, str):
         if not isinstance(given, list | tuple) or not given:
             raise SettingsError(f"{name}: expected a list of values or a text such as {_FORMS}")
-        return _choices([_checked(name, field, value) for value in given])
+        return _choices([_checked(name, value) for value in given])
     ends = re.fullmatch(r"\s*(log:)?\s*([^,\s]+?)\s*\.\.\s*([^,\s]+?)\s*", given)
     if ends is None:
         texts = re.split(r",(?![^\[]*\])", given)  # commas outside brackets
-        return _choices([_checked(name, field, setting_value(text)) for text in texts])
-    low, high = (_checked(name, field, setting_value(text)) for text in ends.groups()[1:])
+        return _choices([_checked(name, setting_value(text)) for text in texts])
+    low, high = (_checked(name, setting_value(text)) for text in ends.groups()[1:])
     log = ends[1] is not None
     numbers = {type(low), type(high)} <= {int, float}
     if not numbers or not low < high or (log and low <= 0):
@@ -102,17 +98,24 @@ def _choices(values: list[Any]) -> CategoricalDistribution:
     return CategoricalDistribution([json.dumps(value) for value in values])
 
 
-def _field(name: str) -> FieldInfo:
+def _value(settings: Settings, name: str) -> Any:
     section, _, setting = name.partition(".")
-    sections = {key: type(value) for key, value in Settings()}
-    if section not in sections:
-        raise SettingsError(f"there is no section `{section}`; {did_you_mean(section, sections)}")
-    fields = sections[section].model_fields
+    return getattr(getattr(settings, section), setting)
+
+
+def _checked(name: str, value: Any) -> Any:
+    """Return a value in the form of the setting; refuse one that it does not take."""
+    section, _, setting = name.partition(".")
+    return _value(Settings().replace({section: {setting: value}}), name)
+
+
+def _kind(name: str) -> Any:
+    """Return the type of a setting."""
+    section, _, setting = name.partition(".")
+    fields = getattr(type(getattr(Settings(), section, None)), "model_fields", {})
     if setting not in fields:
-        known = did_you_mean(setting, fields)
-        raise SettingsError(f"there is no setting `{section}.{setting}`; {known}")
-    field: FieldInfo = fields[setting]
-    return field
+        _checked(name, None)  # raises, with the nearest name
+    return fields[setting].annotation
 
 
 def _all_values(name: str, kind: Any) -> list[Any]:
@@ -124,16 +127,3 @@ def _all_values(name: str, kind: Any) -> list[Any]:
     if not get_args(kind) or get_origin(kind) in (tuple, Annotated):
         raise SettingsError(f"{name}: say which values: {_FORMS}")
     return [value for part in get_args(kind) for value in _all_values(name, part)]
-
-
-def _checked(name: str, field: FieldInfo, value: Any) -> Any:
-    """Return a value in the form of the setting; refuse one that it does not take."""
-    kind: Any = field.annotation
-    adapter = TypeAdapter[Any](Annotated[kind, *field.metadata] if field.metadata else kind)
-    try:
-        return adapter.validate_python(
-            tuple(value) if isinstance(value, list) else value, strict=True
-        )
-    except ValidationError as error:
-        why = error.errors(include_url=False)[0]["msg"].replace("Input should be", "must be")
-        raise SettingsError(f"{name} {why}, not {value!r}") from None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import sys
-import time
 import traceback
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
@@ -17,7 +16,7 @@ from serp._util.files import Closing
 from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp.errors import EnvironmentFailure, SerpError
 from serp.model.transition_model import Vector
-from serp.tasks.task import BoundTask, EnvironmentCall
+from serp.tasks.task import BoundTask
 
 _START: Final = "fork" if sys.platform == "linux" else "spawn"
 """How the processes begin. `fork` needs no import and no `__main__` guard in a user's script."""
@@ -53,7 +52,6 @@ class RemoteTask(Closing):
             self._process.start()
         other.close()
         self._pending: tuple[str, tuple[Any, ...]] | None = ("", ())
-        self._since = time.monotonic()
 
     def wait_until_made(self) -> None:
         """Wait until the environment is made; raise the error if that failed."""
@@ -115,7 +113,7 @@ class RemoteTask(Closing):
 
     def _send(self, what: str, *arguments: Any) -> None:
         assert self._pending is None, f"{self._pending} was not answered"
-        self._pending, self._since = (what, arguments), time.monotonic()
+        self._pending = what, arguments
         with contextlib.suppress(OSError):  # it is dead, which `_answer` tells
             self._pipe.send((what, arguments))
 
@@ -126,7 +124,6 @@ class RemoteTask(Closing):
         return self._answer(doing)
 
     def _answer(self, doing: str) -> Any:
-        self._task.call = EnvironmentCall(f"{doing} (environment {self._number})", self._since)
         try:
             answer = self._pipe.recv()
         except (EOFError, OSError):
@@ -134,8 +131,6 @@ class RemoteTask(Closing):
                 f"task {self._task.name}: {doing} failed: the process of environment "
                 f"{self._number} died; not enough memory?"
             ) from None
-        finally:
-            self._task.call = None
         self._pending = None
         if isinstance(answer, Exception):
             answer.add_note(f"It happened in environment {self._number}.")

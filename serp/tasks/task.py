@@ -7,7 +7,6 @@ import dataclasses
 import inspect
 import json
 import os
-import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -101,15 +100,14 @@ def describe_source(source: Source, *, in_file: bool, world: bool = False) -> st
 
     `in_file` says whether the domain file gives rewards, `world` whether it is the environment.
     """
-    if world and source == "environment" and in_file:
-        return "the rewards of the domain file, for what really happened"
-    match source:
-        case "domain":
-            return "the rewards of the domain file"
-        case "sum":
-            return "the environment's reward plus those of the domain file"
+    if source == "domain":
+        return "the rewards of the domain file"
+    if source == "sum":
+        return "the environment's reward plus those of the domain file"
     if not in_file:
         return "the environment's reward; the domain file gives none"
+    if world:
+        return "the rewards of the domain file, for what really happened"
     return (
         "the environment's reward; the planner plans with those of the domain file "
         "(training.reward=sum or domain: the learner learns from these, too)"
@@ -143,19 +141,6 @@ class WorldOptions(Section):
                 "slips or is carried out, so together they must be at most 1"
             )
         return self
-
-    @classmethod
-    def from_dict(cls, values: Any) -> WorldOptions | None:
-        """Return the options that `as_dict` wrote; None for None.
-
-        Raises:
-            SettingsError: They are no options.
-        """
-        if values is None:
-            return None
-        if not isinstance(values, Mapping):
-            raise SettingsError(f"{values!r} does not describe a world")
-        return cls(**values)
 
     @classmethod
     def section(cls) -> str:
@@ -280,13 +265,6 @@ _SAMPLES = 8
 """Number of sampled observations on which the grounding is tried."""
 
 
-class EnvironmentCall(NamedTuple):
-    """A call of the environment, and when it began, in seconds of the monotonic clock."""
-
-    what: str
-    since: float
-
-
 class BoundTask(Closing):
     """A task with an environment, its loaded domain and its resolved actions.
 
@@ -296,7 +274,6 @@ class BoundTask(Closing):
         task: The task with its files loaded.
         grounding: Its function.
         rewarded_by: The source of the reward that it declares.
-        call: The call of the environment that has not returned yet.
         on_notice: If set, called with each line that the user should read.
     """
 
@@ -310,7 +287,6 @@ class BoundTask(Closing):
         except TaskError as error:
             raise TaskError(f"task {self.name}: {error}") from None
         self.model: TransitionModel = self.domain.model.replace(dt=float(task.dt))
-        self.call: EnvironmentCall | None = None
         self.env = self._make_env(render_mode)
         try:
             self._check_environment()
@@ -487,16 +463,13 @@ class BoundTask(Closing):
 
     @contextlib.contextmanager
     def _calling(self, what: str) -> Iterator[None]:
-        """Record a call of the environment; raise EnvironmentFailure for whatever it raises."""
-        self.call = EnvironmentCall(what, time.monotonic())
+        """Raise EnvironmentFailure for whatever a call of the environment raises."""
         try:
             yield
         except EnvironmentFailure as error:
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
         except (Exception, SystemExit) as error:  # some exit when their window is closed
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
-        finally:
-            self.call = None
 
     def close(self) -> None:
         """Close the environment."""

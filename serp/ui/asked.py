@@ -59,22 +59,22 @@ def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Tas
 
 
 def asked_domain(
-    name: str,
-    file: Path | None,
-    problem: Path | None,
-    max_ground_schemas: int | None,
-    own: Task | None,
+    name: str | None, problem: Path | None = None, max_ground_schemas: int | None = None
 ) -> tuple[Domain, Task | None]:
     """Return a domain and the task that it belongs to, with that domain; None for no task.
 
-    `name` is that of an installed task; it counts where there is neither a domain file nor the task
-    of `--task`. The problem is by default the one that belongs to the domain.
+    `name` is a domain file, or that of an installed task, for which the task of `--task` stands.
+    The problem is by default the one that belongs to the domain.
     """
     from serp.model.domain import load_domain
-    from serp.tasks.registry import load_task, task_of
+    from serp.tasks.registry import find_domain_file, load_task, task_of
 
+    own = asked_own_task()
+    if not name and own is None:
+        raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
+    file = find_domain_file(name) if name else None
     if file is None:
-        task = own or load_task(name)
+        task = own or load_task(str(name))
         domain = _domain_of(task, problem, max_ground_schemas)
         return domain, _with_domain(task, domain)
     domain = load_domain(file, problem, max_ground_schemas=max_ground_schemas)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from serp._util.text import percent, plural, readable
 from serp.agent.explanation import Alternative, Explanation
-from serp.agent.sentences import between, beyond_of, kind_of_return, lines_of_causes, special_about
+from serp.agent.sentences import between, kind_of_return, lines_of, special_about
 from serp.ui.output import print_table
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _print_state(console: Console, account: Explanation) -> None:
     numbers = [(name, value) for name, value in state.items() if not isinstance(value, bool)]
     true = [name for name, value in state.items() if value is True]
     for name, value in numbers[:24]:
-        console.print(f"  {name} = {readable(float(value))}")
+        console.print(f"  {name} = {readable(value)}")
     if len(numbers) > 24:
         console.print(f"  … and {len(numbers) - 24} more numbers (--json has all)")
     if true:
@@ -122,15 +122,9 @@ def _score(of: Alternative) -> tuple[float, ...]:
 
 
 def _print_causes(console: Console, alternative: Alternative) -> None:
-    causes_shown = 12
-    lines = lines_of_causes((*alternative.causes, *alternative.ahead))
-    if lines:
+    if lines := lines_of(alternative, most=12):
         console.print(f"Behind {alternative.name}:")
-    for line in lines[:causes_shown]:
-        console.print(f"  {line}")
-    if len(lines) > causes_shown:
-        console.print(f"  … and {len(lines) - causes_shown} more (--json has all)")
-    for line in beyond_of(alternative):
+    for line in lines:
         console.print(f"  {line}")
 
 
@@ -139,7 +133,7 @@ def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, 
     for k, step in enumerate(plan.path, 1):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
         changes = [
-            f"{fluent.name} = {readable(after) if fluent.numeric else str(bool(after)).lower()}"
+            f"{fluent.name} = {readable(after if fluent.numeric else bool(after))}"
             for fluent, old, after in zip(planner.model.fluents, before, step.state, strict=True)
             if old != after
         ]

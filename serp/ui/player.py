@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from serp._util.terminal import visible
 from serp._util.text import did_you_mean, plural, readable
 from serp.agent.causes import Cause
-from serp.agent.sentences import line_of_cause
+from serp.agent.sentences import line_of_cause, signed
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.settings import Settings
@@ -173,10 +173,10 @@ class Player:
     def _planner_of(self, domain: Domain) -> ChosenPlanner:
         """Return the planner that a training would have in a world."""
         # Imported when the planner is asked, because this imports numba.
-        from serp.ui.planner import chosen_planner
+        from serp.agent.chosen_planner import ChosenPlanner
 
         model = domain.model.replace(dt=self.dt)
-        return chosen_planner(model, self.settings.planner, self.task, 10.0)
+        return ChosenPlanner.of_settings(model, self.settings.planner, self.task, 10.0)
 
     def _save(self, title: str) -> str:
         """Write the situation as a scenario, with what holds there; return a message.
@@ -213,7 +213,7 @@ class Player:
         ended = ", over" if moment.over else ""
         steps = plural(moment.steps, "step")
         self.console.print(f"after {steps}, total {readable(moment.total)}{ended}", style="bold")
-        rows = [(f"  {fluent.name}", _value(self.game.values[fluent.name])) for fluent in fluents]
+        rows = [(f"  {fluent.name}", readable(self.game.values[fluent.name])) for fluent in fluents]
         print_table(self.console, ("", ""), rows[:96])
         if len(rows) > 96:
             self.console.print(f"  … and {len(rows) - 96:,} more")
@@ -272,22 +272,14 @@ def _rows(change: FluentChange) -> list[tuple[str, str, str]]:
     several = len(change.causes) > 1 or (change.noise and change.causes)
     reasons = [_reason(cause, with_amount=bool(several)) for cause in change.causes]
     if change.noise:
-        reasons.append(f"{_signed(change.noise)} by chance")
-    values = f"{_value(change.before)} → {_value(change.after)}"
+        reasons.append(f"{signed(change.noise)} by chance")
+    values = f"{readable(change.before)} → {readable(change.after)}"
     first, *others = reasons or [""]
     return [(change.name, values, first), *(("", "", reason) for reason in others)]
 
 
 def _reason(cause: Cause, *, with_amount: bool) -> str:
-    amount = f"{_signed(cause.amount or 0.0)} " if with_amount else ""
+    amount = f"{signed(cause.amount or 0.0)} " if with_amount else ""
     comment = f": {cause.comment}" if cause.comment else ""
     line = "" if cause.place is None else f" (line {cause.place.line})"
     return f"{amount}by {cause.schema}{line}{comment}"
-
-
-def _signed(amount: float) -> str:
-    return readable(amount) if amount < 0 else f"+{readable(amount)}"
-
-
-def _value(value: float | bool) -> str:
-    return str(value).lower() if isinstance(value, bool) else readable(float(value))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from serp._util.text import percent, plural, readable
@@ -62,35 +61,23 @@ def train(task: Task | str, *, quiet: bool, **options: Any) -> int | None:
     from serp.runs.train import plan_and_learn
 
     try:
-        with _own_task_added():
-            run = plan_and_learn(task, quiet=quiet, **options)
-    except (Interrupted, KeyboardInterrupt) as stop:
-        if not isinstance(stop, Interrupted) and not _notes(stop):
+        run = plan_and_learn(task, quiet=quiet, **options)
+    except BaseException as error:
+        notes = getattr(error, "__notes__", [])  # how the run goes on
+        if notes and (own := _own_task()):
+            error.add_note(f"and add{own} to the command, for this task is not installed")
+        if not isinstance(error, Interrupted) and not (
+            isinstance(error, KeyboardInterrupt) and notes
+        ):
             raise
-        message = str(stop) if isinstance(stop, Interrupted) else "Stopped at once."
-        say("\n".join([message, *_notes(stop)]))
-        return stopped_by(stop)
+        message = str(error) if isinstance(error, Interrupted) else "Stopped at once."
+        say("\n".join([message, *notes]))
+        return stopped_by(error)
     if quiet:
         print_result(run.path)
     else:
         _print_results(run)
     return None
-
-
-@contextlib.contextmanager
-def _own_task_added() -> Iterator[None]:
-    """Add `--task` to what an error says of how the run goes on."""
-    try:
-        yield
-    except BaseException as error:
-        if _notes(error) and (own := _own_task()):
-            error.add_note(f"and add{own} to the command, for this task is not installed")
-        raise
-
-
-def _notes(error: BaseException) -> list[str]:
-    """Return what was added to an error: how the run goes on."""
-    return list(getattr(error, "__notes__", []))
 
 
 def _own_task() -> str:

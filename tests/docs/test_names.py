@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import ast
-import contextlib
-import importlib
+import pkgutil
 import re
 import tomllib
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from serp.runs.recording import COLUMNS
 from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.tasks.registry import task_entries
 from serp.ui.root import COMMANDS, SECTIONS
-from tests.docs.pages import PAGES, ROOT, code, prose, tables
+from tests.docs.pages import PAGES, ROOT, code, name_of, prose, tables
 
 
 def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
@@ -96,7 +95,6 @@ NOT_IN_EVERY_RUN = {
     "evaluations/",
     "film.mp4",
     "report.html",
-    "tensorboard/",
     "checkpoint-damaged.safetensors",
 }
 
@@ -132,26 +130,25 @@ def test_the_reference_has_every_public_name() -> None:
 
 def test_code_that_is_named_exists() -> None:
     """Every `serp.module.name` in the pages."""
+    kinds = ("tasks", "algorithms", "engines", "planners", "learners", "strategies")
+    entry_points = {f"serp.{name}" for name in kinds}
     for page in PAGES:
-        if page.name == "CHANGELOG.md":
+        dotted = set(re.findall(r"`(serp(?:_\w+)?(?:\.\w+)+)(?:\([^`]*\))?`", prose(page)))
+        for name in sorted(dotted - entry_points if page.name != "CHANGELOG.md" else ()):
+            pkgutil.resolve_name(name)
+
+
+def anchors(page: Path) -> set[str]:
+    titles = re.findall(r"^#+ (.+)$", prose(page), re.M)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", sorted(ROOT.glob("*.md")), ids=name_of)
+def test_links_of_pages_outside_of_the_site_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"!?\[[^\]]*\]\(([^)\s]+)\)", prose(page)):
+        if re.match(r"https?:", target):
             continue
-        for dotted in sorted(
-            set(re.findall(r"`(serp(?:_\w+)?(?:\.\w+)+)(?:\([^`]*\))?`", prose(page)))
-        ):
-            assert dotted in ENTRY_POINTS or resolves(dotted), f"{page.name}: {dotted}"
-
-
-ENTRY_POINTS = {
-    f"serp.{name}"
-    for name in ("tasks", "algorithms", "engines", "planners", "learners", "strategies")
-}
-
-
-def resolves(dotted: str) -> bool:
-    module, _, name = dotted.rpartition(".")
-    for path in (dotted, module):
-        with contextlib.suppress(ModuleNotFoundError):
-            found = importlib.import_module(path)
-            return path == dotted or hasattr(found, name)
-    owner, _, attribute = module.rpartition(".")
-    return hasattr(getattr(importlib.import_module(owner), attribute), name)
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        assert file.exists() and file.is_relative_to(ROOT), target
+        assert not anchor or anchor in anchors(file), target

@@ -6,7 +6,7 @@
     @examples(100)
     def test_something(drawn): generated, states = drawn; generated.model.step(states, 0)
 
-Outside of hypothesis, `generate(Random(seed), flavour)` and `random_states(...)` do the same.
+Outside of hypothesis, `generate(Random(seed), rewarding)` and `random_states(...)` do the same.
 """
 
 from tests.generated.models import (

@@ -1,8 +1,7 @@
-"""Blocks, gripper and logistics of any size, as texts that every planner for PDDL reads."""
+"""Blocks and gripper of any size, as texts that every planner for PDDL reads."""
 
 from __future__ import annotations
 
-import itertools
 from random import Random
 
 from tests.generated.writer import Texts
@@ -27,19 +26,6 @@ GRIPPER = """(define (domain gripper)
   (:action drop :parameters (?o ?r ?g)
     :precondition (and (ball ?o) (room ?r) (gripper ?g) (carry ?o ?g) (robby ?r))
     :effect (and (at ?o ?r) (free ?g) (not (carry ?o ?g)))))"""
-LOGISTICS = """(define (domain logistics)
-  (:requirements :strips :typing)
-  (:types thing place city - object vehicle parcel - thing truck plane - vehicle airport - place)
-  (:predicates (at ?x - thing ?p - place) (in ?o - parcel ?v - vehicle) (part ?p - place ?c - city))
-  (:action load :parameters (?o - parcel ?v - vehicle ?p - place)
-    :precondition (and (at ?v ?p) (at ?o ?p)) :effect (and (not (at ?o ?p)) (in ?o ?v)))
-  (:action unload :parameters (?o - parcel ?v - vehicle ?p - place)
-    :precondition (and (at ?v ?p) (in ?o ?v)) :effect (and (not (in ?o ?v)) (at ?o ?p)))
-  (:action drive :parameters (?v - truck ?p - place ?q - place ?c - city)
-    :precondition (and (at ?v ?p) (part ?p ?c) (part ?q ?c))
-    :effect (and (not (at ?v ?p)) (at ?v ?q)))
-  (:action fly :parameters (?v - plane ?p - airport ?q - airport)
-    :precondition (and (at ?v ?p)) :effect (and (not (at ?v ?p)) (at ?v ?q))))"""
 
 
 def blocks(count: int, seed: int = 0) -> Texts:
@@ -66,27 +52,6 @@ def gripper(balls: int) -> Texts:
     init += " ".join(f"(ball {b}) (at {b} a)" for b in names)
     goal = " ".join(f"(at {b} b)" for b in names)
     return Texts(GRIPPER, _problem("gripper", " ".join(["a b left right", *names]), init, goal))
-
-
-def logistics(cities: int, parcels: int, seed: int = 0, *, places: int = 3) -> Texts:
-    """Cities with a truck and some places each, one an airport; parcels from anywhere to anywhere.
-
-    There is a plane for every four cities.
-    """
-    random, planes = Random(seed), 1 + cities // 4
-    spots = [f"p{c}-{k}" for c, k in itertools.product(range(cities), range(places))]
-    objects = f"{' '.join(f'c{c}' for c in range(cities))} - city "
-    objects += f"{' '.join(f't{c}' for c in range(cities))} - truck "
-    objects += f"{' '.join(f'a{k}' for k in range(planes))} - plane "
-    objects += f"{' '.join(f'o{k}' for k in range(parcels))} - parcel "
-    objects += f"{' '.join(s for s in spots if s.endswith('-0'))} - airport "
-    objects += f"{' '.join(s for s in spots if not s.endswith('-0'))} - place"
-    init = " ".join(f"(part {spot} c{spot[1:].split('-')[0]})" for spot in spots)
-    init += "".join(f" (at t{c} p{c}-{c % places})" for c in range(cities))
-    init += "".join(f" (at a{k} p{k % cities}-0)" for k in range(planes))
-    init += "".join(f" (at o{k} {random.choice(spots)})" for k in range(parcels))
-    goal = " ".join(f"(at o{k} {random.choice(spots)})" for k in range(parcels))
-    return Texts(LOGISTICS, _problem("logistics", objects, init, goal))
 
 
 def _problem(name: str, objects: str, init: str, goal: str) -> str:

@@ -14,7 +14,7 @@ from serp.model.instantiate import GoalValue
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
 from tests.generated.oracle import Oracle, State
-from tests.generated.writer import FULL, Flavour, Texts, write_texts
+from tests.generated.writer import FULL, Texts, write_texts
 
 DOMAIN_FILE = "generated.pddl"
 PROBLEM_FILE = "generated-problem.pddl"
@@ -67,9 +67,9 @@ class Generated:
         return f"<generated domain\n{self.texts}>"
 
 
-def generate(random: Random, flavour: Flavour = FULL, *, observed: bool = False) -> Generated:
+def generate(random: Random, rewarding: bool = FULL, *, observed: bool = False) -> Generated:
     """Return a random domain, loaded. The same random state gives the same domain."""
-    texts = write_texts(random, flavour)
+    texts = write_texts(random, rewarding)
     return Generated(texts, load_texts(texts, observed=observed))
 
 
@@ -100,9 +100,9 @@ def random_states(
 
 @st.composite
 def models_with_states(
-    draw: st.DrawFn, flavour: Flavour = FULL, *, count: int = 8
+    draw: st.DrawFn, rewarding: bool = FULL, *, count: int = 8
 ) -> tuple[Generated, Vector]:
     """Random domains with `count` states of theirs, `[count, F]`."""
     random = draw(st.randoms(use_true_random=False))
-    generated = generate(random, flavour, observed=draw(st.booleans()))
+    generated = generate(random, rewarding, observed=draw(st.booleans()))
     return generated, random_states(random, generated.model, count)

@@ -17,21 +17,8 @@ Variables = Mapping[str, Types]
 _TRAPS = ("class", "lambda", "import", "s", "a", "n", "theta", "dt", "out", "t0", "kind0", "trace")
 
 
-@dataclass(frozen=True)
-class Flavour:
-    """What the written domains may use.
-
-    Attributes:
-        rewarding: Every domain declares `(reward)`, `(unsafe)` and `(terminal)`.
-    """
-
-    rewarding: bool = False
-
-
-FULL = Flavour()
-"""Everything that serp supports."""
-PLANNABLE = Flavour(rewarding=True)
-"""Everything, and the reserved names always among it: something to plan for."""
+FULL, PLANNABLE = False, True
+"""Everything that serp supports; the same with `(reward)`, `(unsafe)` and `(terminal)` always."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +42,7 @@ class _Symbol:
 @dataclass
 class _Writer:
     random: Random
-    flavour: Flavour
+    rewarding: bool
     parents: dict[str, str] = field(default_factory=dict)
     constants: dict[str, str] = field(default_factory=dict)
     objects: dict[str, str] = field(default_factory=dict)
@@ -98,9 +85,7 @@ class _Writer:
         self.predicates = self.symbols("p", _TRAPS[:6])
         self.functions = self.symbols("f", _TRAPS[6:])
         self.reserved = frozenset(
-            name
-            for name in ("reward", "unsafe", "terminal")
-            if self.flavour.rewarding or self.maybe(60)
+            name for name in ("reward", "unsafe", "terminal") if self.rewarding or self.maybe(60)
         )
         schemas = [self.schema("action", k) for k in range(self.random.randint(1, 3))]
         schemas += [self.schema("process", k) for k in range(self.random.randint(0, 2))]
@@ -359,6 +344,6 @@ def _declared(symbol: _Symbol) -> str:
     return f"({symbol.name} {_variables(variables)})" if variables else f"({symbol.name})"
 
 
-def write_texts(random: Random, flavour: Flavour = FULL) -> Texts:
+def write_texts(random: Random, rewarding: bool = FULL) -> Texts:
     """Write a domain and, mostly, a problem."""
-    return _Writer(random, flavour).write()
+    return _Writer(random, rewarding).write()

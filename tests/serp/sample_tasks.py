@@ -64,7 +64,6 @@ SMALL: Mapping[str, Mapping[str, Any]] = {
         "learning_starts": 10,
         "epsilon_steps": 60,
     },
-    "training": {"checkpoint_seconds": 0.0},
 }
 """Settings that make a step cheap; the replay memory overflows soon."""
 

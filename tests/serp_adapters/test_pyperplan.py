@@ -6,6 +6,7 @@ import functools
 import itertools
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from serp.tasks.task import WorldOptions
 from serp_adapters.pyperplan.planner import Search, make
 from serp_adapters.pyperplan.strips import Strips
 from tests.generated import Texts, load_texts
-from tests.generated.classical import blocks, gripper, logistics
+from tests.generated.classical import blocks, gripper
 
 HOUSE = Texts(
     """(define (domain house)
@@ -48,12 +49,18 @@ def settings(name: str = "pyperplan", most: int = 10_000) -> PlannerSettings:
     return PlannerSettings(name=name, depth=2, max_nodes=most)
 
 
+FILES = Path(__file__).parents[1] / "serp" / "model" / "pddl_files"
+LOGISTICS = Texts(
+    (FILES / "logistics.pddl").read_text(), (FILES / "logistics-problem.pddl").read_text()
+)
+
+
 @pytest.mark.parametrize(
     ("texts", "name"),
     [
         (blocks(6), "pyperplan:gbf:hadd"),
         (gripper(3), "pyperplan:astar:lmcut"),
-        (logistics(2, 4), "pyperplan"),
+        (LOGISTICS, "pyperplan"),
     ],
     ids=["blocks", "gripper", "logistics"],
 )

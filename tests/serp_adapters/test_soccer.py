@@ -1,43 +1,130 @@
-"""The soccer task: its fluents, and the planner's choice in typical situations."""
+"""The soccer tasks: sound fluents, one unsafe action, and the planner's choice in situations."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import asin, atan2, hypot
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from serp.agent.arbiter import Arbiter
+from serp.agent.registry import make_planner
+from serp.settings import resolve
 from serp.tasks.task import BoundTask
-from serp_adapters.soccer import defender as soccer
-from tests.serp_adapters.test_soccer_tasks import planner_of
+from serp_adapters.soccer import corner_kick, defender
+from serp_envs.soccer.contest import Contest
+from serp_envs.soccer.corner_kick import CornerKick
+from serp_envs.soccer.fields import SPL_2020
+from serp_envs.soccer.physics.rolling import meeting
 
 Point = tuple[float, float]
 Vector = NDArray[np.float64]
 
 
+class Kind(NamedTuple):
+    """A task: its module, its observations, its unsafe action, its fluents of the moment."""
+
+    module: ModuleType
+    space: Any
+    charge: int
+    momentary: tuple[int, ...]
+
+
+KINDS = {
+    "soccer": Kind(defender, Contest(SPL_2020).observation_space, 4, (4, 5)),
+    "corner-kick": Kind(corner_kick, CornerKick(SPL_2020).observation_space, 5, (1,)),
+}
+
+
+def play(task: BoundTask, act: Callable[[Any], int], decisions: int) -> Vector:
+    """Return the observations of so many decisions."""
+    seen = []
+    raw, _ = task.reset(seed=1)
+    for _ in range(decisions):
+        seen.append(raw)
+        raw, _, terminated, truncated, _ = task.step(act(raw))
+        if terminated or truncated:
+            raw, _ = task.reset()
+    return np.array(seen, dtype=np.float64)
+
+
+def planner_of(task: BoundTask) -> Arbiter:
+    chosen = resolve("default", task.task.settings)
+    return Arbiter(make_planner(task.model, chosen.planner), task.actions, chosen.arbiter)
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def kind(request: pytest.FixtureRequest) -> Kind:
+    return KINDS[request.param]
+
+
 @pytest.fixture(scope="module")
-def task() -> BoundTask:
-    return soccer.task().bind()
+def task(kind: Kind) -> BoundTask:
+    bound: BoundTask = kind.module.task().bind()
+    return bound
 
 
-def observation(robot: Point, opponent: Point, to_goal: float = 2.0) -> Vector:
-    """An observation, from places in metres: the ball is at (0, 0), the goal along x."""
-    vector = np.zeros(16)
-    vector[0:4] = np.array((*robot, *opponent)) / 0.5
-    vector[[6, 8]] = -1.0
-    vector[10] = to_goal / 3.0
-    return vector
+@pytest.fixture(scope="module")
+def seen(task: BoundTask) -> Vector:
+    """Of random actions, charges and falls included."""
+    rng = np.random.default_rng(5)
+    return play(task, lambda raw: int(rng.integers(task.actions.size)), 1200)
 
 
-# Grounding -------------------------------------------------------------------------------------
+def test_a_batch_grounds_like_its_rows(kind: Kind, seen: Vector) -> None:
+    batch = kind.module.ground(seen)
+    np.testing.assert_array_equal(batch, [kind.module.ground(row) for row in seen])
+    stacked = kind.module.ground(seen[:12].reshape(3, 4, -1))
+    np.testing.assert_array_equal(stacked, batch[:12].reshape(3, 4, -1))
+    assert not batch[:, kind.momentary].any()  # they last within a step only
 
 
-def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:
-    names = [f.name for f in task.model.fluents]
-    raw, info = task.reset(seed=9)
+@pytest.mark.parametrize("name", KINDS)
+@settings(max_examples=200, deadline=None)
+@given(data=st.data())
+def test_every_fluent_of_any_observation_is_finite_and_no_less_than_0(
+    name: str, data: st.DataObject
+) -> None:
+    kind = KINDS[name]
+    bounds = zip(kind.space.low.tolist(), kind.space.high.tolist(), strict=True)
+    values = data.draw(st.tuples(*(st.floats(low, high, width=32) for low, high in bounds)))
+    grounded = kind.module.ground(np.array(values, dtype=np.float32))
+    assert np.isfinite(grounded).all()
+    assert (grounded >= 0.0).all()
+
+
+def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(
+    kind: Kind, task: BoundTask, seen: Vector
+) -> None:
+    arbiter = planner_of(task)
+    for state in kind.module.ground(seen[::20]):
+        forecast = arbiter.forecast(state)
+        assert forecast.safe.tolist() == [True] * kind.charge + [False]
+        assert not arbiter.vetoes.admissible(forecast)[kind.charge]
+        assert arbiter.plan(state).action != kind.charge
+
+
+@pytest.fixture(scope="module")
+def pitch() -> BoundTask:
+    return defender.task().bind()
+
+
+@pytest.fixture(scope="module")
+def corner() -> BoundTask:
+    return corner_kick.task().bind()
+
+
+def test_grounding_agrees_with_the_poses_of_info(pitch: BoundTask) -> None:
+    names = [f.name for f in pitch.model.fluents]
+    raw, info = pitch.reset(seed=9)
     for _ in range(30):
-        values = dict(zip(names, soccer.ground(raw).tolist(), strict=True))
+        values = dict(zip(names, defender.ground(raw).tolist(), strict=True))
         ball = np.array((info["ball_x"], info["ball_y"]))
         robot = np.array((info["defender_x"], info["defender_y"])) - ball
         opponent = np.array((info["attacker_x"], info["attacker_y"])) - ball
@@ -52,26 +139,27 @@ def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:
         assert values["off-line"] == pytest.approx(np.arccos(cosine), abs=1e-3)
         assert values["goal-open"] == pytest.approx(share, abs=2e-3)
         assert values["in-range"] == (hypot(*goal) < 3.0)
-        raw, _, terminated, truncated, info = task.step(0)
+        raw, _, terminated, truncated, info = pitch.step(0)
         if terminated or truncated:
-            raw, info = task.reset()
+            raw, info = pitch.reset()
 
 
-# Domain and planner ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("robot", "opponent", "to_goal", "action"),
-    [
-        ((0.25, 0.0), (-0.2, 0.15), 2.0, "side-advance left"),  # in reach, opponent to the right
-        ((0.25, 0.0), (-0.2, -0.15), 2.0, "side-advance right"),
-        ((0.25, 0.0), (-0.65, 0.0), 3.5, "frontal-contrast"),  # alone with the ball
-        ((0.25, 0.0), (-0.3, 0.0), 2.0, "cover-goal"),  # barred on both sides
-        ((0.6, 0.1), (-0.45, 0.0), 2.0, "cover-goal"),  # too far away, and it will shoot
-    ],
-)
-def test_the_planner_does_what_a_coach_would(
-    task: BoundTask, robot: Point, opponent: Point, to_goal: float, action: str
-) -> None:
-    state = soccer.ground(observation(robot, opponent, to_goal))
-    assert task.actions.name(planner_of(task).plan(state).action) == action
+def test_the_ball_is_met_where_the_environment_sends_the_robots(corner: BoundTask) -> None:
+    scenario = corner.env.unwrapped.scenario
+    assert isinstance(scenario, CornerKick)
+    corner.reset(seed=3)
+    rolling = 0
+    for _ in range(300):
+        world = scenario.world
+        for robot in world.robots[:2]:
+            found = corner_kick.until_met(
+                *np.array((world.ball_x - robot.x, world.ball_y - robot.y)),
+                *np.array((world.ball_vx, world.ball_vy)),
+                gap=world.contact,
+            )
+            assert found == pytest.approx(meeting(world, robot)[2])
+        rolling += world.ball_vx != 0.0
+        _, _, terminated, truncated, _ = corner.step(3)
+        if terminated or truncated:
+            corner.reset()
+    assert rolling > 100

@@ -37,4 +37,4 @@ with mlflow.start_run(run_name="cartpole"):
         }
     )
     mlflow.flush_async_logging()
-    mlflow.log_artifact(str(run.path / "report.md"))
+    mlflow.log_artifact(str(run.path / "summary.json"))

@@ -41,4 +41,4 @@ with wandb.init(project="serp", name="cartpole") as log:
     )
     log.config.update(run.config["settings"])
     log.summary.update(run.summary["return"])
-    log.save(str(run.path / "report.md"), base_path=str(run.path))
+    log.save(str(run.path / "summary.json"), base_path=str(run.path))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from lsprotocol import types
 
@@ -65,16 +65,15 @@ MEANINGS = {
 }
 """Word → its meaning, of those that a name does not tell."""
 
-_COMPARISONS = ("=", "<", "<=", ">", ">=")
-_CONDITIONS = ("and", "or", "not", "imply", "forall", "exists", *_COMPARISONS)
-_CHANGES = tuple(change.value for change in Change)
-_EFFECTS = ("and", "not", "when", "forall", *_CHANGES)
-_NUMBERS = ("+", "-", "*", "/")
-
-
+_KEYWORDS = (*DOMAIN_SECTIONS, *SCHEMA_SECTIONS, *SCHEMA_FIELDS, *PROBLEM_SECTIONS)
+_FORMS = (
+    *("and", "or", "not", "imply", "forall", "exists", "when"),
+    *("=", "<", "<=", ">", ">=", "+", "-", "*", "/"),
+    *(change.value for change in Change),
+)
+"""Words that a form begins with."""
 _BEFORE = re.compile(r"([^\s();]*)\Z")
 _VARIABLE = re.compile(r"\?[\w-]+")
-_SECTION = re.compile(r"\(\s*(:[\w-]+)", re.ASCII)
 
 
 _KINDS = {
@@ -86,7 +85,7 @@ _KINDS = {
 
 
 def completions(index: Index, source: Source, position: int) -> list[types.CompletionItem]:
-    """Return what can be written at a position of a file, in alphabetical order within a kind.
+    """Return what may be written at a position of a file, in alphabetical order within a kind.
 
     Each takes the place of the word that ends at the position.
     """
@@ -94,69 +93,28 @@ def completions(index: Index, source: Source, position: int) -> list[types.Compl
     if ";" in text[text.rfind("\n") + 1 :]:
         return []
     start = word_start(text)
-    typed, before = text[start:], text[:start].rstrip()
-    section, field, heads = _surroundings(text[:start])
+    typed, before = text[start:].lower(), text[:start].rstrip()
+    section = text[max(text.rfind("(:"), 0) : start]
     if typed.startswith("?"):
-        items = _variables(text[:start], section)
+        items = _variables(section)
     elif before.endswith((" -", "\n-")):
         items = _names(index, NameKind.TYPE) + _words(("object", "number"))
-    elif typed.startswith(":") or (before.endswith("(") and section == ""):
-        items = _keywords_of(section, before)
+    elif typed.startswith(":"):
+        items = _words(_KEYWORDS)
+        if section.startswith("(:requirements"):
+            items = _words(sorted(SUPPORTED_REQUIREMENTS))
     elif before.endswith("("):
-        items = _forms(index, field, heads)
+        items = _names(index, NameKind.PREDICATE) + _names(index, NameKind.FUNCTION)
+        items += _words(_FORMS)
     else:
-        items = _names(index, NameKind.OBJECT) + _variables(text[:start], section)
-    return [item for item in items if item.label.startswith(typed.lower())]
+        items = _names(index, NameKind.OBJECT) + _variables(section)
+    return [item for item in items if item.label.startswith(typed)]
 
 
 def word_start(text: str) -> int:
     """Return where the word begins that a text ends with."""
     match = _BEFORE.search(text)
     return match.start() if match is not None else len(text)
-
-
-def _surroundings(text: str) -> tuple[str, str, list[str]]:
-    """Return the section and the field that a text ends in, and the first words of open lists.
-
-    Section and field are empty where there is none; so is the first word of a list that has none.
-    """
-    section = field = ""
-    heads: list[str] = []
-    for match in re.finditer(r";[^\n]*|[()]|[^\s();]+", text):
-        token = match[0].lower()
-        if token == "(":
-            heads.append("")
-            head = _SECTION.match(text, match.start())
-            if len(heads) <= 2 and head is not None:
-                section, field = head[1].lower(), ""
-        elif token == ")":
-            del heads[-1:]
-            if len(heads) <= 1:
-                section = field = ""
-        elif token in SCHEMA_FIELDS:
-            field = token
-        elif heads and not heads[-1]:
-            heads[-1] = token
-    return section, field, heads
-
-
-def _forms(index: Index, field: str, heads: Sequence[str]) -> list[types.CompletionItem]:
-    """Return what a list can begin with that stands in others with some first words."""
-    around = heads[-2] if len(heads) > 1 else ""
-    if around in (*_COMPARISONS, *_CHANGES, *_NUMBERS):
-        return _names(index, NameKind.FUNCTION) + _words(_NUMBERS)
-    words: tuple[str, ...] = _CONDITIONS
-    if field == ":effect":
-        words = _EFFECTS + (_CONDITIONS if "when" in heads else ())
-    return _names(index, NameKind.PREDICATE) + _words(words)
-
-
-def _keywords_of(section: str, before: str) -> list[types.CompletionItem]:
-    if section == ":requirements":
-        return _words(sorted(SUPPORTED_REQUIREMENTS))
-    if section in SCHEMA_SECTIONS and not before.endswith("("):
-        return _words(SCHEMA_FIELDS)
-    return _words((*DOMAIN_SECTIONS, *SCHEMA_SECTIONS, *PROBLEM_SECTIONS))
 
 
 def _words(words: Iterable[str]) -> list[types.CompletionItem]:
@@ -178,10 +136,9 @@ def _names(index: Index, kind: NameKind) -> list[types.CompletionItem]:
     ]
 
 
-def _variables(text: str, section: str) -> list[types.CompletionItem]:
-    """Return the variables that stand in the section so far."""
-    begin = text.rfind(f"({section}") if section else len(text)
-    names = {name.lower() for name in _VARIABLE.findall(text[max(begin, 0) :])}
+def _variables(text: str) -> list[types.CompletionItem]:
+    """Return the variables in the section so far."""
+    names = {name.lower() for name in _VARIABLE.findall(text)}
     return [types.CompletionItem(name, kind=types.CompletionItemKind.Variable)
             for name in sorted(names)]  # fmt: skip
 

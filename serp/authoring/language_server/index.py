@@ -6,15 +6,13 @@ of a file that is being written.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from serp.errors import SerpError
 from serp.pddl import syntax as x
 from serp.pddl.reader import Group, Node, Word, read_what_can_be
-from serp.pddl.scope import RESERVED_WORDS, is_name
+from serp.pddl.scope import is_name
 from serp.pddl.source import Place, Source
 
 _CHANGES = frozenset(change.value for change in x.Change)
@@ -199,29 +197,3 @@ def _typed(items: Sequence[Node], kind: NameKind, inside: Place) -> Iterator[Occ
 
 def _occurrence(word: Word, kind: NameKind, use: Use, form: Place, inside: Place) -> Occurrence:
     return Occurrence(word.text, kind, use, word.place, form, inside)
-
-
-_NAME = re.compile(r"[a-z][a-z0-9_\-]*\Z", re.IGNORECASE | re.ASCII)
-_FIXED = (x.REWARD, x.UNSAFE, x.TERMINAL, x.OBJECT)
-
-
-def renamed(index: Index, source: Source, position: int, name: str) -> list[Place]:
-    """Return all places of a name that is to be another one.
-
-    Raises:
-        SerpError: There is nothing to rename, or the new name is none, or is taken.
-    """
-    here = index.at(source, position)
-    if here is None or here.name in _FIXED or index.declaration(here) is None:
-        raise SerpError("nothing that the files declare stands here")
-    variable = here.kind is NameKind.VARIABLE
-    plain = name.removeprefix("?") if variable else name
-    if variable != name.startswith("?") or not _NAME.match(plain):
-        wanted = "`?` and a name" if variable else "a letter, then letters, digits, `-` and `_`"
-        raise SerpError(f"`{name}` cannot be a name here: expected {wanted}")
-    if plain.lower() in (*RESERVED_WORDS, *_FIXED):
-        raise SerpError(f"`{name}` is a word of PDDL, or reserved")
-    same_scope = [o for o in index.occurrences if not variable or o.inside == here.inside]
-    if name.lower() != here.name and any(o.name == name.lower() for o in same_scope):
-        raise SerpError(f"`{name}` is taken")
-    return [occurrence.place for occurrence in index.same(here)]

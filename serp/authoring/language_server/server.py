@@ -10,20 +10,19 @@ from typing import NamedTuple
 
 from lsprotocol import types
 from pygls import uris
-from pygls.exceptions import JsonRpcInvalidParams
 from pygls.lsp.server import LanguageServer
 from pygls.workspace import PositionCodec
 
 from serp import __version__
 from serp.authoring.language_server.completion import completions, explained, word_start
-from serp.authoring.language_server.index import Index, renamed
+from serp.authoring.language_server.index import Index
 from serp.authoring.lint.domain_pairs import domain_beside, domain_not_found, title_of
 from serp.authoring.lint.findings import Finding, Severity, examine
 from serp.authoring.lint.formatting import formatted
 from serp.authoring.scenarios.syntax import SUFFIX
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
-from serp.pddl.source import DomainError, Edit, Place, Recovery, Source, line_end
+from serp.pddl.source import DomainError, Edit, Fix, Place, Recovery, Source, line_end
 
 
 class Files(NamedTuple):
@@ -160,47 +159,34 @@ def diagnostic(finding: Finding, positions: Positions) -> types.Diagnostic:
 
 def code_actions(
     findings: Iterable[Finding], uri: str, selected: types.Range, positions: Positions
-) -> list[types.CodeAction]:
-    """Return what can be done about the findings in a range."""
-    return [
-        action
-        for finding in findings
-        if _touches(diagnostic(finding, positions).range, selected)
-        for action in _actions(finding, uri, positions)
-    ]
-
-
-def _actions(finding: Finding, uri: str, positions: Positions) -> Iterator[types.CodeAction]:
-    place = finding.place
-    if place is None:
-        return
-
-    def action(title: str, edits: Iterable[Edit], *, sure: bool) -> types.CodeAction:
-        changes = [
-            types.TextEdit(positions.range(place.source.place(e.start, e.end)), e.text)
-            for e in edits
-        ]
-        return types.CodeAction(
-            title,
-            kind=types.CodeActionKind.QuickFix,
-            diagnostics=[diagnostic(finding, positions)],
-            is_preferred=sure,
-            edit=types.WorkspaceEdit(changes={uri: changes}),
-        )
-
-    if finding.fix is not None:
-        texts = " ".join(edit.text.strip() for edit in finding.fix.edits)
-        shown = texts if len(texts) <= 60 else f"{texts[:57]}..."
-        title = f"Write `{shown}`" if shown else "Leave it out"
-        yield action(title, finding.fix.edits, sure=finding.fix.sure)
-    if finding.severity != "error" and finding.code != "useless-silence":
-        end = line_end(place.source.text, place.start)
-        comment = Edit(end, end, f"  ; serp: ignore[{finding.code}]")
-        yield action(f"Silence `{finding.code}` in this line", [comment], sure=False)
-
-
-def _touches(one: types.Range, other: types.Range) -> bool:
-    return one.start <= other.end and other.start <= one.end
+) -> Iterator[types.CodeAction]:
+    """Yield what can be done about the findings in a range: the fix of each, and silence."""
+    for finding in findings:
+        shown, place = diagnostic(finding, positions), finding.place
+        if place is None:
+            continue
+        touches = shown.range.start <= selected.end and selected.start <= shown.range.end
+        changes: list[tuple[str, Fix]] = []
+        if finding.fix is not None:
+            texts = " ".join(edit.text.strip() for edit in finding.fix.edits)
+            text = texts if len(texts) <= 60 else f"{texts[:57]}..."
+            changes.append((f"Write `{text}`" if text else "Leave it out", finding.fix))
+        if finding.severity != "error" and finding.code != "useless-silence":
+            end = line_end(place.source.text, place.start)
+            comment = Edit(end, end, f"  ; serp: ignore[{finding.code}]")
+            changes.append((f"Silence `{finding.code}` in this line", Fix((comment,), sure=False)))
+        for title, fix in changes if touches else ():
+            edits = [
+                types.TextEdit(positions.range(place.source.place(e.start, e.end)), e.text)
+                for e in fix.edits
+            ]
+            yield types.CodeAction(
+                title,
+                kind=types.CodeActionKind.QuickFix,
+                diagnostics=[shown],
+                is_preferred=fix.sure,
+                edit=types.WorkspaceEdit(changes={uri: edits}),
+            )
 
 
 # The server --------------------------------------------------------------------------------------
@@ -232,16 +218,17 @@ class PddlServer(LanguageServer):
         opened = text_of(uris.to_fs_path(uri) or uri, document.source)
         return files_of(opened, lambda path: texts.get(str(path)))
 
-    def indexed(self, uri: str, position: types.Position) -> tuple[Index, Source, int]:
-        """Return the index of a file and its other half, the file, and a character in it."""
-        files = self.files(uri)
-        offset = self.positions.offset(files.opened, position)
-        return index_of(*files.sources), files.opened, offset
+    def indexed(
+        self, uri: str, position: types.Position, *, word: bool = False
+    ) -> tuple[Index, Source, int]:
+        """Return the index of a file and its other half, the file, and a character in it.
 
-    def word(self, uri: str, position: types.Position) -> tuple[Index, Source, int]:
-        """Return what `indexed` does, for the word behind a parenthesis at the position."""
-        index, source, offset = self.indexed(uri, position)
-        return index, source, offset + source.text.startswith("(", offset)
+        With `word`, it is that of the word behind a parenthesis at the position.
+        """
+        files = self.files(uri)
+        source, offset = files.opened, self.positions.offset(files.opened, position)
+        offset += word and source.text.startswith("(", offset)
+        return index_of(*files.sources), source, offset
 
     async def findings(self, opened: Iterable[str]) -> dict[str, dict[str, list[Finding]]]:
         """Return URI of an open file → `findings_in`.
@@ -318,7 +305,7 @@ def _complete(ls: PddlServer, params: types.CompletionParams) -> list[types.Comp
 
 @server.feature(types.TEXT_DOCUMENT_HOVER)
 def _hover(ls: PddlServer, params: types.HoverParams) -> types.Hover | None:
-    explanation = explained(*ls.word(params.text_document.uri, params.position))
+    explanation = explained(*ls.indexed(params.text_document.uri, params.position, word=True))
     if explanation is None:
         return None
     text, place = explanation
@@ -328,25 +315,12 @@ def _hover(ls: PddlServer, params: types.HoverParams) -> types.Hover | None:
 
 @server.feature(types.TEXT_DOCUMENT_DEFINITION)
 def _definition(ls: PddlServer, params: types.DefinitionParams) -> types.Location | None:
-    index, source, offset = ls.word(params.text_document.uri, params.position)
+    index, source, offset = ls.indexed(params.text_document.uri, params.position, word=True)
     here = index.at(source, offset)
     declared = index.declaration(here) if here is not None else None
     if declared is None:
         return None
     return types.Location(uri_of(declared.place.source.name), ls.positions.range(declared.place))
-
-
-@server.feature(types.TEXT_DOCUMENT_RENAME)
-def _rename(ls: PddlServer, params: types.RenameParams) -> types.WorkspaceEdit:
-    try:
-        places = renamed(*ls.word(params.text_document.uri, params.position), params.new_name)
-    except SerpError as error:
-        raise JsonRpcInvalidParams(str(error)) from None
-    changes: dict[str, list[types.TextEdit]] = {}
-    for place in places:
-        edit = types.TextEdit(ls.positions.range(place), params.new_name)
-        changes.setdefault(uri_of(place.source.name), []).append(edit)
-    return types.WorkspaceEdit(changes=changes)
 
 
 @server.feature(types.TEXT_DOCUMENT_FORMATTING)
@@ -367,4 +341,4 @@ def _format(ls: PddlServer, params: types.DocumentFormattingParams) -> list[type
 async def _fixes(ls: PddlServer, params: types.CodeActionParams) -> list[types.CodeAction]:
     uri = params.text_document.uri
     findings = (await ls.findings([uri]))[uri][ls.files(uri).opened.name]
-    return code_actions(findings, uri, params.range, ls.positions)
+    return [*code_actions(findings, uri, params.range, ls.positions)]

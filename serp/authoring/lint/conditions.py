@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import math
 import operator as op
 from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass, field
 from fractions import Fraction
 
 from serp.model import ground as g
 from serp.model.ground import Linear, linear
 
 Pair = tuple[g.Test, g.Test]
+_Limit = tuple[str, Fraction | int]
+"""A comparison with a number: the operator and the number."""
 _HOLDS = {"<": op.lt, "<=": op.le, "=": op.eq, "!=": op.ne, ">=": op.ge, ">": op.gt}
 _MIRRORED = {"<": ">", "<=": ">=", "=": "=", ">=": "<=", ">": "<"}
 _NEGATED = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}
-_RANGES = {
-    **dict.fromkeys(("sqrt", "abs"), (0.0, math.inf)),
-    **dict.fromkeys(("sin", "cos"), (-1.0, 1.0)),
-    "atan2": (-3.1416, 3.1416),
+_RANGES: dict[str, tuple[_Limit, ...]] = {
+    **dict.fromkeys(("sqrt", "abs"), ((">=", 0),)),
+    **dict.fromkeys(("sin", "cos"), ((">=", -1), ("<=", 1))),
+    "atan2": ((">=", Fraction("-3.1416")), ("<=", Fraction("3.1416"))),
 }
 """What functions cannot leave; π is rounded up."""
 _MOST_ALTERNATIVES = 32
@@ -57,35 +57,13 @@ def threshold(test: g.Compare, theta: Sequence[float]) -> tuple[int, str, float]
     return None
 
 
-@dataclass
-class _Bounds:
-    """The bounds of an expression, with the tests that they come from."""
-
-    low: tuple[Fraction | float, bool, g.Test] | None = None  # value, whether strict, test
-    high: tuple[Fraction | float, bool, g.Test] | None = None
-    excluded: dict[Fraction | float, g.Test] = field(default_factory=dict)
-
-    def add(self, operator: str, value: Fraction | float, test: g.Test) -> Pair | None:
-        if operator == "!=":
-            self.excluded[value] = test
-        if operator in (">", ">=", "="):
-            new = (value, operator == ">", test)
-            if self.low is None or new[:2] > self.low[:2]:
-                self.low = new
-        if operator in ("<", "<=", "="):
-            new = (value, operator == "<", test)
-            if self.high is None or (-value, new[1]) > (-self.high[0], self.high[1]):
-                self.high = new
-        if self.low is None or self.high is None:
-            return None
-        if self.low[0] > self.high[0]:
-            return self.low[2], self.high[2]
-        if self.low[0] == self.high[0]:
-            if self.low[1] or self.high[1]:
-                return self.low[2], self.high[2]
-            if self.low[0] in self.excluded:
-                return self.low[2], self.excluded[self.low[0]]
-        return None
+def _exclude(one: _Limit, other: _Limit) -> bool:
+    """Whether no number satisfies both."""
+    low, high = sorted((one[1], other[1]))
+    tried = (low - 1, low, Fraction(low + high) / 2, high, high + 1)
+    return not any(
+        _HOLDS[one[0]](number, one[1]) and _HOLDS[other[0]](number, other[1]) for number in tried
+    )
 
 
 class _Known:
@@ -94,14 +72,12 @@ class _Known:
     def __init__(self, theta: Sequence[float]) -> None:
         self.theta = theta
         self.truths: dict[int, tuple[bool, g.Test]] = {}
-        self.bounds: dict[Hashable, _Bounds] = {}
+        self.limits: dict[Hashable, dict[_Limit, g.Test]] = {}  # by expression, where from
 
     def copy(self) -> _Known:
         other = _Known(self.theta)
         other.truths = dict(self.truths)
-        other.bounds = {
-            key: _Bounds(b.low, b.high, dict(b.excluded)) for key, b in self.bounds.items()
-        }
+        other.limits = {key: dict(limits) for key, limits in self.limits.items()}
         return other
 
     def add(
@@ -146,14 +122,16 @@ class _Known:
         key = frozenset((atom, k / factor) for atom, k in form.terms.items())
         if factor < 0:
             operator = _MIRRORED.get(operator, operator)
-        value = -form.constant / factor
-        if len(key) == 1 and isinstance(first, tuple) and first[0] in _RANGES:
-            reachable = _Bounds()
-            for end, bound in zip((">=", "<="), _RANGES[first[0]], strict=True):
-                reachable.add(end, bound, written)
-            if reachable.add(operator, value, written):
-                return written, written
-        return self.bounds.setdefault(key, _Bounds()).add(operator, value, written)
+        limit = (operator, -form.constant / factor)
+        ranges = _RANGES.get(first[0], ()) if len(key) == 1 and isinstance(first, tuple) else ()
+        if any(_exclude(limit, bound) for bound in ranges):
+            return written, written
+        known = self.limits.setdefault(key, {})
+        for other, source in known.items():
+            if _exclude(limit, other):
+                return source, written
+        known.setdefault(limit, written)
+        return None
 
 
 def _difference(test: g.Compare, theta: Sequence[float]) -> Linear:

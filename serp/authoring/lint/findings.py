@@ -11,10 +11,9 @@ from typing import Any, Literal, NamedTuple
 
 from serp._util.text import closest
 from serp.authoring.lint import ground_rules, syntax_rules
-from serp.authoring.lint.codes import CODES, ERRORS, NOTES
-from serp.authoring.lint.portability import beyond_pddl, outside_portable_subset
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
+from serp.model.reachability import MAX_GROUND_SCHEMAS
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import (
     DomainError,
@@ -33,6 +32,26 @@ RULES = [
     for rule in vars(module).values()
     if isinstance(rule, Rule)
 ]
+ERRORS = frozenset(
+    (
+        *("contradictory-effects", "foreign-syntax", "malformed", "math-functions"),
+        *("missing-domain", "no-result", "reserved-name", "stray-text", "too-large"),
+        *("type-conflict", "unbalanced-parentheses", "unknown-name", "unknown-section"),
+        *("unreadable-file", "unsupported", "wrong-arguments", "wrong-kind"),
+    )
+)
+"""Codes of errors, which no comment silences."""
+NOTES = frozenset(("not-portable", "nothing-unsafe"))
+"""Codes that are true of many a file which is as it should be."""
+CODES = frozenset(
+    (
+        *(rule.code for rule in RULES),
+        *("declared-twice", "missing-value", "needless", "other-domain", "out-of-range"),
+        *("task-mismatch", "unbounded-goal", "unknown-requirement", "useless-silence"),
+        *(*ERRORS, *NOTES),
+    )
+)
+"""All codes; docs/reference/checks.md has the meaning of each, and an example."""
 _COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*(ignore(?:-file)?)\b(?:\[([^\]\r\n]*)\])?")
 _CODE = re.compile(r"[^\s,]+")
 _BLANK_OR_COMMENT = re.compile(r"\s*(;.*)?\Z")
@@ -56,14 +75,14 @@ def _unsilenced(
     silences = [silence for source in sources for silence in _silences(source)]
     used: set[_Silence] = set()
     for warning in warnings:
-        source, line = sources[0], -1
+        file, line = sources[0].name, -1
         if warning.place is not None:
-            source, line = warning.place.source, warning.place.line
+            file, line = warning.place.source.name, warning.place.line
         matching = {
             silence
             for silence in silences
             if silence.code == warning.code
-            and silence.place.source is source
+            and silence.place.source.name == file
             and silence.line in (None, line)
         }
         used |= matching
@@ -195,7 +214,6 @@ def examine(
     problem: Source | str | Path | None = None,
     *,
     max_ground_schemas: int | None = None,
-    portable: bool = False,
     look: Callable[[Domain], Iterable[DomainWarning]] | None = None,
 ) -> Examined:
     """Return the findings of a domain; nothing in the files raises an error.
@@ -205,7 +223,6 @@ def examine(
         problem: The problem file, or its text; None for the one beside the domain file, if there is
             one. Beside a text there is none.
         max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
-        portable: Whether functions that no other PDDL tool knows are findings.
         look: Returns further warnings of a domain without errors.
 
     Raises:
@@ -218,9 +235,9 @@ def examine(
     if sources:
         result = _parse(sources, recovery, max_ground_schemas)
         errors = [*unreadable, *recovery.errors]
-        warnings = [*_warnings(result, sources, partial=bool(errors), portable=portable)]
+        warnings = [*_warnings(result, sources, partial=bool(errors))]
         if look is not None and result is not None and not errors:
-            warnings += [_moved(warning, sources) for warning in look(result)]
+            warnings += look(result)
         warnings = [*_unsilenced(warnings, sources, partial=bool(errors))]
         problems = [*_once(errors, "unsupported"), *_once(warnings, "not-portable")]
     order = {source.name: number for number, source in enumerate(sources)}
@@ -283,12 +300,10 @@ def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Doma
     except DomainError as error:
         recovery.take(error)
         return None
-    domain = Domain(sources[0], sources[1] if len(sources) > 1 else None, syntax, problem)
-    if limit is not None:
-        domain = dataclasses.replace(domain, max_ground_schemas=limit)
+    most = MAX_GROUND_SCHEMAS if limit is None else limit
     if recovery.errors:  # it is instantiated for what the rules find in single schemas
-        most = min(MOST_INSTANCES, domain.max_ground_schemas)
-        domain = dataclasses.replace(domain, max_ground_schemas=most)
+        most = min(MOST_INSTANCES, most)
+    domain = Domain(sources[0], sources[1] if problem else None, syntax, problem, most)
     try:
         domain.model  # noqa: B018  (instantiated now, for the errors that only this finds)
     except DomainError as error:
@@ -299,7 +314,7 @@ def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Doma
 
 
 def _warnings(
-    domain: Domain | None, sources: list[Source], *, partial: bool, portable: bool
+    domain: Domain | None, sources: list[Source], *, partial: bool
 ) -> Iterator[DomainWarning]:
     """Yield what may have been forgotten or misspelt; none of it stops a training.
 
@@ -311,17 +326,3 @@ def _warnings(
         subject = LintSubject(domain)
         for rule in RULES:
             yield from rule.applied(subject, partial=partial)
-    for source in sources:
-        if not partial:
-            yield from outside_portable_subset(source)
-        if portable and domain is not None:
-            yield from beyond_pddl(source, domain.syntax.declarations)
-
-
-def _moved(warning: DomainWarning, sources: list[Source]) -> DomainWarning:
-    """Return a warning that points into these sources; it was found in others of the same text."""
-    place = warning.place
-    for source in sources if place is not None else ():
-        if place is not None and source.name == place.source.name:
-            return dataclasses.replace(warning, place=source.place(place.start, place.end))
-    return warning

@@ -8,7 +8,6 @@ the form begins. Comments keep their words, and those that stand below one anoth
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from serp.pddl.reader import read_group
@@ -26,7 +25,8 @@ def formatted(source: Source) -> str:
         DomainError: Its parentheses do not match, or it holds characters that PDDL does not have.
     """
     read_group(source)
-    lines = list(_Indentation().arranged(map(_TextLine.of, _LINE_END.split(source.text))))
+    lines = [_TextLine.of(text) for text in _LINE_END.split(source.text)]
+    _indent(lines)
     _place_comments(lines)
     texts = [line.text() for line in lines]
     single = [text for k, text in enumerate(texts) if text or (k and texts[k - 1])]
@@ -35,51 +35,34 @@ def formatted(source: Source) -> str:
 
 @dataclass
 class _TextLine:
-    """One line: its tokens and their columns in the file, and its comment.
+    """One line: its tokens and its comment.
 
     Attributes:
-        tokens: Parentheses and words.
-        columns: Where each begins in the file, tabs counted as one column.
+        tokens: Parentheses and words, each with its column in the file; a tab is one column.
         comment: From the semicolon on; empty where there is none.
         at: Column of the comment in the file.
         end: Column behind the last token in the file.
         indent: Column where the line begins, as it is to be.
+        code: The tokens as they are to be.
         new_at: Column of the comment, as it is to be.
     """
 
-    tokens: list[str]
-    columns: list[int]
-    comment: str = ""
-    at: int = 0
-    end: int = 0
+    tokens: list[tuple[str, int]]
+    comment: str
+    at: int
+    end: int
     indent: int = 0
+    code: str = ""
     new_at: int = 0
 
     @classmethod
     def of(cls, text: str) -> _TextLine:
         code, mark, comment = text.partition(";")
-        matches = list(_TOKEN.finditer(code))
-        return cls(
-            [match[0] for match in matches],
-            [match.start() for match in matches],
-            (mark + comment).rstrip(),
-            len(code),
-            matches[-1].end() if matches else 0,
-        )
-
-    def code(self) -> str:
-        return " " * self.indent + "".join(_spaced(self.tokens)) if self.tokens else ""
+        tokens = [(match[0], match.start()) for match in _TOKEN.finditer(code)]
+        return cls(tokens, (mark + comment).rstrip(), len(code), len(code.rstrip()))
 
     def text(self) -> str:
-        code = self.code()
-        return code + " " * (self.new_at - len(code)) + self.comment if self.comment else code
-
-
-def _spaced(tokens: list[str]) -> Iterator[str]:
-    for number, token in enumerate(tokens):
-        if number and token != ")" and tokens[number - 1] != "(":
-            yield " "
-        yield token
+        return self.code.ljust(self.new_at) + self.comment if self.comment else self.code
 
 
 @dataclass
@@ -101,68 +84,57 @@ class _OpenForm:
     field: bool = False
     listed: bool = False
 
+    def see(self, token: str, column: tuple[int, int], *, first: bool) -> None:
+        """Take note of a word or form in it, which may be the first of its line."""
+        self.items += 1
+        if self.items == 1:
+            self.listed = token[0] in "?("
+        self.field = token.startswith(":") and self.items > 1
+        if self.items == 2 and self.second is None and not first:
+            self.second = column
 
-class _Indentation:
-    """Finds the indentation of each line from the lines above it."""
 
-    def __init__(self) -> None:
-        self._open: list[_OpenForm] = []
-
-    def arranged(self, lines: Iterable[_TextLine]) -> Iterator[_TextLine]:
-        """Yield lines with their indentation."""
-        waiting: list[_TextLine] = []  # comments and blank lines, which go with what follows
-        for line in lines:
-            if not line.tokens:
-                waiting.append(line)
-                continue
-            line.indent = self._indent(line.tokens[0], line.columns[0])
-            for above in waiting:
-                above.indent = line.indent if line.tokens[0] != ")" else self._indent("", -1)
-            yield from waiting
-            waiting = []
-            self.take(line)
-            yield line
-        yield from waiting
-
-    def take(self, line: _TextLine) -> None:
-        """Open and close the forms of a line."""
-        column = line.indent
-        for number, (token, old) in enumerate(zip(line.tokens, line.columns, strict=True)):
-            if number and token != ")" and line.tokens[number - 1] != "(":
-                column += 1
+def _indent(lines: list[_TextLine]) -> None:
+    """Find the indentation and the code of each line from the lines above it."""
+    forms: list[_OpenForm] = []
+    waiting: list[_TextLine] = []  # comments and blank lines, which go with what follows
+    for line in lines:
+        if not line.tokens:
+            waiting.append(line)
+            continue
+        token, column = line.tokens[0]
+        line.indent = _begin(forms, token, column)
+        for above in waiting:
+            above.indent = line.indent if token != ")" else _begin(forms, "", -1)
+        waiting = []
+        line.code = " " * line.indent
+        for number, (token, old) in enumerate(line.tokens):
+            if number and token != ")" and not line.code.endswith("("):
+                line.code += " "
+            place = old, len(line.code)
             if token == ")":
-                self._open.pop()
-            else:
-                self._see(token, (old, column), first=number == 0)
-                if token == "(":
-                    self._open.append(_OpenForm(line.indent, (old, column)))
-            column += len(token)
-        for form in self._open:
+                forms.pop()
+            elif forms:
+                forms[-1].see(token, place, first=number == 0)
+            if token == "(":
+                forms.append(_OpenForm(line.indent, place))
+            line.code += token
+        for form in forms:
             form.second = form.second or (-1, -1)  # what follows stands on a later line
 
-    def _see(self, token: str, column: tuple[int, int], *, first: bool) -> None:
-        if not self._open:
-            return
-        form = self._open[-1]
-        form.items += 1
-        if form.items == 1:
-            form.listed = token[0] in "?("
-        form.field = token.startswith(":") and form.items > 1
-        if form.items == 2 and form.second is None and not first:
-            form.second = column
 
-    def _indent(self, token: str, column: int) -> int:
-        """Return where a line begins whose first token has a column in the file."""
-        if not self._open:
-            return 0
-        form = self._open[-1]
-        if token == ")":
-            return form.column[1] if column == form.column[0] else form.indent
-        if form.second is not None and column == form.second[0] >= 0:
-            return form.second[1]
-        if form.listed and column == form.column[0] + 1:
-            return form.column[1] + 1
-        return form.indent + (2 * _STEP if form.field else _STEP)
+def _begin(forms: list[_OpenForm], token: str, column: int) -> int:
+    """Return where a line begins whose first token has a column in the file."""
+    if not forms:
+        return 0
+    form = forms[-1]
+    if token == ")":
+        return form.column[1] if column == form.column[0] else form.indent
+    if form.second is not None and column == form.second[0] >= 0:
+        return form.second[1]
+    if form.listed and column == form.column[0] + 1:
+        return form.column[1] + 1
+    return form.indent + (2 * _STEP if form.field else _STEP)
 
 
 def _place_comments(lines: list[_TextLine]) -> None:
@@ -179,7 +151,7 @@ def _place_comments(lines: list[_TextLine]) -> None:
 
 
 def _place_block(block: list[_TextLine]) -> None:
-    ends = [(line.end, len(line.code())) for line in block if line.tokens]
+    ends = [(line.end, len(line.code)) for line in block if line.tokens]
     shift = max(new for _, new in ends) - max(old for old, _ in ends)
     column = max([block[0].at + shift, *(new + 1 for _, new in ends)])
     for line in block:

@@ -68,7 +68,7 @@ def _schema_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
         if instances is None:
             empty = next(
                 (p.types for p in schema.parameters
-                 if not any(syntax.is_a(known, wanted) for known in types for wanted in p.types)),
+                 if not any(syntax.admits(p, known) for known in types)),
                 (),
             )  # fmt: skip
             why = "its precondition can never hold" + (" in this problem" if problem else "")

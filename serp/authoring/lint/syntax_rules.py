@@ -164,30 +164,6 @@ def _never_read(subject: LintSubject) -> Iterator[DomainWarning]:
         )
 
 
-@rule("frozen-fluent")
-def _frozen_fluent(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find functions that nothing changes, and that alone decide whether an event ever fires.
-
-    A file that leaves its dynamics out altogether is left alone, and so is what a problem states.
-    """
-    syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
-    moving = x.changed_names(syntax.schemas)
-    if not any(syntax.declarations[name].numeric for name in moving - {*_FLAGS}):
-        return
-    known = {function.name for function, _ in problem.values} if problem else set()
-    for what, schema in _schemas(subject):
-        read = x.names_in(x.conditions_of(schema))
-        frozen = all(syntax.declarations[n].numeric and n not in moving for n in read)
-        for name in sorted(read - known) if schema.kind is x.Kind.EVENT and frozen else ():
-            known.add(name)
-            yield DomainWarning(
-                f"nothing changes `{name}`, and {what} waits for nothing else: the planner never "
-                "sees it begin or end",
-                syntax.declarations[name].place,
-                advice="write what changes it, if that is known",
-            )
-
-
 @rule("same-schema", local=True)
 def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find schemas that say the same as an earlier one.

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from serp._util.text import listed, plural, readable
 from serp.agent.arbiter import Arbiter
-from serp.agent.chosen_planner import followed
+from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.decision import Decision, Reason
-from serp.agent.explanation import Explanation, compared, explain
+from serp.agent.explanation import Alternative, compared
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import between, lesser, lines_of
 from serp.agent.veto import VetoPolicy
 from serp.authoring.scenarios import syntax as s
 from serp.errors import RunError, SerpError
 from serp.model.domain import Domain
-from serp.model.flags import APPLICABLE
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import DomainError
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
+from serp.planning.replanner import Plan
 from serp.runs.recording import open_recording
 from serp.settings import PlannerSettings, Settings
 from serp.tasks.action_map import ActionMap
@@ -200,7 +201,20 @@ class _Checker:
         self._decider, self._state = decider, state
         self._decision = decider.arbiter.plan(state)
         self._chosen = decider.executed(self._decision)
-        self._number = decider.arbiter.actions.environment_action
+
+    @functools.cached_property
+    def _plan(self) -> Plan:
+        return self._planner.plan(self._state)
+
+    @functools.cached_property
+    def _planner(self) -> ChosenPlanner:
+        planner, seconds = self._decider.arbiter.planner, 5.0
+        return ChosenPlanner(planner, self._decider.model, self._decider.settings, seconds, "")
+
+    @functools.cached_property
+    def _alternatives(self) -> Sequence[Alternative]:
+        """The account of all ground actions."""
+        return self._planner.explain(self._state, self._plan).alternatives
 
     def contradiction(self, expected: s.Expectation) -> str:
         """Return what holds instead of what is expected; empty if that holds."""
@@ -222,10 +236,10 @@ class _Checker:
             case s.Indifferent():
                 return "" if self._decision.indifferent else self._choice()
             case s.Rates(what, action, bounds):
-                forecast, number = self._decision.forecast, self._number[action]
-                if not forecast.flags[number] & APPLICABLE:
+                forecast = self._decider.arbiter.planner.forecast(self._state)
+                if not forecast.applicable[action]:
                     return f"it is not applicable{self._remark(action)}"
-                found = float((forecast.value if what == "value" else forecast.reward)[number])
+                found = float((forecast.value if what == "value" else forecast.reward)[action])
                 return "" if found in bounds else f"it is {readable(found)}, not {bounds}"
             case s.After():
                 return self._after(expected)
@@ -239,9 +253,8 @@ class _Checker:
             actions |= dict.fromkeys(expected.actions[:1])
         elif not isinstance(expected, s.Indifferent):
             actions = {expected.action: None}
-        account = self._account(actions)
         behind = {
-            self._decider.name(action): lines_of(account.alternatives[self._number[action]])
+            self._decider.name(action): lines_of(self._alternatives[action])
             for action in actions
             if action >= 0
         }
@@ -252,31 +265,6 @@ class _Checker:
             name: [line for line in lines if line not in common] for name, lines in behind.items()
         }
 
-    @property
-    def _names(self) -> list[str]:
-        actions = self._decider.arbiter.actions
-        return [actions.name(number) for number in range(actions.size)]
-
-    def _account(self, actions: Collection[int] = ()) -> Explanation:
-        """Return the account of the decision, with what lies ahead of some ground actions."""
-        decider, forecast = self._decider, self._decision.forecast
-        ground, most = forecast.ground.tolist(), decider.settings.depth
-
-        def path(action: int) -> list[int]:
-            steps = followed(decider.model, decider.chosen, self._state, action, most)
-            return [executed for executed, _ in steps]
-
-        return explain(
-            decider.model,
-            self._state,
-            forecast,
-            self._decision.action,
-            names=self._names,
-            ground=ground,
-            paths=[path(action) if action in actions else () for action in ground],
-            discount=decider.settings.discount,
-        )
-
     def _choice(self) -> str:
         text = f"{self._decider.name(self._chosen)} is chosen"
         if self._decision.indifferent:
@@ -285,20 +273,23 @@ class _Checker:
 
     def _why_not(self, action: int) -> str:
         """Say why an action is not chosen."""
-        reason, chosen = self._decider.refusal(self._decision, action), self._decision.action
-        if reason is not None and self._decision.admissible[chosen]:
-            return f"; {self._decider.name(action)} is refused: {reason}{self._remark(action)}"
-        other = compared(self._decision.forecast, self._names, chosen, self._number[action])
+        reason, name = self._decider.refusal(self._decision, action), self._decider.name
+        if reason is not None and self._decision.admissible[self._decision.action]:
+            return f"; {name(action)} is refused: {reason}{self._remark(action)}"
+        if self._chosen < 0:
+            return ""
+        names = [ground.name for ground in self._decider.model.actions]
+        other = compared(self._plan.forecast, names, self._chosen, action)
         if not other.ahead:
-            return f"; {between(other, self._names[chosen]).rstrip('.')}"
+            return f"; {between(other, name(self._chosen)).rstrip('.')}"
         return f"; it comes before {other.name}, {lesser(other)}"
 
     def _worth(self, action: int) -> str:
-        value = float(self._decision.forecast.value[self._number[action]])
+        value = self._alternatives[action].best_return
         return f"worth {readable(value)}{self._remark(action)}"
 
     def _remark(self, action: int) -> str:
-        remark = self._account().alternatives[self._number[action]].remark
+        remark = self._alternatives[action].remark
         return f" ({remark})" if remark else ""
 
     def _after(self, expected: s.After) -> str:
@@ -327,6 +318,6 @@ class _Checker:
         if float(value) in expected.bounds:
             return ""
         if expected.bounds.text in ("true", "false"):
-            shown = f"({expected.fluent}) is {str(bool(value)).lower()}"
+            shown = f"({expected.fluent}) is {readable(bool(value))}"
             return f"{shown} ({after})" if after else shown
         return f"({expected.fluent}) is {readable(float(value))}, not {expected.bounds}"

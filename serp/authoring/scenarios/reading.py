@@ -54,19 +54,16 @@ def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> li
         DomainError: A line is no statement, or names what the domain has not. The errors of later
             lines stand in its notes.
     """
-    if source.recovery is not None:
-        return _read(source, domain, model)
-    recovery = Recovery()
-    scenarios = _read(Source(source.name, source.text, recovery=recovery), domain, model)
-    if recovery.errors:
-        first, *others = recovery.errors
-        for other in others:
-            first.add_note(str(other))
-        raise first
-    return scenarios
-
-
-def _read(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scenario]:
+    if source.recovery is None:
+        recovery = Recovery()
+        whole = Source(source.name, source.text, recovery=recovery)
+        found = read_scenarios(whole, domain, model)
+        if recovery.errors:
+            first, *others = recovery.errors
+            for other in others:
+                first.add_note(str(other))
+            raise first
+        return found
     scenarios: dict[str, s.Scenario] = {}
     current: s.Scenario | None = None
     begun = 0  # errors before the current scenario
@@ -75,22 +72,21 @@ def _read(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scen
         if not text.strip():
             continue
         line = _Statement(source, start, text, domain, model)
-        if line.skip("scenario"):
+        titled, stray = line.skip("scenario"), current is None
+        if titled or current is None:
             _refuse_empty(current, begun)
             begun = source.errors_taken
             current = s.Scenario("", line.place)  # takes the lines below where this one is wrong
-            with source.recovering():
+        with source.recovering():
+            if titled:
                 current = line.scenario(scenarios)
-        elif current is None:
-            current = s.Scenario("", line.place)
-            with source.recovering():
+            elif stray:
                 raise DomainError(
                     f"`{line.next_word.text}` stands before the first scenario",
                     line.place,
                     "a scenario begins with a line such as `scenario the pole leans to the right`",
                 )
-        else:
-            with source.recovering():
+            else:
                 current = line.added_to(current, scenarios)
         if current.title:
             scenarios[current.title.lower()] = current
@@ -152,13 +148,9 @@ class _Statement:
                 return self._like(to, known)
             return replace(to, given=(*to.given, self._given()))
         expectation = self._expectation()
-        extra = self.next_word
-        if extra.text:
-            raise DomainError(
-                f"`{extra.text}` is more than this line can say",
-                extra,
-                "begin a new line for another expectation",
-            )
+        if (extra := self.next_word).text:
+            problem = f"`{extra.text}` is more than this line can say"
+            raise DomainError(problem, extra, "begin a new line for another expectation")
         return replace(to, expectations=(*to.expectations, expectation))
 
     def _given(self) -> s.GivenValue:
@@ -187,19 +179,14 @@ class _Statement:
             )
         self.skip("like")
         example = "like step 3 of episode 2 of runs/seven"
-        if match := self._take(r"step\s+(\d+)(?=\s)"):
-            step, episode = int(match[1]), None
+        if match := self._take(r"step\s+(\d{1,12})(?=\s)"):
+            within = self._take(r"of\s+episode\s+(\d{1,12})(?=\s)")
             self._expect("of", example)
-            if self.skip("episode"):
-                number = self._take(r"(\d{1,12})(?=\s)")
-                if number is None:
-                    raise self._missing("a whole number", example)
-                episode = int(number[1])
-                self._expect("of", example)
             run = self._rest.strip()
             if not run:
                 raise self._missing("the folder of a run", example)
-            return replace(to, recorded=s.StepOfRun(step, episode, run, self.place))
+            episode = None if within is None else int(within[1])
+            return replace(to, recorded=s.StepOfRun(int(match[1]), episode, run, self.place))
         title = self._rest.strip()
         other = known.get(title.lower())
         if other is None or other.title == to.title:
@@ -217,10 +204,8 @@ class _Statement:
                 continue
             match words:
                 case "chooses" | "does not choose":
-                    actions = [self._action(_OR)]
-                    while self.skip("or"):
-                        actions.append(self._action(_OR))
-                    return s.Chooses(tuple(actions), words != "chooses", self.place)
+                    actions = self._actions("or", _OR)
+                    return s.Chooses(actions, words != "chooses", self.place)
                 case "refuses":
                     action = self._action(_BECAUSE)
                     reason = self._reason() if self.skip("because") else ""
@@ -247,12 +232,12 @@ class _Statement:
         return DomainError(problem, word, advice)
 
     def _reason(self) -> str:
-        words = " ".join(self._rest.lower().split())
+        words, advice = " ".join(self._rest.lower().split()), "reasons are " + listed(s.REASONS)
+        if not words:
+            raise self._missing("a reason", "", advice)
         if words not in s.REASONS:
-            problem = (
-                f"`{words}` is no reason to refuse an action" if words else "the reason is missing"
-            )
-            raise DomainError(problem, self.next_word, "reasons are " + listed(s.REASONS))
+            problem = f"`{words}` is no reason to refuse an action"
+            raise DomainError(problem, self.next_word, advice)
         self.at = self.place.end
         return words
 
@@ -267,10 +252,7 @@ class _Statement:
             if self.skip("of"):
                 steps = (self._action(_FLUENT),) * steps
         else:
-            actions = [self._action(f",|{_FLUENT}")]
-            while self.skip(","):
-                actions.append(self._action(f",|{_FLUENT}"))
-            steps = tuple(actions)
+            steps = self._actions(",", f",|{_FLUENT}")
         negated = self.skip("not")
         name, numeric, _ = self._fluent()
         if not numeric:
@@ -283,6 +265,13 @@ class _Statement:
         return s.After(steps, name, bounds, self.place)
 
     # Parts of statements -----------------------------------------------------------------------
+
+    def _actions(self, between: str, end: str) -> tuple[int, ...]:
+        """Return the positions of ground actions with a word between them, see `_action`."""
+        actions = [self._action(end)]
+        while self.skip(between):
+            actions.append(self._action(end))
+        return tuple(actions)
 
     def _action(self, end: str = r"\Z") -> int:
         """Return the position of the ground action whose name goes on until an end."""

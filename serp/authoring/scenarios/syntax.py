@@ -25,11 +25,9 @@ REASONS: Final = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """The numbers that `is about`, `is at least` and `is at most` allow; both ends belong to them.
+    """The numbers that `is about`, `is at least` and `is at most` allow, both ends included.
 
-    Attributes:
-        least, most: The ends.
-        text: What is written.
+    `text` is what is written.
     """
 
     least: float

@@ -1,8 +1,8 @@
 """`compare`: plans the trials, runs the missing ones, and writes the report.
 
-comparison/plan.json      everything that was requested so far, with the texts of the domain files
-comparison/trials/NAME/   the trials, each a run folder
-comparison/report.md, …   the report, see `serp.runs.comparison.report`
+comparison/plan.json     everything that was requested so far, with the texts of the domain files
+comparison/trials/NAME/  the trials, each a run folder
+comparison/report.html   the report, see `serp.runs.comparison.report`
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
         RunError: It cannot be created, holds other files, or another process writes it.
     """
     if not (folder / mark).is_file():
-        make_empty(folder, lambda name: False)
+        make_empty(folder)
     lock = RunLock(folder)
     try:
         yield
@@ -318,7 +318,7 @@ class Comparison:
     """A comparison on the disk.
 
     Attributes:
-        path: Its folder, with `report.md` and `report.html`.
+        path: Its folder, with `report.html`.
         results: The complete trials and their measures.
     """
 
@@ -379,7 +379,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     with needs_extra("report", "the report of a comparison"):
         from serp.runs.comparison.report import write_report
     request = ComparisonRequest(**options)
-    out = None if request.out is None else Path(request.out)
+    out = request.out
     before = None if out is None else read_plan(out)
     with _requested_task(task, before, out).bind() as bound:
         folder = out or default_path(f"compare-{bound.name}")

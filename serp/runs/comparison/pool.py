@@ -24,6 +24,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
 
 from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
@@ -64,7 +65,7 @@ class TrialsRequest(Section):
     """Where seeds begin of which only the number is given."""
     seeds: tuple[NonNegativeInt, ...] = ()
     settings: Mapping[str, Mapping[str, Any]] = Field(default_factory=dict)
-    out: Any = None
+    out: Path | None = Field(default=None, strict=False)
     engine: str = LOCAL
     address: str | None = None
     jobs: PositiveInt | None = None
@@ -85,13 +86,6 @@ class TrialsRequest(Section):
         if not seeds:
             raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
         return tuple(dict.fromkeys(seeds))
-
-    @field_validator("out", mode="before")
-    @classmethod
-    def _folder(cls, value: Any) -> Any:
-        if not isinstance(value, str | os.PathLike | None) or "\0" in str(value):
-            raise ValueError("must be the name of a folder")
-        return value
 
     @model_validator(mode="after")
     def _engine_is_there(self) -> Self:

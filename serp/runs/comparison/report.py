@@ -9,14 +9,13 @@ import math
 import shlex
 import sys
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import matplotlib.style
 import numpy as np
-from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
@@ -24,12 +23,13 @@ from serp._util.figures import INK, LINE, PALETTE, STYLE, label_ends, render
 from serp._util.files import cannot_write, make_inside, write_durably
 from serp._util.templates import render as render_template
 from serp._util.terminal import visible
-from serp._util.text import code, markdown_text, readable, table
+from serp._util.text import readable
 from serp.runs.comparison.algorithms import PLANNER
 from serp.runs.comparison.statistics import (
     RESAMPLES,
     Curves,
     Estimate,
+    Measure,
     Results,
     evaluation_curves,
     training_curves,
@@ -39,6 +39,8 @@ from serp.runs.folder import machine, versions
 from serp.runs.summary import WINDOW
 
 NOTHING: Final = "–"
+Content = tuple[list[str], list[list[str]]]
+"""A table: titles of columns, and rows; plain text."""
 _FIGURES: Final = "figures"
 
 
@@ -50,78 +52,63 @@ def write_report(
 ) -> None:
     """Write the report of a comparison, complete or not.
 
-    `report.md` and `report.html` (which embeds its figures), `figures/*.png` and `*.svg`, and
-    `measures.csv`. Files of an earlier report are replaced.
+    `report.html` (which embeds its figures), `figures/*.png` and `*.svg`, and `measures.csv`. Files
+    of an earlier report are replaced.
     """
     drawn = pictures(results)
-    markdown = report_text(results, jobs, notes, drawn)
     try:
         make_inside(folder, _FIGURES)
     except OSError as error:
         raise cannot_write(folder / _FIGURES, error, "No report was written.") from error
-    images = {
+    files: dict[str, bytes | str] = {
         f"{_FIGURES}/{picture.name}.{kind}": render(picture.figure, kind)
         for picture in drawn
         for kind in ("svg", "png")
     }
-    files: dict[str, bytes | str] = {
-        "report.md": markdown,
-        "report.html": html_page(markdown, f"Comparison: {results.plan.task}", images),
-        "measures.csv": measures_csv(results),
-        **images,
+    embedded = {
+        picture.name: (picture, _address(files[f"{_FIGURES}/{picture.name}.svg"]))
+        for picture in drawn
     }
+    files["report.html"] = report_page(results, jobs, notes, embedded)
+    files["measures.csv"] = measures_csv(results)
     for name, content in files.items():
         write_durably(folder / name, content)
 
 
-# Pages -----------------------------------------------------------------------------------------
+def _address(svg: str | bytes) -> str:
+    data = svg.encode() if isinstance(svg, str) else svg
+    return f"data:image/svg+xml;base64,{b64encode(data).decode('ascii')}"
 
 
-def report_text(
+def report_page(
     results: Results,
     jobs: Sequence[Job],
     notes: Sequence[str],
-    drawn: Sequence[Picture],
+    drawn: Mapping[str, tuple[Picture, str]],
 ) -> str:
-    """Return the report as Markdown, which names its figures as `figures/<name>.svg`."""
+    """Return the report as HTML; `drawn` has the address of each figure."""
     return render_template(
         "serp.runs.comparison",
-        "report.md.j2",
-        {"plain": markdown_text, "code": code, "number": readable},
+        "report.html.j2",
+        {"plain": lambda text: visible(" ".join(str(text).split()))},
         results=results,
         plan=results.plan,
-        protocol=results.plan.protocol,
-        pictures={picture.name: picture for picture in drawn},
+        palette=PALETTE,
+        pictures=drawn,
         notes=notes,
         missing=[str(job.trial) for job in jobs if job.trial not in results.measured],
         count=len(jobs),
-        machine=machine(),
-        versions=versions(),
         command=shlex.join(map(str, sys.argv)),
-        window=WINDOW,
         resamples=RESAMPLES,
+        compared=compared_table(results),
         settings=settings_table(results, jobs),
-        overview=table(*_in_markdown(*overview(results))),
+        overview=overview(results),
         values=partial(values_table, results),
         differences=differences_table(results),
-    )
-
-
-def html_page(markdown: str, title: str, pictures: Mapping[str, bytes]) -> str:
-    """Return Markdown as an HTML document; it embeds `pictures` (address → SVG), HTML is shown."""
-    reader = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens = reader.parse(markdown)
-    for token in tokens:
-        for part in token.children or ():
-            source = str(part.attrGet("src") or "")
-            if part.type == "image" and source in pictures:
-                embedded = b64encode(pictures[source]).decode("ascii")
-                part.attrSet("src", f"data:image/svg+xml;base64,{embedded}")
-    body = reader.renderer.render(tokens, reader.options, {})
-    body = body.replace("<table>", '<div class="wide"><table>')
-    body = body.replace("</table>", "</table></div>")
-    return render_template(
-        "serp.runs.comparison", "page.html.j2", title=visible(title), body=body, palette=PALETTE
+        definitions=(
+            ["measure", "meaning", "better"],
+            [[m.name, m.meaning, m.better or NOTHING] for m in results.measures],
+        ),
     )
 
 
@@ -144,38 +131,29 @@ def _cell(results: Results, algorithm: str, name: str) -> str:
     return f"{text}, never in {never} of {len(values)}" if never else text
 
 
-def overview(results: Results) -> tuple[list[str], list[list[str]]]:
-    """Return the main results: titles of columns, and a row an algorithm; plain text."""
+def overview(results: Results) -> Content:
+    """Return the main results: a row an algorithm."""
     names = ["training_area", "final_learner", "final_policy", "threshold_env_steps", "unsafe"]
     if results.plan.threshold is None:
         names.remove("threshold_env_steps")
-    titles = {measure.name: measure.title for measure in results.measures}
-    rows = [[a, *(_cell(results, a, name) for name in names)] for a in results.algorithms]
-    return ["algorithm", *(titles[name] for name in names)], rows
+    return _measured(results, [m for name in names for m in results.measures if m.name == name])
 
 
-def _in_markdown(
-    head: Sequence[str], rows: Iterable[Sequence[str]]
-) -> tuple[list[str], list[list[str]]]:
-    return [*map(markdown_text, head)], [[markdown_text(row[0]), *row[1:]] for row in rows]
-
-
-def values_table(results: Results, name: str) -> str:
-    """Return the measures of a table: a row an algorithm, interquartile means with intervals.
-
-    Measures that no algorithm has are left out; the text is empty if none is left.
-    """
-    shown = [
+def values_table(results: Results, name: str) -> Content:
+    """Return the measures of a table that an algorithm has: a row an algorithm."""
+    return _measured(results, [
         measure for measure in results.measures
         if measure.table == name
         and any(len(results.known(algorithm, measure.name)) for algorithm in results.algorithms)
-    ]  # fmt: skip
-    rows = [[a, *(_cell(results, a, m.name) for m in shown)] for a in results.algorithms]
-    head = ["algorithm", *(measure.title for measure in shown)]
-    return table(*_in_markdown(head, rows)) if shown else ""
+    ])  # fmt: skip
 
 
-def differences_table(results: Results) -> str:
+def _measured(results: Results, measures: Sequence[Measure]) -> Content:
+    rows = [[a, *(_cell(results, a, m.name) for m in measures)] for a in results.algorithms]
+    return ["algorithm", *(measure.title for measure in measures)], rows
+
+
+def differences_table(results: Results) -> Content:
     """Return the differences of interquartile means of each algorithm to the first."""
     compared = [measure for measure in results.measures if measure.compared]
     first, *others = results.algorithms or ("",)
@@ -186,10 +164,28 @@ def differences_table(results: Results) -> str:
         ]
         for other in others
     ]
-    return table(*_in_markdown(["difference", *(m.title for m in compared)], rows))
+    return ["difference", *(m.title for m in compared)], rows
 
 
-def settings_table(results: Results, jobs: Sequence[Job]) -> str:
+def compared_table(results: Results) -> Content:
+    """Return what all trials have in common."""
+    plan, protocol = results.plan, results.plan.protocol
+    installed = ", ".join(f"{name} {text}" for name, text in versions().items() if text)
+    rows = {
+        "task": plan.task,
+        "domain files, the task's own first": ", ".join(plan.domains),
+        "budget": f"{protocol.env_steps:,} env steps a trial",
+        "seeds": ", ".join(map(str, plan.seeds)),
+        "return from which a policy counts as good (threshold)": readable(plan.threshold),
+        "evaluation of the learner alone": f"{protocol.evaluation_episodes} episodes every "
+        f"{protocol.evaluate_every:,} env steps; {protocol.final_episodes} at the end",
+        **{name: str(text) for name, text in machine().items()},
+        "versions": installed,
+    }
+    return ["", ""], [[*row] for row in rows.items()]
+
+
+def settings_table(results: Results, jobs: Sequence[Job]) -> Content:
     """Return what the algorithms are, and the settings that are not the same for all of them."""
     texts: dict[str, dict[str, str]] = {name: {} for name in results.algorithms}
     for job in jobs:
@@ -202,13 +198,13 @@ def settings_table(results: Results, jobs: Sequence[Job]) -> str:
                     f"{section}.{name}": value if isinstance(value, str) else json.dumps(value)
                     for name, value in values.items()
                 }
-    rows = []
-    for key in dict.fromkeys(key for text in texts.values() for key in text):
-        # External algorithms have no settings of ours, so these are compared among the others.
-        if "." not in key or len({text[key] for text in texts.values() if key in text}) > 1:
-            cells = (text.get(key, NOTHING) for text in texts.values())
-            rows.append([*map(markdown_text, (key, *cells))])
-    return table(["what", *map(markdown_text, texts)], rows, left=len(texts) + 1)
+    # External algorithms have no settings of ours, so these are compared among the others.
+    rows = [
+        [key, *(text.get(key, NOTHING) for text in texts.values())]
+        for key in dict.fromkeys(key for text in texts.values() for key in text)
+        if "." not in key or len({text[key] for text in texts.values() if key in text}) > 1
+    ]
+    return ["what", *texts], rows
 
 
 # Figures ---------------------------------------------------------------------------------------

@@ -14,11 +14,10 @@ import io
 import json
 import re
 import shutil
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,23 +27,20 @@ from serp._util.compilation import working_time
 from serp._util.files import read_regular, write_durably
 from serp._util.numbers import real
 from serp._util.processes import one_thread
-from serp._util.terminal import visible
 from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
+from serp.agent.protocols import Learner
 from serp.agent.step_record import OnStep, StepRecord
-from serp.errors import Interrupted, Notice, RunError, SerpError, TaskError
+from serp.errors import Interrupted, RunError, SerpError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
-from serp.runs.evaluation import outcome_of
+from serp.runs.evaluation import Policy, outcome_of, play
 from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.report import write_results
 from serp.runs.rollout import (
-    SLOW_STEP_SECONDS,
-    Decide,
     Rollout,
-    Watchdog,
     evaluation_seed,
     training_seed,
 )
@@ -55,7 +51,7 @@ from serp.runs.train import compiled_trainer, restore, train
 from serp.runs.trainer import Budget, Callbacks
 from serp.settings import Settings
 from serp.tasks.environment import single
-from serp.tasks.task import BoundTask, Judge, Task
+from serp.tasks.task import BoundTask, Task
 
 Columns = dict[str, NDArray[Any]]
 """Name of a column → its values, one entry per row."""
@@ -174,9 +170,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
     baseline = job.algorithm.kind == "baseline"
     with compiled_trainer(bound, settings, seed, baseline=baseline, quiet=True) as trainer:
         agent = trainer.agent
-        evaluations = _Evaluations(
-            job, agent, bound, arena, lambda x: agent.learner.propose_greedily(x).action
-        )
+        evaluations = _Evaluations(job, agent, bound, arena)
 
         def after_step(step: StepRecord) -> None:
             if trainer.env_steps in evaluations.due:
@@ -201,7 +195,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
                     f"{job.folder} went on without the evaluations of this comparison, or one of "
                     "them failed. Remove it to run the trial from the beginning."
                 )
-            callbacks = Callbacks({"on_step": after_step, "on_episode": after_episode})
+            callbacks = Callbacks(after_step, after_episode)
             train(folder, trainer, budget, callbacks, quiet=True)
 
 
@@ -263,6 +257,25 @@ def _blamed(name: str) -> Iterator[None]:
         raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
 
 
+class _ExternalLearner(NamedTuple):
+    """The greedy choice of an external algorithm, as that of a learner."""
+
+    external: ExternalAlgorithm
+    name: str
+    actions: int
+
+    def propose_greedily(self, x: Vector) -> Proposal:
+        """Propose the greedy action for one input `[F]`."""
+        with _blamed(self.name):
+            chosen: NDArray[Any] = np.asarray(self.external.act(x[np.newaxis].astype(np.float32)))
+            whole = chosen.dtype.kind in "iu" and chosen.shape == (1,)
+            if not whole or not 0 <= chosen[0] < self.actions:
+                raise ValueError(
+                    f"act returned {chosen!r}; one whole number 0 ... {self.actions - 1} is wanted"
+                )
+            return Proposal(int(chosen[0]), False, None)
+
+
 def _train_external(
     job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], bool]
 ) -> None:
@@ -273,22 +286,15 @@ def _train_external(
     external = make_external(job.algorithm, env, bound.name, seed)
     shutil.rmtree(job.folder, ignore_errors=True)
 
-    def greedy(x: Vector) -> int:
-        with _blamed(job.algorithm.name):
-            actions: NDArray[Any] = np.asarray(external.act(x[np.newaxis].astype(np.float32)))
-            whole, size = actions.dtype.kind in "iu" and actions.shape == (1,), bound.actions.size
-            if not whole or not 0 <= actions[0] < size:
-                raise ValueError(
-                    f"act returned {actions!r}; one whole number 0 ... {size - 1} is wanted"
-                )
-            return int(actions[0])
-
-    evaluations = _Evaluations(job, agent, bound, arena, greedy)
+    agent.learner = cast(
+        Learner, _ExternalLearner(external, job.algorithm.name, bound.actions.size)
+    )
+    evaluations = _Evaluations(job, agent, bound, arena)
     folder = begin_run(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
         budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
     )  # fmt: skip
-    log = RunLog(folder, bound, settings.training)
+    log = RunLog(folder, bound)
     clock = working_time()
 
     def after_step(step: StepRecord) -> None:
@@ -313,17 +319,13 @@ def _train_external(
             clock += working_time() - begun
 
     env.on_step = after_step
-    with folder, log, Watchdog(bound, SLOW_STEP_SECONDS, lambda: made + 1, _warn):
+    with folder, log:
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
         if made < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
-        write_results(folder, account=account_of(agent))
-
-
-def _warn(line: str) -> None:
-    warnings.warn(visible(line), Notice, stacklevel=2)
+        write_results(folder, {}, account=account_of(agent))
 
 
 class _Evaluations:
@@ -333,18 +335,9 @@ class _Evaluations:
         due: Numbers of env steps at which there is no evaluation yet.
     """
 
-    def __init__(
-        self,
-        job: Job,
-        agent: Agent,
-        trained_in: BoundTask,
-        arena: BoundTask,
-        greedy: Callable[[Vector], int],
-    ) -> None:
+    def __init__(self, job: Job, agent: Agent, trained_in: BoundTask, arena: BoundTask) -> None:
         self._job, self._agent = job, agent
         self._trained_in, self._arena = trained_in, arena
-        self._judge = Judge(arena)
-        self._greedy = greedy
         self._file = job.folder / EVALUATIONS
         self._text = self._file.read_text("utf-8") if self._file.is_file() else ""
         protocol, found = job.protocol, read_evaluations(job.folder)
@@ -354,60 +347,48 @@ class _Evaluations:
 
     def evaluate(self, env_steps: int) -> None:
         """Evaluate after so many env steps with the running statistics of the training."""
-        protocol, kind, agent = self._job.protocol, self._job.algorithm.kind, self._agent
+        protocol, kind = self._job.protocol, self._job.algorithm.kind
         last = env_steps == protocol.env_steps
-        episodes = protocol.final_episodes if last else protocol.evaluation_episodes
-        statistics = self._trained_in.environment_state()
-        policies: dict[str, Callable[[int], dict[str, Any]]] = {}
-        if kind != "planner":
-            policies["learner"] = self._following(self._by_learner) if last else self._returns
+        policies: dict[str, Policy] = {} if kind == "planner" else {"learner": "learner"}
         if last and kind in ("guided", "planner"):
-            decide = agent.decide_greedily if kind == "guided" else self._by_planner
-            policies["policy"] = self._following(decide)
+            policies["policy"] = "serp" if kind == "guided" else "planner"
+        self._arena.restore_environment(self._trained_in.environment_state(), statistics_only=True)
         table = io.StringIO()
-        with agent.undisturbed():
-            self._arena.restore_environment(statistics, statistics_only=True)
-            for policy, play in policies.items():
-                for episode in range(episodes):
-                    key = {"env_steps": env_steps, "policy": policy, "episode": episode + 1}
-                    agent.arbiter.begin_episode()
-                    row = key | play(evaluation_seed(_SEED, episode))
-                    writer = csv.DictWriter(table, list(row), lineterminator="\n")
-                    if not self._text and not table.tell():
-                        writer.writeheader()
-                    writer.writerow(row)
+        for name, policy in policies.items():
+            rows = self._played(policy) if last else self._returns()
+            for episode, row in enumerate(rows, 1):
+                row = {"env_steps": env_steps, "policy": name, "episode": episode, **row}
+                writer = csv.DictWriter(table, list(row), lineterminator="\n")
+                if not self._text and not table.tell():
+                    writer.writeheader()
+                writer.writerow(row)
         self._text += table.getvalue()
         write_durably(self._file, self._text)
         self.due.discard(env_steps)
 
-    def _returns(self, seed: int) -> dict[str, Any]:
-        """Play an episode of the learner without a forecast, which would take most of the time."""
-        arena, return_, length, over = self._arena, 0.0, 0, False
-        raw, info = arena.reset(seed=seed)
-        while not over:
-            _, x = self._agent.perceive(raw, info, arena.env)
-            raw, reward, terminated, truncated, info = arena.step(self._greedy(x))
-            return_, length = return_ + reward, length + 1
-            limit = length >= self._agent.settings.training.episode_steps
-            over = terminated or truncated or limit
-        return self._row(return_, length, terminated, "", "", info)
+    def _returns(self) -> Iterator[dict[str, Any]]:
+        """Play episodes of the learner without a forecast, which would take most of the time."""
+        arena, agent = self._arena, self._agent
+        for episode in range(self._job.protocol.evaluation_episodes):
+            return_, length, over, terminated = 0.0, 0, False, False
+            raw, info = arena.reset(seed=evaluation_seed(_SEED, episode))
+            while not over:
+                _, x = agent.perceive(raw, info, arena.env)
+                action = agent.learner.propose_greedily(x).action
+                raw, reward, terminated, truncated, info = arena.step(action)
+                return_, length = return_ + reward, length + 1
+                limit = length >= agent.settings.training.episode_steps
+                over = terminated or truncated or limit
+            yield self._row(return_, length, terminated, "", "", info)
 
-    def _following(self, decide: Decide) -> Callable[[int], dict[str, Any]]:
-        """Return a function that plays an episode of a policy, whose unsafe steps are counted."""
-
-        def play(seed: int) -> dict[str, Any]:
-            limit = self._agent.settings.training.episode_steps
-            rollout = Rollout(
-                self._arena, self._agent.perceive, seed=seed, limit=limit, judge=self._judge
-            )
-            *_, last = rollout.steps(decide)
-            totals = last.episode
-            return self._row(
-                totals.return_, totals.length, totals.terminated,
-                totals.decisions.unsafe_executed, totals.unsafe_observed, last.info,
-            )  # fmt: skip
-
-        return play
+    def _played(self, policy: Policy) -> Iterator[dict[str, Any]]:
+        """Play episodes of a policy at the end of training, whose unsafe steps are counted."""
+        count = self._job.protocol.final_episodes
+        for episode in play(self._agent, self._arena, policy, episodes=count, seed=_SEED):
+            *_, last = episode.steps
+            totals = episode.totals
+            unsafe = totals.decisions.unsafe_executed, totals.unsafe_observed
+            yield self._row(totals.return_, totals.length, totals.terminated, *unsafe, last.info)
 
     def _row(
         self, return_: float, length: int, terminated: bool, unsafe: Any, seen: Any, info: Any
@@ -421,12 +402,6 @@ class _Evaluations:
             "unsafe_observed": seen,
             **{f"info.{name}": _counted(info, name) for name in self._arena.task.counters},
         }
-
-    def _by_learner(self, state: Vector, x: Vector) -> Decision:
-        return self._agent.guarded.execute(state, Proposal(self._greedy(x), False, None))
-
-    def _by_planner(self, state: Vector, x: Vector) -> Decision:
-        return self._agent.guarded.plan(state)
 
 
 def _counted(info: dict[str, Any], name: str) -> float:

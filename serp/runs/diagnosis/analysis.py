@@ -68,7 +68,6 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
         missing=_missing(model, fit, costs, len(part)),
         stochastic=_stochastic_effects(model, steps),
         rules=_rules(model, steps),
-        samples=len(sample),
     )
 
 

@@ -218,13 +218,8 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "left_out": dict(diagnosis.sample.left_out),
         "verdict": diagnosis.verdict,
         "quantities": [
-            {
-                **_plain(quantity),
-                "error": quantity.error,
-                "error_left": quantity.error_left,
-                "unexplained": quantity.unexplained,
-            }
-            for quantity in diagnosis.quantities
+            _plain(q) | {"error": q.error, "error_left": q.error_left, "unexplained": q.unexplained}
+            for q in diagnosis.quantities
         ],
         "not_explained": diagnosis.unexplained,
         "remarks": [_plain(remark) for remark in diagnosis.remarks],

@@ -264,13 +264,12 @@ Finding = ParameterFinding | MissingEffect | StochasticEffect | RuleFinding
 
 @dataclass(frozen=True)
 class Findings:
-    """Findings about a domain file by kind, from a number of compared transitions."""
+    """Findings about a domain file by kind."""
 
     parameters: tuple[ParameterFinding, ...] = ()
     missing: tuple[MissingEffect, ...] = ()
     stochastic: tuple[StochasticEffect, ...] = ()
     rules: tuple[RuleFinding, ...] = ()
-    samples: int = 0
 
 
 def _where(finding: Finding) -> str:

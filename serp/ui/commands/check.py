@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         "serp check domains/cartpole.pddl",
         "serp check cartpole",
         "serp check domains/*.pddl",
-        "serp check domain.pddl p01.pddl --portable",
+        "serp check domain.pddl p01.pddl",
         "serp check --task my_robot.py",
         "serp check robot.pddl --fix",
         "serp check domains/*.pddl --json > findings.json",
@@ -43,13 +43,11 @@ if TYPE_CHECKING:
 @click.option("--fix", is_flag=True,
               help="Correct what can only be meant one way; print the changes.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print findings as JSON.")
-@click.option("--portable", is_flag=True, help="Name functions that PDDL does not have.")
 @max_ground_schemas_option
 def command(
     domains: tuple[str, ...],
     fix: bool,
     as_json: bool,
-    portable: bool,
     max_ground_schemas: int | None,
 ) -> int:
     """Check domain and problem files: print all mistakes with their places, and a summary.
@@ -74,10 +72,7 @@ def command(
         if not any(Path(name).suffix == ".pddl" or Path(name).is_file() for name in domains):
             raise click.UsageError("--fix needs files that are given by their paths")
         _fix(checks)
-    checked = (
-        _CheckedDomain.of(pair, own, portable=portable, max_ground_schemas=max_ground_schemas)
-        for pair in checks
-    )
+    checked = (_checked(pair, own, max_ground_schemas) for pair in checks)
     if not as_json:
         return _print(checked)
     results = [*checked]
@@ -105,61 +100,6 @@ class _CheckedDomain:
     summary: list[str] = field(default_factory=list)
     failure: str = ""
 
-    @classmethod
-    def of(
-        cls,
-        pair: DomainFiles,
-        own: Task | None,
-        *,
-        portable: bool,
-        max_ground_schemas: int | None,
-    ) -> _CheckedDomain:
-        """Check a domain, and the task that it belongs to."""
-        from serp.authoring.lint.findings import Finding, examine
-        from serp.pddl.source import DomainError
-
-        check = cls(pair.name)
-        try:
-            domain, task = _load(pair, own, max_ground_schemas)
-            check.findings = examine(
-                domain.source,
-                domain.problem_source,
-                max_ground_schemas=domain.max_ground_schemas,
-                portable=portable,
-                look=lambda _: check._look(domain, task, asked=own is not None or not pair.domain),
-            ).findings
-        except DomainError as error:
-            if pair.domain is not None:
-                limit = max_ground_schemas
-                found = examine(pair.domain, pair.problem, max_ground_schemas=limit)
-                check.findings = found.findings
-            check.findings = check.findings or [Finding.of(error)]
-        except SerpError as error:
-            check.failure = str(error)
-        return check
-
-    def _look(self, domain: Domain, task: Task | None, *, asked: bool) -> Iterator[DomainWarning]:
-        """Sum a domain up, and yield warnings about its task.
-
-        A task that does not fit is an error if the user asked for it, else a warning.
-        """
-        self.summary += _summary(domain)
-        if task is None:
-            return
-        from serp.authoring.lint.task_ranges import out_of_range
-        from serp.pddl.source import DomainWarning
-
-        try:
-            with task.bind() as bound:
-                yield from out_of_range(bound)
-        except SerpError as error:
-            if asked:
-                raise
-            yield DomainWarning(str(error), code="task-mismatch")
-            return
-        fits = f"task {task.name}: environment, grounding and actions fit together"
-        self.summary += [fits, learned_from(domain, task)]
-
     @property
     def wrong(self) -> bool:
         """Whether there is an error, or the domain could not be checked."""
@@ -175,6 +115,56 @@ class _CheckedDomain:
                  for severity in ("error", "warning", "note") if counts[severity]]  # fmt: skip
         right = [] if counts["error"] or counts["warning"] else ["right"]
         return ", ".join(right + parts)
+
+
+def _checked(pair: DomainFiles, own: Task | None, limit: int | None) -> _CheckedDomain:
+    """Check a domain, and the task that it belongs to."""
+    from serp.authoring.lint.findings import Finding, examine
+    from serp.pddl.source import DomainError
+
+    check = _CheckedDomain(pair.name)
+    asked = own is not None or pair.domain is None
+    try:
+        domain, task = _load(pair, own, limit)
+        check.findings = examine(
+            domain.source,
+            domain.problem_source,
+            max_ground_schemas=domain.max_ground_schemas,
+            look=lambda _: _look(check, domain, task, asked=asked),
+        ).findings
+    except DomainError as error:
+        if pair.domain is not None:
+            found = examine(pair.domain, pair.problem, max_ground_schemas=limit)
+            check.findings = found.findings
+        check.findings = check.findings or [Finding.of(error)]
+    except SerpError as error:
+        check.failure = str(error)
+    return check
+
+
+def _look(
+    check: _CheckedDomain, domain: Domain, task: Task | None, *, asked: bool
+) -> Iterator[DomainWarning]:
+    """Sum a domain up, and yield warnings about its task.
+
+    A task that does not fit is an error if the user asked for it, else a warning.
+    """
+    from serp.authoring.lint.task_ranges import out_of_range
+    from serp.pddl.source import DomainWarning
+
+    check.summary += _summary(domain)
+    if task is None:
+        return
+    try:
+        with task.bind() as bound:
+            yield from out_of_range(bound)
+    except SerpError as error:
+        if asked:
+            raise
+        yield DomainWarning(str(error), code="task-mismatch")
+        return
+    fits = f"task {task.name}: environment, grounding and actions fit together"
+    check.summary += [fits, learned_from(domain, task)]
 
 
 def _load(
@@ -193,7 +183,8 @@ def _load(
             code="unreadable-file",
         )
     try:
-        return asked_domain(pair.name, pair.domain, pair.problem, max_ground_schemas, own)
+        name = None if pair.domain is None and own is not None else str(pair.domain or pair.name)
+        return asked_domain(name, pair.problem, max_ground_schemas)
     except TaskError:
         if pair.domain is None or own is not None:
             raise
@@ -222,11 +213,8 @@ def _summary(domain: Domain) -> Iterator[str]:
 
     def changing(target: int) -> list[str]:
         """Return the schemas that change a target, as one text; none if there are none."""
-        names = list(dict.fromkeys(
-            f"{s.kind.value} {s.schema}"
-            for s in ground.schemas
-            if any(effect.target == target for effect in s.effects)
-        ))  # fmt: skip
+        changed = (s for s in ground.schemas if any(e.target == target for e in s.effects))
+        names = list(dict.fromkeys(f"{s.kind.value} {s.schema}" for s in changed))
         more = f" and {len(names) - named:,} more" if len(names) > named else ""
         return [", ".join(names[:named]) + more] if names else []
 

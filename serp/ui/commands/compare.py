@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import re
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from serp.ui.asked import asked_task
-from serp.ui.options import (
-    domain_option,
-    max_ground_schemas_option,
-    own_task_name,
-    own_task_option,
-    parse_seeds,
-    parse_settings,
-)
+from serp.ui.options import own_task_name, trials_options
 from serp.ui.output import examples, open_console, print_result, print_table
 from serp.ui.root import say, stopped_by
 
@@ -35,20 +27,11 @@ if TYPE_CHECKING:
         "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
     ),
 )
-@domain_option
-@own_task_option
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
               help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
                    "with a setting changed, NAME@FILE one with another domain file. May be "
                    "repeated.  "
                    "[default: serp,mrp,dqn]")  # fmt: skip
-@click.option("--seeds", metavar="N|A-B|A,B",
-              help="How many seeds from 0 on, or the seeds themselves.  [default: 5]")  # fmt: skip
-@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
-              help="Budget of each training.")  # fmt: skip
-@click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
-              help="Change a setting of all of serp's algorithms that do not set it themselves; "
-                   "may be repeated.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
               help="Return from which a policy counts as good.")  # fmt: skip
 @click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
@@ -58,44 +41,23 @@ if TYPE_CHECKING:
               help="Episodes of each such evaluation.  [default: 10]")  # fmt: skip
 @click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
               help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-              help="Folder of the comparison; one that is there is continued.  "
-                   "[default: runs/compare-<domain>-<time>]")  # fmt: skip
-@click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-              help="Trials at the same time.  [default: one a core]")  # fmt: skip
-@click.option("--engine", metavar="local|ray", default="local", show_default=True,
-              help="What runs the trials: processes of this machine, or a cluster.")  # fmt: skip
-@click.option("--address", metavar="ADDRESS",
-              help="The cluster of the engine.  [default: the engine starts workers "
-                   "here]")  # fmt: skip
-@max_ground_schemas_option
-@click.option("--quiet", is_flag=True, help="No display; print the folder alone.")
-@click.option("--list", "listing", is_flag=True, help="List the algorithms.")
+@trials_options(seeds=range(5), folder="compare")
 @click.pass_context
 def command(
     ctx: click.Context,
     /,
     domain: str | None,
     algorithms: tuple[str, ...],
-    seeds: str | None,
-    assignments: tuple[str, ...],
     max_ground_schemas: int | None,
-    listing: bool,
     **options: Any,
 ) -> int | None:
     """Train several algorithms on one task, with the same budget, seeds, reward and observation.
 
-    The report says how fast each learns, what it costs and what is left to chance. Each trial is a
+    The report says how fast each learns, what it costs and what is left to chance. --set changes
+    all of serp's algorithms that do not set the same themselves. Each trial is a
     run folder. With the same --out only what is missing is run: more algorithms or seeds, or the
     rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
-    if listing:
-        from serp.runs.comparison.algorithms import OWN, algorithm_entries
-
-        rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
-        rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]
-        print_table(open_console(), ("algorithm", ""), rows)
-        return None
     task = asked_task(domain, max_ground_schemas)
     if task is None and options["out"] is None:
         raise click.UsageError(
@@ -105,16 +67,11 @@ def command(
         raise click.UsageError(
             "--max-ground-schemas cannot change in a comparison that is continued", ctx
         )
-    options |= {
-        "algorithms": _named(algorithms),
-        "seeds": parse_seeds(seeds),
-        "settings": parse_settings(assignments),
-    }
     from serp.errors import Interrupted
     from serp.runs.comparison.compare import compare
 
     try:
-        comparison = compare(task, **options)
+        comparison = compare(task, algorithms=_named(algorithms), **options)
     except Interrupted as stop:
         missing = " and --out of that folder." if options["out"] is None else "."
         say(f"{stop}.\nGo on with the same command{missing}")

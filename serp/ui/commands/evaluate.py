@@ -37,7 +37,6 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
     The steps are recorded in RUN, so that `serp why RUN --evaluation POLICY-seedN` explains them.
     """
     from serp.agent.agent import account_of
-    from serp.runs.evaluation import other_in_training
 
     loaded = open_run(run)
     result = loaded.evaluate(policy, episodes=episodes, seed=seed, record=True).as_dict()
@@ -52,23 +51,16 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
     if result["confidence_interval"] is not None:
         low, high = map(readable, result["confidence_interval"])
         interval = f", 95 % interval {low} to {high}"
-    print_table(
-        console,
-        ("", ""),
-        [
-            ("mean return", f"{readable(result['mean'])}{interval}"),
-            ("spread", f"standard deviation {readable(result['std'])}, "
-                       f"{readable(result['min'])} to {readable(result['max'])}, "
-                       f"median {readable(result['median'])}"),
-            ("terminated", f"{result['terminated']} of {episodes} episodes"),
-            ("unsafe", f"{unsafe_text(result)}; {plural(steps, 'step')} in all"),
-            ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
-        ],
-    )  # fmt: skip
+    rows = [
+        ("mean return", f"{readable(result['mean'])}{interval}"),
+        ("spread", f"standard deviation {readable(result['std'])}, {readable(result['min'])} to "
+                   f"{readable(result['max'])}, median {readable(result['median'])}"),
+        ("terminated", f"{result['terminated']} of {episodes} episodes"),
+        ("unsafe", f"{unsafe_text(result)}; {plural(steps, 'step')} in all"),
+        ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
+    ]  # fmt: skip
+    print_table(console, ("", ""), rows)
     if result["warning"] is not None:
         console.print(result["warning"])
     console.print("")
     print_account(console, account_of(loaded.agent), result["sight"])
-    acting = other_in_training(loaded.agent) if policy == "serp" else None
-    if acting is not None:
-        console.print(f"Training acts otherwise: {acting}. --policy training measures that.")

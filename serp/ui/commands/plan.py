@@ -8,17 +8,27 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp.errors import SettingsError
-from serp.ui.asked import MakePlanner, asked_domain, asked_own_task, asked_state
-from serp.ui.options import OutputFile, max_ground_schemas_option, own_task_option, settings_option
+from serp.errors import SerpError, SettingsError
+from serp.ui.asked import MakePlanner, asked_domain, asked_state, open_run
+from serp.ui.options import (
+    OutputFile,
+    max_ground_schemas_option,
+    own_task_option,
+    refuse_given,
+    settings_option,
+)
 from serp.ui.output import examples, learned_from, open_console, print_json
 from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.agent.chosen_planner import ChosenPlanner
     from serp.model.domain import Domain
+    from serp.runs.run import Run
     from serp.settings import Changes
     from serp.tasks.task import Task
+
+_SECONDS = 10.0
+"""Time that a plan, and the search for other choices, may take each."""
 
 
 @click.command(
@@ -85,24 +95,24 @@ def command(
     With RUN, the folder of a training, the decision is that of its planner, with the model that it
     plans with, whatever that has learned.
     """
-    from serp.ui.planner import RunPlanner, asked_run
+    from serp.agent.sentences import lines_of_changes
+    from serp.ui.decision import describe, print_plan
 
-    domain, task, make_planner = (
-        _asked(name, problem, max_ground_schemas, **planning)
-        if run is None
-        else asked_run(run, 10.0)
-    )
+    loaded = None if run is None else _opened(run)
+    if loaded is None:
+        domain, task = asked_domain(name, problem, max_ground_schemas)
+        make_planner = _planning(task, **planning)
+    else:
+        domain, task, make_planner = loaded.agent.task.domain, loaded.task, _planner_of(loaded)
     domain, state, origin = asked_state(
         domain, task, make_planner, assignments, observe=observe, seed=seed
     )
     planner = make_planner(domain)
     plan = planner.plan(state)
-
-    from serp.agent.sentences import lines_of_changes
-    from serp.ui.decision import describe, print_plan
-
     account = planner.explain(state, plan)
-    changes = planner.counterfactuals(state) if isinstance(planner, RunPlanner) else None
+    changes = None
+    if loaded is not None and len(recording := loaded.recording()):
+        changes = planner.other_choices(state, recording.ranges, recording.whole)
     title = f"{domain.name}, {origin}"
     if as_json:
         about = {"domain": domain.name, "state_from": origin, **describe(planner, account, plan)}
@@ -114,8 +124,8 @@ def command(
             console.print("")
             for line in [*lines_of_changes(changes), changes.searched]:
                 console.print(line)
-        if isinstance(planner, RunPlanner):
-            console.print(f"The model of {run} is {planner.adoption}.")
+        if loaded is not None:
+            console.print(f"The model of {run} is {loaded.agent.adaptation.adoption}.")
         elif task is not None and domain.model.rewarding:
             console.print(learned_from(domain, task))
     if svg is not None:
@@ -130,20 +140,31 @@ def command(
         say(f"{what} is drawn in {svg}")
 
 
-def _asked(
-    name: str | None, problem: Path | None, max_ground_schemas: int | None, **planning: Any
-) -> tuple[Domain, Task | None, MakePlanner]:
-    """Return domain, task and planner that options ask for."""
-    from serp.tasks.registry import find_domain_file
-
-    own = asked_own_task()
-    if name is None and own is None:
+def _opened(folder: Path) -> Run:
+    """Open the run that is asked for."""
+    own = ("name", "problem", "max_ground_schemas", "planner_name", "depth", "dt", "settings")
+    refuse_given(own, "cannot be given beside a run, which has its own")
+    if not folder.is_dir():
         raise click.UsageError(
-            "give --domain (`serp list` names the tasks), --task, or the folder of a run"
+            f"there is no run {folder}; a task or a domain file is given as --domain {folder}"
         )
-    file = find_domain_file(name) if name is not None else None
-    domain, task = asked_domain(str(name), file, problem, max_ground_schemas, own)
-    return domain, task, _planning(task, **planning)
+    return open_run(folder)
+
+
+def _planner_of(run: Run) -> MakePlanner:
+    """Return a function that returns the planner of a run, with the model that it plans with."""
+    from serp.agent.chosen_planner import ChosenPlanner
+
+    agent = run.agent
+    planner, model, settings = agent.arbiter.planner, agent.arbiter.model, agent.settings.planner
+
+    def make_planner(domain: Domain) -> ChosenPlanner:
+        if domain.model.fluents != model.fluents:
+            raise SerpError("--state gives a value to what the problem file of the run fixes")
+        name = "The planner of the run"
+        return ChosenPlanner(planner, model, settings, _SECONDS, name, agent.undisturbed)
+
+    return make_planner
 
 
 def _planning(
@@ -155,8 +176,8 @@ def _planning(
 ) -> MakePlanner:
     """Return a function that makes the planner of a domain, as task, settings and options say."""
     of_decision = ("name", "depth", "discount", "max_nodes", "accepted_risk")
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.settings import resolve
-    from serp.ui.planner import chosen_planner
 
     resolved = resolve("default", None if task is None else task.settings, settings)
     for section, values in settings.items():
@@ -169,6 +190,7 @@ def _planning(
     period = dt or (task.dt if task else 1.0)
 
     def make_planner(domain: Domain) -> ChosenPlanner:
-        return chosen_planner(domain.model.replace(dt=period), chosen, task, 10.0)
+        model = domain.model.replace(dt=period)
+        return ChosenPlanner.of_settings(model, chosen, task, _SECONDS)
 
     return make_planner

@@ -76,7 +76,7 @@ def command(
     from serp.tasks.file_world import starting
     from serp.tasks.registry import find_domain_file
     from serp.tasks.task import WorldOptions
-    from serp.ui.asked import asked_domain, asked_own_task, parse_state
+    from serp.ui.asked import asked_domain, parse_state
     from serp.ui.output import open_console
     from serp.ui.player import Player
 
@@ -86,7 +86,7 @@ def command(
         as_options = re.sub(r"\bworld\.(\w+)", r"--\1", str(error))
         raise click.UsageError(as_options) from None
     file = find_domain_file(name)
-    domain, task = asked_domain(name, file, problem, max_ground_schemas, asked_own_task())
+    domain, task = asked_domain(name, problem, max_ground_schemas)
     if planner is not None:
         settings.setdefault("planner", {})["name"] = planner
     dt = dt or (1.0 if task is None else task.dt)

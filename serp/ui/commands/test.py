@@ -116,11 +116,8 @@ def _opened(
     from serp.authoring.scenarios.files import ScenarioFile, read_beside
     from serp.pddl.source import Source
     from serp.settings import resolve
-    from serp.tasks.registry import find_domain_file
 
-    own = asked_own_task()
-    found = find_domain_file(name) if name else None
-    domain, task = asked_domain(name, found, None, None, own)
+    domain, task = asked_domain(name)
     source = read_beside(domain) if file is None else Source.read(file)
     if run is not None:
         return ScenarioFile(source, Decider.of_agent(open_run(run).agent, domain))

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import json
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from serp._util.text import readable
 from serp.ui.asked import asked_task
-from serp.ui.options import (
-    domain_option,
-    max_ground_schemas_option,
-    own_task_name,
-    own_task_option,
-    parse_seeds,
-    settings_option,
-)
+from serp.ui.options import own_task_name, trials_options
 from serp.ui.output import examples, open_console, print_result, print_table
 from serp.ui.root import say, stopped_by
 
@@ -35,8 +27,6 @@ if TYPE_CHECKING:
         "serp tune --domain soccer --vary learner.n_step=1..10 --algorithm dqn",
     ),
 )
-@domain_option
-@own_task_option
 @click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME[=VALUES]",
               help="A setting and its values: a range (2..7, log:1e-4..1e-2), or values "
                    "(mse,huber); without any, all values of a truth value or word. May be "
@@ -49,28 +39,12 @@ if TYPE_CHECKING:
                    "policy.")  # fmt: skip
 @click.option("--trials", type=click.IntRange(min=1), metavar="N", default=50, show_default=True,
               help="Trials of the study in all.")  # fmt: skip
-@click.option("--seeds", metavar="N|A-B|A,B",
-              help="How many seeds from 1000 on, or the seeds themselves.  "
-                   "[default: 3]")  # fmt: skip
-@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
-              help="Budget of each training.")  # fmt: skip
-@settings_option
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-              help="Folder of the study; one that is there is continued.  "
-                   "[default: runs/tune-<domain>-<time>]")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the search.")  # fmt: skip
-@click.option("--engine", metavar="local|ray", default="local", show_default=True,
-              help="What runs the trainings, as in serp compare.")  # fmt: skip
-@click.option("--address", metavar="ADDRESS", help="The cluster of the engine.")
-@click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-              help="Trainings at the same time.  [default: one a core]")  # fmt: skip
-@max_ground_schemas_option
-@click.option("--quiet", is_flag=True, help="No display; print the best settings alone.")
+@trials_options(seeds=range(1_000, 1_003), folder="tune")
 def command(
     domain: str | None,
     vary: tuple[str, ...],
-    seeds: str | None,
     max_ground_schemas: int | None,
     quiet: bool,
     **options: Any,
@@ -90,7 +64,7 @@ def command(
     from serp.runs.tuning import tune
 
     try:
-        tuned = tune(task, vary=varied, seeds=parse_seeds(seeds), quiet=quiet, **options)
+        tuned = tune(task, vary=varied, quiet=quiet, **options)
     except Interrupted as stop:
         say(f"{stop}.\nGo on with the same command and --out.")
         return stopped_by(stop)

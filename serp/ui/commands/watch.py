@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     "watch",
     epilog=examples(
         "serp watch runs/seven",
-        "serp watch runs/seven --policy planner --episodes 10 --speed 2",
+        "serp watch runs/seven --policy planner --episodes 10",
         "serp watch runs/seven --out seven.gif",
         "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
     ),
@@ -36,15 +36,12 @@ if TYPE_CHECKING:
               help="Seed of the environment; `serp evaluate` has the same episodes.")  # fmt: skip
 @click.option("-o", "--out", type=OutputFile(".gif", ".mp4"), metavar="FILE.gif|FILE.mp4",
               help="The film.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
-@click.option("--speed", type=click.FloatRange(min=0.05, max=100), default=1.0,
-              show_default=True, metavar="X", help="How much faster than real time.")  # fmt: skip
 def command(
     run: Path,
     policy: Policy,
     episodes: int,
     seed: int,
     out: Path | None,
-    speed: float,
 ) -> None:
     """Film episodes of a policy of RUN, the folder that plan-and-learn made.
 
@@ -61,9 +58,7 @@ def command(
 
     path = out or run / "film.mp4"
     fps, width = (50.0, 640) if path.suffix.lower() == ".gif" else (60.0, None)
-    write_film(
-        open_run(run), path, FilmSettings(policy, episodes, seed, speed, fps, width), _report
-    )
+    write_film(open_run(run), path, FilmSettings(policy, episodes, seed, fps, width), _report)
     open_console().print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
     if out is None and sys.stdout.isatty():
         click.launch(str(path))

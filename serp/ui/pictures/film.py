@@ -111,7 +111,6 @@ class FilmSettings:
 
     Attributes:
         policy, episodes, seed: As in `serp.Run.evaluate`.
-        speed: Speed relative to real time, above 0.
         fps: Largest number of frames per second. Pictures beyond it are left out, except the first
             and last of an episode and the first after a veto.
         width: Largest width, pixels; None for no limit.
@@ -120,7 +119,6 @@ class FilmSettings:
     policy: Policy = "serp"
     episodes: int = 3
     seed: int = 0
-    speed: float = 1.0
     fps: float = 50.0
     width: int | None = None
 
@@ -132,13 +130,11 @@ class Frame(NamedTuple):
         image: Picture and caption, RGB; all frames of a film have one size.
         seconds: Its duration.
         caption: The content of its caption.
-        step: The step whose result it shows; None right after a reset.
     """
 
     image: Image.Image
     seconds: float
     caption: Caption
-    step: StepRecord | None
 
 
 def film(
@@ -161,7 +157,7 @@ def film(
         frames.show_marks(())
         for picture in camera.take()[-1:]:  # a reset is one moment
             start = Caption(None, "start", (number,))
-            yield from frames.of(picture, camera.period(1), start, None, always=True)
+            yield from frames.of(picture, camera.period(1), start, always=True)
         for step in episode.steps:
             decision = step.decision
             if marks := marks_of(agent, step):
@@ -177,7 +173,7 @@ def film(
                 if end:
                     caption = caption._replace(outcome=outcome_of(step.info))
                 always = end or (bool(marks) and k == 0)
-                yield from frames.of(picture, period, caption, step, always=always, end=end)
+                yield from frames.of(picture, period, caption, always=always, end=end)
             if step.last and on_episode is not None:
                 on_episode(episode.number, step)
 
@@ -219,13 +215,11 @@ class _Frames:
         picture: Picture,
         period: float,
         caption: Caption,
-        step: StepRecord | None,
         *,
         always: bool,
         end: bool = False,
     ) -> Iterator[Frame]:
         """Make the frame of a picture, if one is due."""
-        period /= self._settings.speed
         self._due += period * self._settings.fps
         if not always and self._due < 1.0 - 1e-9:
             return
@@ -235,7 +229,7 @@ class _Frames:
             caption = caption._replace(marks=self._marks)
             seconds = max(seconds, self._marked) if end else seconds
             self._marked -= seconds
-        yield Frame(self._compose(picture, caption), seconds, caption, step)
+        yield Frame(self._compose(picture, caption), seconds, caption)
 
     def _compose(self, picture: Picture, caption: Caption) -> Image.Image:
         image = Image.fromarray(picture)

@@ -283,9 +283,8 @@ class _Drawing:
     def _curve(self, start: float, row: float, layer: int, end: str, style: str) -> str:
         x, y0, y1 = self._columns[layer], _y(start), _y(row)
         middle, turned = x + _TURN / 2, x + _TURN
-        path = (
-            f"M{x:.1f} {y0:.1f}C{middle:.1f} {y0:.1f} {middle:.1f} {y1:.1f} {turned:.1f} {y1:.1f}"
-        )
+        curve = f"C{middle:.1f} {y0:.1f} {middle:.1f} {y1:.1f} {turned:.1f} {y1:.1f}"
+        path = f"M{x:.1f} {y0:.1f}{curve}"
         return f'<path d="{path}{end}" {style}/>'
 
     def _text(self, x: float, y: float, text: str, shade: str, *, bold: bool = False) -> str:
@@ -298,7 +297,7 @@ class _Drawing:
         nodes = self._plan.graph.nodes
         before, after = nodes[branch.source]["state"], nodes[branch.target]["state"]
         changes = [
-            f"{fluent.name} = {readable(new) if fluent.numeric else str(bool(new)).lower()}"
+            f"{fluent.name} = {readable(new if fluent.numeric else bool(new))}"
             for fluent, old, new in zip(self._planner.model.fluents, before, after, strict=True)
             if old != new
         ]
@@ -340,7 +339,7 @@ def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Plannin
         lines.append(_text(x + _SAMPLE, y + 4.5, text))
         x += _SAMPLE + _CHARACTER * (len(text) + 2)
     y += _LINE / 2
-    for text in _foot(len(drawing.layout.branches), plan, planner, wide):
+    for text in _foot(len(drawing.layout.branches), plan, wide):
         y += _LINE
         lines.append(_text(0, y, text))
     page = [
@@ -414,7 +413,7 @@ def _head(plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
     return lines + _wrapped("Best path: ", " → ".join(step.action for step in plan.path), wide, 2)
 
 
-def _foot(drawn: int, plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
+def _foot(drawn: int, plan: Plan, wide: int) -> list[str]:
     sentences = []
     if plan.path:
         kind = kind_of_return(plan.bound.partial)
@@ -423,13 +422,7 @@ def _foot(drawn: int, plan: Plan, planner: MonitorReplanner, wide: int) -> list[
     edges = plan.graph.number_of_edges()
     if drawn < edges:
         sentences.append(f"{drawn:,} of {edges:,} edges are drawn, the best ones of each layer.")
-    refused = [
-        action.name
-        for action, applicable in zip(planner.model.actions, plan.forecast.applicable, strict=True)
-        if not applicable
-    ]
-    lines = textwrap.wrap(" ".join(sentences), wide)
-    return lines + _wrapped("Not applicable here: ", ", ".join(refused), wide, 2)
+    return textwrap.wrap(" ".join(sentences), wide)
 
 
 def _wrapped(before: str, text: str, wide: int, most: int) -> list[str]:

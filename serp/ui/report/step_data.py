@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from serp._util.terminal import visible
 from serp.agent.causes import Cause
 from serp.agent.decision import Reason
+from serp.agent.sentences import who_decided, why_refused
 from serp.pddl.source import Source
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
 from serp.runs.recording import ACTORS, REASONS
-from serp.runs.step_sentences import who_decided, why_refused
 from serp.ui.report.recorded_steps import RecordedSteps
 from serp.ui.report.scene import DrawnScenes
 from serp.ui.report.tables import CauseTable, ModelErrors

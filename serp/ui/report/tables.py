@@ -53,10 +53,8 @@ class CauseTable:
         for step, refused in enumerate(steps.vetoed.tolist()):
             shown = {executed[step], proposed[step] if refused else executed[step]}
             for action in sorted(shown - {-1}):
-                ground, flags = (
-                    int(steps["ground"][step, action]),
-                    int(steps["flags"][step, action]),
-                )
+                ground = int(steps["ground"][step, action])
+                flags = int(steps["flags"][step, action])
                 if ground < 0:
                     continue
                 reward = float(steps["reward"][step, action]) if flags & APPLICABLE else None
@@ -133,7 +131,7 @@ def model_errors(model: TransitionModel, steps: RecordedSteps, usual: Vector) ->
 def error_table(
     of: ModelErrors, model: TransitionModel, actions: list[str], steps: RecordedSteps
 ) -> dict[str, Any]:
-    """Return the table of errors by fluent and action, and the worst steps, for the page."""
+    """Return the table of errors by fluent and action, for the page."""
     squares, executed = np.nan_to_num(of.errors) ** 2, steps["action"]
     known = np.isfinite(of.errors).all(axis=1)
     if not known.any():

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from serp._util.files import write_durably
 from serp.errors import SerpError
-from serp.model.domain import problem_beside
 from serp.pddl.source import Source
 
 
@@ -133,16 +132,3 @@ class Document:
             DomainError: It cannot be read.
         """
         self._read(self.target if self.target.exists() else self.path)
-
-
-def save_together(domain: Document, problem: Document | None, *, anyway: bool) -> list[Path]:
-    """Save a domain and its problem where they were changed; return their files.
-
-    They move into the working folder together: commands look for the problem beside the domain.
-    """
-    documents = [domain] if problem is None else [domain, problem]
-    moving = any(document.changed for document in documents) or (
-        problem is not None and problem.path.resolve() != problem_beside(domain.path).resolve()
-    )
-    changed = [d for d in documents if d.changed or (moving and d.elsewhere)]
-    return [document.save(anyway=anyway) for document in changed]

@@ -181,15 +181,10 @@ def serve(
 
 
 def _listening(port: int) -> socket.socket:
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((_LOOPBACK, port))
-        listening.listen()  # who calls before the server is ready waits
+        return socket.create_server((_LOOPBACK, port))  # who calls before the server is ready waits
     except OSError as error:
-        listening.close()
         raise SerpError(
             f"port {port} cannot be used ({error.strerror}); give another one, or --port 0 for any "
             "that is free"
         ) from error
-    return listening

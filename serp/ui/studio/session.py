@@ -18,7 +18,7 @@ from serp.runs.run import read_run_metadata
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
-from serp.ui.studio.document import Document, save_together
+from serp.ui.studio.document import Document
 from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
@@ -94,11 +94,9 @@ class Session:
 
     def document_of(self, place: Place | None) -> str | None:
         """Return the key of the document that a place is in; None for none."""
-        if place is not None:
-            for which, document in self.documents.items():
-                if str(document.path) == place.source.name:
-                    return which
-        return None
+        name = None if place is None else place.source.name
+        documents = self.documents.items()
+        return next((which for which, document in documents if str(document.path) == name), None)
 
     def mend(self, finding: Finding) -> bool:
         """Make the change that mends a finding; return whether its text is still the same."""
@@ -127,6 +125,9 @@ class Session:
     def save(self, *, anyway: bool = False) -> list[Path]:
         """Save the documents that were changed; return their files.
 
+        Domain and problem move into the working folder together: commands look for the problem
+        beside the domain.
+
         Args:
             anyway: Whether to replace what other programs have written.
 
@@ -135,10 +136,15 @@ class Session:
             SerpError: A file cannot be written.
         """
         domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
-        saved = save_together(domain, problem, anyway=anyway)
-        if self.documents[SCENARIOS].changed:
-            saved.append(self.documents[SCENARIOS].save(anyway=anyway))
-        return saved
+        beside = problem_beside(domain.path).resolve()
+        moving = domain.changed or (
+            problem is not None and (problem.changed or problem.path.resolve() != beside)
+        )
+        return [
+            document.save(anyway=anyway)
+            for which, document in self.documents.items()
+            if document.changed or (moving and document.elsewhere and which != SCENARIOS)
+        ]
 
     def reload(self) -> None:
         """Take the texts that are on the disk; what was edited is lost."""

@@ -17,7 +17,7 @@ from serp.agent.sentences import between, special_about
 from serp.authoring.lint.conditions import threshold
 from serp.authoring.lint.findings import Finding, examine
 from serp.authoring.scenarios.checking import Result
-from serp.authoring.scenarios.files import ScenarioFile, add_situation
+from serp.authoring.scenarios.files import ScenarioFile
 from serp.errors import SerpError
 from serp.model import ground as g
 from serp.model.domain import Domain
@@ -131,8 +131,7 @@ def controls(model: TransitionModel, state: Vector, seen: Ranges) -> list[Contro
     """
     compared = _thresholds(model)
     settable = []
-    for fluent in model.fluents:
-        value = float(state[fluent.index])
+    for fluent, value in zip(model.fluents, state.tolist(), strict=True):
         known = (0.0, value, *compared.get(fluent.index, ()))
         limits = _slider(known, seen.get(fluent.name, ()))
         settable.append(Control(fluent.name, fluent.numeric, value, *limits))
@@ -242,27 +241,12 @@ class Request:
         Raises:
             SerpError: A text is wrong.
         """
-        return list(self._scenario_file().run())
-
-    def with_scenario(self, title: str) -> str:
-        """Return the scenarios with one more: what holds in the state.
-
-        Raises:
-            SerpError: A text is wrong.
-        """
-        file = self._scenario_file()
-        model = file.decider.model
-        state = self.shown.state(model)
-        values = {name: float(value) for name, value in model.values(state).items()}
-        remark = " ".join(self.shown.origin.split()) or "set by hand"
-        return add_situation(file, " ".join(title.split()), values, remark)
-
-    def _scenario_file(self) -> ScenarioFile:
         task = self.task
         observed = task is not None and not task.closed
         domain = Domain.parse(*self.version.sources(), observed=observed)
         settings = resolve("default", None if task is None else task.settings)
-        return ScenarioFile.open(self.scenarios, domain, settings, self.surroundings.dt, task)
+        file = ScenarioFile.open(self.scenarios, domain, settings, self.surroundings.dt, task)
+        return list(file.run())
 
 
 def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecision:

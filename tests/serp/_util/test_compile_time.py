@@ -6,17 +6,11 @@ import io
 import subprocess
 import sys
 import time
-from pathlib import Path
 
-import numpy as np
-import pytest
 from numba import cfunc, njit, types
 
-from serp._util.compilation import compile_seconds, compiled_functions, working_time
+from serp._util.compilation import compile_seconds, working_time
 from serp.runs.progress import show_compiling
-from serp.runs.trainer import Trainer
-from serp.settings import resolve
-from tests.serp.sample_tasks import corridor
 
 
 def compile_something() -> float:
@@ -41,10 +35,9 @@ def compile_something() -> float:
 
 
 def test_a_clock_of_work_stands_still_while_something_is_compiled() -> None:
-    loops, seconds, work = compiled_functions(), compile_seconds(), working_time()
+    seconds, work = compile_seconds(), working_time()
     took = compile_something()
     counted = compile_seconds() - seconds
-    assert compiled_functions() - loops == 2  # what is compiled for another one is part of it
     assert 0.7 * took < counted <= took
     assert working_time() - work < 0.5 * took
 
@@ -56,28 +49,7 @@ def test_compilation_is_shown_where_there_is_any() -> None:
     with show_compiling(stream=shown):
         compile_something()
     assert (quiet.getvalue(), idle.getvalue()) == ("", "")
-    text = shown.getvalue()
-    assert "Compiling, once" in text
-    assert "Compiled 2 loops in " in text.splitlines()[-1]
-
-
-@pytest.mark.parametrize(
-    "preset",
-    ["paper", "default"],
-)
-def test_a_rehearsal_changes_nothing(tmp_path: Path, preset: str) -> None:
-    task = corridor(tmp_path)
-    found = []
-    for rehearsed in (True, False):
-        settings = resolve(preset, task.settings)
-        trainer = Trainer(task.bind(), settings, 2)
-        if rehearsed:
-            trainer.prepare()
-        rows = [trainer.run_episode()._replace(wall_time=0.0) for _ in range(3)]
-        arrays, meta = trainer.state_dict()
-        del meta["wall_time"]
-        found.append((rows, {k: np.asarray(a).tobytes() for k, a in arrays.items()}, meta))
-    assert found[0] == found[1]
+    assert shown.getvalue().count("Compiling, once") == 1
 
 
 TRAINING = """

@@ -9,12 +9,11 @@ import sys
 import numpy as np
 import pytest
 
-from serp._util.files import aside_of, read_json, write_durably, write_together
-from serp.errors import RunError, SerpError
-from serp.pddl.source import Source
+from serp._util.files import aside_of, write_durably, write_together
+from serp.errors import RunError
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load_newest
 from serp.runs.folder import DECISIONS, LOCK, METRICS, SUMMARY, RunFolder
-from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Table, read_metrics
+from serp.runs.tables import DECISIONS_COLUMNS, read_metrics
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 
@@ -28,7 +27,7 @@ READ = [
     PREVIOUS,
     LOCK,
 ]
-WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{NEWEST}.aside", f"{PREVIOUS}.aside", "report.md"]
+WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{NEWEST}.aside", f"{PREVIOUS}.aside"]
 KINDS = {
     "link": lambda path, target: path.symlink_to(target),
     "relative link": lambda path, target: path.symlink_to(f"../{target.name}"),
@@ -50,7 +49,6 @@ def use(path):
         run.decisions.append((0,) * len(DECISIONS_COLUMNS))
         run.save_checkpoint({"x": np.arange(3)}, {})
         run.write(SUMMARY, '{"episodes": 1}')
-        run.write("report.md", "what came of it")
         run.read_summary()
         read_metrics(path / METRICS)
 
@@ -80,38 +78,6 @@ def test_no_file_outside_of_a_run_is_read_waited_for_or_written(tmp_path, kind):
         assert sorted(os.listdir(tmp_path)) == sorted(["secret", path.name]), name
         secret.unlink()
         path.rename(tmp_path.parent / f"{tmp_path.name}-{path.name}")
-
-
-def test_events_are_not_written_through_a_link(tmp_path):
-    pytest.importorskip("tensorboard")
-    from serp.runs.tensorboard import EventWriter
-
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "tensorboard").symlink_to("elsewhere")
-    with pytest.raises(RunError, match="tensorboard is a link"):
-        EventWriter(tmp_path)
-    assert not os.listdir(tmp_path / "elsewhere")
-
-
-@pytest.mark.parametrize(
-    "read",
-    [
-        lambda path: read_json(path, "Restore it."),
-        read_metrics,
-        lambda path: Table(path, METRICS_COLUMNS),
-        Source.read,
-    ],
-)
-def test_a_file_of_any_size_is_refused_at_once(tmp_path, read):
-    """Sparse files cost nothing to send: 64 GiB of zeros behind what the file begins with."""
-    path = tmp_path / "file"
-    path.write_text(",".join(METRICS_COLUMNS) + "\n")
-    os.truncate(path, 1 << 36)
-    with pytest.raises(SerpError, match="bytes"):
-        read(path)
-
-
-# Replacing ---------------------------------------------------------------------------------------
 
 
 def test_a_file_is_replaced_and_nothing_else_is_changed_or_left(tmp_path):

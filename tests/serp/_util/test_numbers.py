@@ -3,35 +3,14 @@
 from __future__ import annotations
 
 import math
-from decimal import Decimal
-from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from serp._util.numbers import best_of, real, seed_of, whole
+from serp._util.numbers import best_of, seed_of
 from serp.errors import SettingsError
-
-NO_NUMBERS: list[Any] = [None, True, np.True_, "3", [3], np.array([3]), Decimal(3), 1j, math.nan]
-
-
-def test_numbers_become_pythons_and_nothing_else_does() -> None:
-    for given_whole in (3, np.int64(3), np.uint8(3)):
-        assert (whole(given_whole, 0), type(whole(given_whole, 0))) == (3, int)
-        assert whole(given_whole, 4) is None
-        assert type(real(given_whole)) is int
-    for given_real in (0.5, np.float32(0.5), Fraction(1, 2)):
-        assert (real(given_real), type(real(given_real))) == (0.5, float)
-        assert whole(given_real, 0) is None
-    for other in NO_NUMBERS:
-        assert (whole(other, 0), real(other), real(other, infinite=True)) == (None, None, None)
-    for infinity in (math.inf, -math.inf, np.float32(math.inf)):
-        assert real(infinity) is None
-        assert real(infinity, infinite=True) == infinity
-    assert real(10**400) is None
 
 
 def test_any_whole_number_is_a_seed_and_nothing_else_is() -> None:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import io
 import re
 import unicodedata
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,7 +16,7 @@ from serp.runs.comparison.pool import progress
 from serp.runs.progress import Progress
 from serp.runs.trainer import Budget
 from serp.ui.output import print_table
-from serp.ui.root import say, serp
+from serp.ui.root import say
 from tests.serp.runs.test_progress import Terminal
 
 HOSTILE = "a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"
@@ -62,19 +60,3 @@ def test_no_way_out_passes_control_characters_or_markup_on(
         assert not HIDDEN.search(without_codes(written))
     assert without_codes(terminal.getvalue()).count(SHOWN) >= 4
     assert SHOWN in lines.getvalue()
-
-
-def test_what_a_file_holds_is_shown_and_not_done(tmp_path: Path) -> None:
-    """A comment, a name and the name of the file itself."""
-    wrong = tmp_path / "\x1b[2Jwrong.pddl"
-    wrong.write_text(
-        "; \x1b]0;owned\x07\n(define (domain d)\n (:functions (x)) (:action a :parameters ()"
-        " :precondition (and) :effect (and (increase (\u202ey) 1)))) ; \x1b[31m\u202e\n"
-    )
-    done = CliRunner().invoke(serp, ["check", str(wrong)])
-    assert done.exit_code == 1
-    assert not HIDDEN.search(done.output)
-    assert r"\x1b[2Jwrong.pddl: 1 error" in done.output
-
-
-# The bar -----------------------------------------------------------------------------------------

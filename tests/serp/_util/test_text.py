@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from serp._util.text import did_you_mean, duration, percent, plural, readable
+from serp._util.text import did_you_mean, duration, percent, readable
 
 
 def test_advice_lists_a_few_known_names_when_none_is_close() -> None:
@@ -12,10 +12,6 @@ def test_advice_lists_a_few_known_names_when_none_is_close() -> None:
     assert did_you_mean("xyz", ["speed", "charge"]) == "known here: `charge`, `speed`"
     assert did_you_mean("xyz", [f"f{k}" for k in range(20)]).endswith("`f15` and 12 more")
     assert did_you_mean("xyz", []) == ""
-
-
-def test_plurals() -> None:
-    assert [plural(n, "step") for n in (0, 1, 1200)] == ["0 steps", "1 step", "1,200 steps"]
 
 
 def test_numbers_are_written_for_people() -> None:

@@ -15,7 +15,7 @@ from serp.runs.train import plan_and_learn
 from tests.serp.runs.runs import without_pictures
 from tests.serp.sample_tasks import corridor
 
-QUICK = {"planner": {"depth": 2}, "training": {"checkpoint_seconds": 9e9, "random_steps": 20}}
+QUICK = {"planner": {"depth": 2}, "training": {"random_steps": 20}}
 SETTINGS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {},
     "paper": {"arbiter": {"rho": 0.5}},

@@ -12,12 +12,9 @@ from click.testing import CliRunner
 from gymnasium import spaces
 
 from serp.authoring.play import Game
-from serp.authoring.scaffold import Names, describe, new_task
+from serp.authoring.scaffold import describe, new_task
 from serp.errors import TaskError
 from serp.model.domain import load_domain
-from serp.pddl.reader import Word
-from serp.pddl.scope import is_name
-from serp.pddl.source import Source
 from serp.tasks.registry import custom_task
 from serp.ui.root import serp
 from serp_envs.macro_actions import MacroActions, option
@@ -110,27 +107,28 @@ def test_names_are_taken_from_attributes_that_speak_of_actions() -> None:
     assert named(get_action_meanings=lambda: ["NOOP", "FIRE"]) == ["noop", "fire"]
     chooser = type("Chooser", (), {"actions": {0: "LANE_LEFT", 1: "reward"}})()
     assert named(action_type=chooser) == ["lane-left", "the-reward"]
-    with pytest.raises(TaskError, match=r"Box.*serp_envs\.MacroActions"):
-        env = Plain()
-        env.action_space = spaces.Box(-1, 1)  # type: ignore[assignment]
-        describe(env, "env")
-    with pytest.raises(TaskError, match=r"has more than 64 numbers, too many"):
-        env = Plain()
-        env.observation_space = spaces.Box(0, 1, (50, 50, 3))
-        describe(env, "env")
-    with pytest.raises(TaskError, match=r"`at.seen` .*FilterObservation\(env, \['to'"):
-        env = Plain()
-        said = spaces.Dict({"seen": spaces.Sequence(spaces.Discrete(3))})
-        env.observation_space = spaces.Dict({"at": said, "to": spaces.Box(0, 1)})  # type: ignore[assignment]
-        describe(env, "env")
-    env.observation_space = spaces.Dict({"say": spaces.Text(3), "to": spaces.Box(0, 1)})
-    assert [entry.name for entry in describe(env, "env").numbers] == ["to-0"]
-
-
-def test_the_names_of_options_are_those_of_the_actions() -> None:
     hold = option(lambda seen: 0, steps=2)
-    env = MacroActions(gym.make("CartPole-v1"), {"hold still": hold, "push": hold})
-    assert [entry.name for entry in describe(env, "env").actions] == ["hold-still", "push"]
+    macros = MacroActions(gym.make("CartPole-v1"), {"hold still": hold, "push": hold})
+    assert [entry.name for entry in describe(macros, "env").actions] == ["hold-still", "push"]
+
+
+@pytest.mark.parametrize(
+    ("space", "value", "says"),
+    [
+        ("action_space", spaces.Box(-1, 1), r"Box.*serp_envs\.MacroActions"),
+        ("observation_space", spaces.Box(0, 1, (50, 50, 3)), r"has more than 64 numbers, too many"),
+        (
+            "observation_space",
+            spaces.Dict({"seen": spaces.Sequence(spaces.Discrete(3)), "to": spaces.Box(0, 1)}),
+            r"`seen` .*FilterObservation\(env, \['to'",
+        ),
+    ],
+)
+def test_spaces_without_names_for_all_are_refused(space: str, value: Any, says: str) -> None:
+    env = gym.make("CartPole-v1").unwrapped
+    setattr(env, space, value)
+    with pytest.raises(TaskError, match=says):
+        describe(env, "env")
 
 
 def test_an_environment_that_fails_in_silence_is_told_by_its_line(folder: Path) -> None:
@@ -154,11 +152,6 @@ def test_an_environment_of_ones_own_fits_at_once(folder: Path) -> None:
     with custom_task("my-own-robot.py").bind() as bound:
         assert len(bound.ground(bound.reset(seed=1)[0])) == 6
         assert bound.step(0)[1] == -1.0 and bound.step(1)[1] == 0.0
-
-
-@pytest.mark.parametrize("otherwise", ["位置", "7", "a b;(c", ""])
-def test_what_has_no_letters_gets_a_name_of_pddl_all_the_same(otherwise: str) -> None:
-    assert is_name(Word(Names().make("位置", otherwise), Source("f", "").place(0, 0)))
 
 
 def test_nothing_is_overwritten_and_names_do_not_clash(folder: Path) -> None:

@@ -27,16 +27,14 @@ PROBLEM = """(define (problem lake)
   (:metric minimize (speed)))"""
 
 # What to write in the stead of what, and the warning.
+# fmt: off
 FORMS = {
     "no blank after the dash": ("boat - vehicle", "boat -vehicle", "read as `- vehicle`"),
     "nor before number": (") (fuel ?x - boat)", ") (fuel ?x - boat) -number", "`- number`"),
     "a type twice": ("boat - vehicle", "boat - vehicle boat - object", "type `boat` is declared"),
     "a constant twice": ("here there", "here here there", "object `here` is declared twice"),
-    "a function twice": (
-        "functions (speed)",
-        "functions (speed) (speed)",
-        "function `speed` is declared twice",
-    ),
+    "a function twice": ("functions (speed)",
+        "functions (speed) (speed)", "function `speed` is declared twice"),
     "a variable twice": ("(linked ?x ?y)", "(linked ?x ?x)", "parameter `?x` is declared twice"),
     "an empty list": ("(:objects ferry", "(:objects - lake ferry", "`- lake` without an object"),
     "a number as name": ("(problem lake)", "(problem 4)", "`4`: for other tools a name begins"),
@@ -44,23 +42,15 @@ FORMS = {
     "another domain": ("(:domain car)", "(:domain ship)", "names domain `ship`, not `car`"),
     "an idle requirement": (":typing", ":typing :durative-actions", "actions` is not supported"),
     "a strange requirement": (":typing", ":typng", "is unknown; did you mean `:typing`?"),
-    "a declared clock": (
-        "(limit) (fuel ?x",
-        "(limit) (total-time) (fuel ?x",
-        "needs no declaration",
-    ),
-    "a clock at 0": (
-        "(= (limit) 2)",
-        "(= (limit) 2) (= (total-time) 0)",
-        "(total-time)` always starts",
-    ),
-    "a bare declaration": (
-        "(:functions (speed)",
-        "(:functions speed",
-        "`speed` is read as `(speed",
-    ),
+    "a declared clock": ("(limit) (fuel ?x",
+        "(limit) (total-time) (fuel ?x", "needs no declaration"),
+    "a clock at 0": ("(= (limit) 2)",
+        "(= (limit) 2) (= (total-time) 0)", "(total-time)` always starts"),
+    "a bare declaration": ("(:functions (speed)",
+        "(:functions speed", "`speed` is read as `(speed"),
     "a bare target": ("(increase (speed)", "(increase speed", "`speed` is read as `(speed)`"),
 }
+# fmt: on
 
 
 def told(domain: Domain) -> list[str]:

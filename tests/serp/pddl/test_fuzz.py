@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.authoring.lint.codes import CODES
-from serp.authoring.lint.findings import findings_of
+from serp.authoring.lint.findings import CODES, findings_of
 from serp.model.codegen import generate_code
 from serp.pddl.source import DomainError, Source
 from tests.generated import FULL, Texts, examples, load_texts, write_texts
@@ -106,7 +105,7 @@ def check_findings(texts: Texts) -> None:
     """Check that reading on behind errors finds at least the one at which loading ends."""
     problem = None if texts.problem is None else Source(PROBLEM_FILE, texts.problem)
     findings = findings_of(Source(DOMAIN_FILE, texts.domain), problem)
-    assert {finding.code for finding in findings} <= CODES.keys()
+    assert {finding.code for finding in findings} <= CODES
     errors = [finding.message for finding in findings if finding.severity == "error"]
     try:
         load_texts(texts)

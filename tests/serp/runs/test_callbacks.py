@@ -11,7 +11,7 @@ from serp.agent.step_record import StepRecord
 from serp.errors import SettingsError
 from serp.runs.tables import MetricsRow
 from serp.runs.train import plan_and_learn
-from tests.serp.runs.runs import everything, resume, rows, train, without_pictures
+from tests.serp.runs.runs import everything, resume, rows, train
 from tests.serp.sample_tasks import corridor
 
 
@@ -53,24 +53,4 @@ def test_wrong_callbacks_are_refused_before_anything_is_made(tmp_path: Path) -> 
     wrong: Any = {"on_step": 3}
     with pytest.raises(SettingsError, match="on_step must be a function of one argument, not 3"):
         plan_and_learn(task, out=tmp_path / "run", **wrong)
-    unknown: Any = {"on_stop": print}
-    with pytest.raises(TypeError, match="unexpected keyword argument 'on_stop'"):
-        plan_and_learn(task, out=tmp_path / "run", **unknown)
     assert not (tmp_path / "run").exists()
-
-
-@without_pictures()
-def test_events_of_episodes_go_on_with_the_run(tmp_path: Path) -> None:
-    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    settings: Any = {"training": {"tensorboard": True}}
-    task, out = corridor(tmp_path), tmp_path / "run"
-    plan_and_learn(task, settings=settings, out=out, episodes=2, quiet=True)
-    plan_and_learn(task, out=out, episodes=3, resume=True, quiet=True)
-    events = accumulator.EventAccumulator(str(out / "tensorboard")).Reload()
-    table = rows(out, "metrics")
-    ends = [int(row["env_steps"]) for row in table]
-    episodes = events.Scalars("episode/return")
-    assert [event.step for event in episodes] == ends
-    assert [event.value for event in episodes] == [
-        pytest.approx(float(row["return"])) for row in table
-    ]

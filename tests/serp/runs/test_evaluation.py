@@ -10,21 +10,14 @@ import numpy as np
 import pytest
 
 from serp.agent.agent import Agent
-from serp.agent.decision import Actor
-from serp.agent.registry import strategy_names
-from serp.errors import EnvironmentFailure, SettingsError, TaskError
+from serp.errors import SettingsError
 from serp.runs.evaluation import (
-    EvaluationResult,
     Policy,
     evaluate,
-    meaning_of,
-    other_in_training,
-    play,
 )
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.grounding import Grounding
-from tests.serp.sample_tasks import CableCut, Corridor, corridor
+from tests.serp.sample_tasks import Corridor, corridor
 
 POLICIES = get_args(Policy)
 
@@ -91,20 +84,6 @@ def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None
     assert mixed.vetoes > 0
 
 
-def result_of(*returns: float) -> EvaluationResult:
-    return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0, 0, 0, {})
-
-
-@pytest.mark.parametrize("episodes", [3, 30])
-def test_the_interval_holds_the_true_mean_in_95_of_100_evaluations(episodes: int) -> None:
-    rng = np.random.default_rng(0)
-    results = [result_of(*rng.normal(7.0, 3.0, episodes)) for _ in range(1000)]
-    intervals = [result.interval for result in results if result.interval is not None]
-    inside = sum(low <= 7.0 <= high for low, high in intervals)
-    assert len(intervals) == 1000
-    assert 930 <= inside <= 970
-
-
 def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
     task = corridor(folder)
     settings = resolve(preset, task.settings).replace(
@@ -114,41 +93,6 @@ def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
         }
     )
     return Trainer(task.bind(), settings, 4).agent
-
-
-@pytest.mark.parametrize(("rho", "same"), [(0.0, "planner"), (1.0, "serp"), (0.5, None)])
-def test_as_in_training_acts_whoever_rho_says(tmp_path: Path, rho: float, same: Any) -> None:
-    agent = with_rho(tmp_path, rho)
-
-    def acted(policy: Any) -> list[tuple[int, str]]:
-        played = play(agent, corridor(tmp_path).bind(), policy, episodes=5)
-        decisions = (step.decision for episode in played for step in episode.steps)
-        return [(decision.action, decision.proposed_by) for decision in decisions]
-
-    found = acted("training")
-    assert found == acted("training")
-    if same is None:
-        assert {actor for _, actor in found} == {Actor.PLANNER, Actor.LEARNER}
-    else:
-        assert found == acted(same)
-
-
-@pytest.mark.parametrize("strategy", sorted({*strategy_names()} - {"mixture"}))
-def test_every_strategy_is_evaluated_as_it_trains(tmp_path: Path, strategy: str) -> None:
-    """At the beginning of a training, where planner and learner have their shares."""
-    task = corridor(tmp_path)
-    settings = resolve("default", task.settings).replace({"guide": {"strategy": strategy}})
-    trainer = Trainer(task.bind(), settings, 4)
-    before = state(trainer)
-    words, other = meaning_of(trainer.agent, "training"), other_in_training(trainer.agent)
-    acting, choosing = (
-        evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=4).returns
-        for policy in ("training", "serp")
-    )
-    assert state(trainer) == before
-    assert (other or meaning_of(trainer.agent, "serp").split(",")[0]) in words
-    if other is None:
-        assert acting == choosing
 
 
 @pytest.mark.parametrize(
@@ -166,12 +110,3 @@ def test_what_cannot_be_evaluated_is_refused(
 ) -> None:
     with pytest.raises(SettingsError, match=said):
         evaluate(trained(tmp_path, 1).agent, corridor(tmp_path).bind(), policy, **options)
-
-
-def test_what_goes_wrong_in_the_environment_is_named(tmp_path: Path) -> None:
-    agent = trained(tmp_path, 1).agent
-    with pytest.raises(EnvironmentFailure, match="cable cut"):
-        evaluate(agent, corridor(tmp_path, lambda: CableCut(Corridor(), 3)).bind(), episodes=2)
-    agent.task.grounding = Grounding(lambda seen: {})
-    with pytest.raises(TaskError, match="no value for fluent"):
-        evaluate(agent, corridor(tmp_path).bind(), episodes=2)

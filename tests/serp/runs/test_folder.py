@@ -84,50 +84,6 @@ def test_a_run_is_begun_in_an_empty_folder_and_once_only(tmp_path):
     assert (tmp_path / "file").read_text() == "text"
 
 
-_KILL_AT_EACH_FILE = """
-import os, sys
-from serp._util import files
-from serp.runs import folder, tables
-
-for count in range(7):
-    if os.fork():
-        os.wait()
-        continue
-    left = iter(range(count))
-
-    def killed(path, flags, opens=tables.open_regular):
-        opened = opens(path, flags)
-        if next(left, None) is None:
-            os._exit(9)
-        return opened
-
-    for module in (files, tables):
-        module.open_regular = killed
-    texts = [("d.pddl", "(define)"), ("p.pddl", "(define)")]
-    folder.RunFolder.create(f"{sys.argv[1]}/{count}", {}, texts)
-    os._exit(0)
-"""
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
-def test_a_run_killed_before_it_began_is_begun_anew(tmp_path):
-    """Wherever the process ended: a file has been opened, and none of the later ones is there."""
-    subprocess.run([sys.executable, "-c", _KILL_AT_EACH_FILE, str(tmp_path)], check=True)
-    states = [sorted(os.listdir(tmp_path / str(count))) for count in range(7)]
-    assert states[0] == [".lock", "metrics.csv"]
-    assert "config.json" not in states[4]
-    assert "config.json" in states[6]
-    (tmp_path / "locked").mkdir()
-    (tmp_path / "locked" / ".lock").touch()
-    for path in (tmp_path / "locked", *map(tmp_path.joinpath, map(str, range(5)))):
-        with pytest.raises(RunError, match=rf"before it began.*--out {path}"):
-            RunFolder.open(path)
-        create(path).close()
-        run = RunFolder.open(path)
-        assert run.copies()[0].read_text() == DOMAIN[1]
-        assert not (path / "problem.pddl").exists()
-
-
 @pytest.mark.parametrize("name", ["domain.pddl", "metrics.csv", "thesis.tex"])
 def test_a_file_of_the_users_own_is_never_taken_for_what_a_run_left(tmp_path, name):
     (tmp_path / name).write_text("years of work")
@@ -190,6 +146,3 @@ def test_one_writer_at_a_time_until_it_dies_and_any_number_of_readers(tmp_path):
         child.send_signal(signal.SIGKILL)
         child.wait()
         RunFolder.open(tmp_path, writing=True).close()
-
-
-# Continuing --------------------------------------------------------------------------------------

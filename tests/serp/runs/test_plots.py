@@ -3,20 +3,6 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import numpy as np
-import pytest
-
-from serp._util.figures import render
-from serp.runs.learning_curve import learning_curve
-
-
-@pytest.mark.parametrize("episodes", [0, 1, 6000])
-def test_the_shortest_and_the_longest_runs_have_a_picture_too(make_metrics, episodes):
-    metrics = make_metrics(episodes)
-    metrics["rho"][:3] = np.nan  # a gap
-    assert 0 < len(render(learning_curve(metrics, "x"), "svg")) < 2_000_000
-
-
 _DRAW_TWICE = """
 import sys, matplotlib
 import numpy as np

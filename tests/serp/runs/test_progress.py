@@ -82,25 +82,6 @@ def test_a_refresh_comes_every_five_seconds_on_a_pipe_and_five_times_a_second_on
         )
 
 
-@pytest.mark.parametrize(
-    ("limits", "left"),
-    [
-        ({"env_steps": 10_000}, "1 min 20 s"),
-        ({"episodes": 100}, "30.0 s"),
-        ({"units": 60}, "20.0 s"),
-        ({"episodes": 100, "env_steps": 10_000}, "30.0 s"),  # whichever is spent first
-        ({"env_steps": 10}, "0.0 s"),
-    ],
-)
-def test_time_left_counts_down_to_the_first_limit(
-    training: Training, limits: dict[str, int], left: str
-) -> None:
-    stream = io.StringIO()
-    with display(training, stream, **limits):
-        training.to(40, 2000, 20.0, units=30)
-    assert stream.getvalue().endswith(f"time left {left}\n")
-
-
 def test_a_terminal_gets_a_bar_with_the_figures(
     training: Training, monkeypatch: pytest.MonkeyPatch
 ) -> None:

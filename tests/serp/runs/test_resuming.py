@@ -19,8 +19,8 @@ import pytest
 
 from serp.errors import EnvironmentFailure, Notice, RunError, TaskError
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS
+from serp.runs.recording import Recorder
 from serp.runs.run import load_run
-from serp.runs.tensorboard import EventWriter
 from serp.runs.train import plan_and_learn
 from serp.tasks.task import Task
 from tests.serp.runs.runs import EPISODES, everything, half, resume, train
@@ -174,19 +174,16 @@ def test_environment_and_events_are_closed_however_a_training_ends(
     def task(at: int) -> Task:
         return corridor(tmp_path, lambda: Closing(Corridor(), at))
 
-    def close(self: EventWriter) -> None:
-        closed.append("events")
+    def close(self: Recorder) -> None:
+        closed.append("recording")
         raise OSError(errno.ENOSPC, "No space left on device")
 
     closed: list[str] = []
-    monkeypatch.setattr(EventWriter, "close", close)
-    settings = {"training": {"tensorboard": True}}
+    monkeypatch.setattr(Recorder, "close", close)
     for at, kind in ((3, EnvironmentFailure), (10**6, OSError)):  # no error hides another
         with pytest.raises(kind):
-            plan_and_learn(
-                task(at), settings=settings, episodes=2, out=tmp_path / str(at), quiet=True
-            )
-    assert closed == ["events", "environment"] * 2
+            plan_and_learn(task(at), episodes=2, out=tmp_path / str(at), quiet=True)
+    assert closed == ["recording", "environment"] * 2
     with pytest.raises(RunError):
         train(task(10**6), tmp_path / "3", episodes=2)  # there is a run already
     assert len(closed) == 4  # no environment is made for a run that cannot begin

@@ -59,15 +59,6 @@ def test_a_run_of_a_domain_beyond_the_usual_limit_goes_on_within_its_own(tmp_pat
     assert read_recorded(tmp_path / "run").domain.max_ground_schemas == 9
 
 
-def test_a_loaded_run_decides_as_the_trained_one(tmp_path: Path) -> None:
-    trained = train(corridor(tmp_path), tmp_path / "run", episodes=8)
-    loaded = load_run(tmp_path / "run", corridor(tmp_path))
-    for x in range(-2, 4):
-        one, other = (run.decide(np.array([float(x), 0.3])) for run in (trained, loaded))
-        assert (one.action, one.reason) == (other.action, other.reason)
-        assert not one.unsafe
-
-
 def test_a_run_is_an_option_that_ends_where_its_file_does(tmp_path: Path) -> None:
     """It decides as the run does, and what it did before changes nothing."""
     task = corridor(tmp_path, lambda: Corridor(start=10))

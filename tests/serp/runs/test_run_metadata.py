@@ -21,7 +21,7 @@ def run(folder: Path, **changes: Any) -> RunFolder:
         "control_period": 0.1,
         "max_ground_schemas": 50_000,
         "budget": {"episodes": None, "env_steps": 30, "units": None},
-        "settings": resolve("default", None, {"training": {"checkpoint_seconds": 1}}).as_dict(),
+        "settings": resolve("default", None, {"training": {"random_steps": 1}}).as_dict(),
     }
     with RunFolder.create(folder / "run", {**config, **changes}, [("d.pddl", "(define)")]) as made:
         return made

@@ -15,7 +15,6 @@ from serp.errors import EnvironmentFailure, SerpError
 from serp.runs.train import plan_and_learn
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.remote_task import RemoteTask
 from tests.serp.runs.runs import CHANGES, everything, resume, rows, train, without_pictures
 from tests.serp.sample_tasks import CableCut, Corridor, corridor
 
@@ -81,20 +80,6 @@ def test_where_nothing_is_learned_every_episode_is_that_of_a_single_environment(
     assert [one[str(k + 1)] for k in range(common)] == [several[str(k + 1)] for k in range(common)]
 
 
-def test_the_model_learns_from_one_episode_after_the_other(tmp_path: Path) -> None:
-    task = corridor(tmp_path)
-    settings = resolve("default", task.settings, {"training": {"num_envs": ENVS}})
-    with Trainer(task.bind(), settings, 0) as trainer:
-        assert len(list(trainer.run())) == 1  # one environment alone finds out what is wrong
-        for _ in range(3):
-            list(trainer.run())
-        known = trainer.agent.adaptation.experience
-        assert len(known) == trainer.env_steps
-        goes_on = ~known.ended[:-1]
-        assert (known.states[1:][goes_on] == known.next_states[:-1][goes_on]).all()
-        assert known.ended.sum() == trainer.episode
-
-
 class Unsound(Corridor):
     """Goes wrong at its third step."""
 
@@ -139,18 +124,3 @@ def test_what_goes_wrong_in_a_process_is_told(tmp_path: Path, how: str, said: st
         return
     with pytest.raises(SerpError, match=said), Trainer(bound, settings, 0) as trainer:
         list(trainer.run())
-
-
-def test_a_grounding_sees_the_environment_beside_which_it_runs(tmp_path: Path) -> None:
-    def ground(seen: Any, env: Any) -> dict[str, float]:
-        assert env.x == seen[0]
-        return {"x": env.x}
-
-    task = corridor(tmp_path, ground=ground).bind()
-    with RemoteTask(task, 1) as remote:
-        remote.wait_until_made()
-        raw, _ = remote.reset(3)
-        remote.begin_step(1)
-        after, *_ = remote.step(1)
-        assert remote.perceived[1].tolist() == [after[0]]
-        assert raw.tolist() == task.reset(3)[0].tolist()

@@ -11,8 +11,14 @@ import pytest
 from serp.agent.decision import Reason
 from serp.errors import RunError
 from serp.runs.agreeing import RunModel
-from serp.runs.step_account import account_of_step, clock, most_telling
-from serp.runs.step_sentences import what_came, what_would_differ, who_acted
+from serp.runs.step_account import (
+    account_of_step,
+    clock,
+    most_telling,
+    what_came,
+    what_would_differ,
+    who_acted,
+)
 from tests.serp.runs.runs import train
 from tests.serp.sample_tasks import corridor
 

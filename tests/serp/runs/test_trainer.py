@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from serp.agent.step_record import StepRecord
-from serp.errors import RunError, SettingsError
+from serp.errors import SettingsError
 from serp.runs.evaluation import evaluate
 from serp.runs.tables import MetricsRow, decision_row
 from serp.runs.trainer import Trainer
@@ -203,30 +203,3 @@ def test_a_unit_that_the_environment_does_not_count_is_refused(
     settings = resolve("default", task.settings, {"arbiter": {"rho_unit": unit}})
     with pytest.raises(SettingsError, match=said):
         Trainer(task.bind(), settings, 1).run_episode()
-
-
-# State --------------------------------------------------------------------------------------------
-
-
-class Forgetful(Corridor):
-    state_dict = property()
-    load_state_dict = property()
-
-
-@pytest.mark.parametrize(
-    ("env", "changes", "said"),
-    [
-        (Corridor, {"learner": {"hidden": [9]}}, "parameters has shape"),
-        (Forgetful, {}, "cannot restore"),
-    ],
-)
-def test_a_state_of_another_learner_or_environment_is_refused(
-    tmp_path: Path, env: Any, changes: dict[str, dict[str, Any]], said: str
-) -> None:
-    task = corridor(tmp_path)
-    settings = settings_of(task, "default")
-    trainer = Trainer(task.bind(), settings, 3)
-    trainer.run_episode()
-    other = Trainer(corridor(tmp_path, env).bind(), settings.replace(changes), 3)
-    with pytest.raises(RunError, match=said):
-        other.load_state_dict(*trainer.state_dict())

@@ -102,7 +102,7 @@ def test_trials_that_fail_are_reported_and_others_go_on(
         ("learner.gradient_clip", "none,10", CategoricalDistribution(["null", "10.0"])),
         ("learner.hidden", "[64,64],[8]", CategoricalDistribution(["[64, 64]", "[8]"])),
         ("arbiter.veto_horizon", None, CategoricalDistribution(['"step"', '"lookahead"'])),
-        ("training.tensorboard", "", CategoricalDistribution(["false", "true"])),
+        ("learner.layer_norm", "", CategoricalDistribution(["false", "true"])),
     ],
 )
 def test_types_and_values_follow_from_the_settings(name: str, given: Any, expected: Any) -> None:
@@ -117,7 +117,7 @@ def test_types_and_values_follow_from_the_settings(name: str, given: Any, expect
         ({"lerner.members": ""}, "there is no section `lerner`; did you mean `learner`"),
         ({"planner.depth": None}, "planner.depth: say which values: A..B"),
         ({"planner.depth": "0..3"}, "planner.depth must be greater than or equal to 1, not 0"),
-        ({"planner.depth": "1.5..3"}, "planner.depth must be a valid integer, not 1.5"),
+        ({"planner.depth": "1.5..3"}, "planner.depth must be a whole number, not 1.5"),
         ({"planner.depth": "3..3"}, "its first end is smaller than its second"),
         ({"learner.learning_rate": "log:1..0.5"}, "and on a logarithmic scale above 0"),
         ({"arbiter.veto_horizon": "step..lookahead"}, "a range is for numbers"),

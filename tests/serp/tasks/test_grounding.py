@@ -53,15 +53,6 @@ def test_a_grounding_of_info_or_of_the_environment_trains_as_one_of_the_observat
         assert all(np.array_equal(arrays[name], expected[name]) for name in expected)
 
 
-def test_what_is_needed_and_not_given_is_named(tmp_path: Path) -> None:
-    bound = located(tmp_path, of_both).bind()
-    seen, info = bound.reset()
-    assert bound.ground(seen, info, bound.env).tolist() == [seen[0]]
-    for given, missing in (((), "info"), ((info,), "env")):
-        with pytest.raises(TaskError, match=f"task corridor: the grounding takes `{missing}`"):
-            bound.ground(seen, *given)
-
-
 @pytest.mark.parametrize(
     ("ground", "said"),
     [

@@ -18,9 +18,7 @@ from unified_planning.shortcuts import (
     Equals,
     Int,
     IntType,
-    OneshotPlanner,
     RealType,
-    get_environment,
 )
 from unified_planning.test.examples import get_example_problems
 
@@ -46,17 +44,6 @@ def test_examples_of_unified_planning_that_are_supported_are_solved() -> None:
             assert SequentialPlanValidator().validate(case.problem, result.plan), name
         else:
             assert result.status is Status.UNSOLVABLE_PROVEN, name
-
-
-def test_the_engine_is_found_by_name_and_the_metric_decides() -> None:
-    environment = get_environment()
-    environment.credits_stream = None
-    environment.factory.add_engine("serp", SErPEngine.__module__, "SErPEngine")
-    problem = EXAMPLES["basic_with_costs"].problem
-    with OneshotPlanner(name="serp") as planner:
-        result = planner.solve(problem)
-    evaluations = SequentialPlanValidator().validate(problem, result.plan).metric_evaluations
-    assert list(evaluations.values()) == [EXAMPLES["basic_with_costs"].optimum]
 
 
 def counting(

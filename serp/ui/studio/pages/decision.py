@@ -11,7 +11,7 @@ from nicegui import ui
 from serp._util.text import percent, readable
 from serp.agent.causes import Cause
 from serp.agent.explanation import Alternative
-from serp.agent.sentences import kind_of_return, line_of_cause
+from serp.agent.sentences import kind_of_return, line_of_run, runs_of
 from serp.ui.studio.pages.live import Live
 from serp.ui.studio.session import Session
 from serp.ui.studio.view import Request, View
@@ -83,7 +83,6 @@ class DecisionPane:
 
 
 def _row(action: Alternative, chosen: int | None) -> str:
-    most_causes = 3
     taken = action.action == chosen
     harm = action.applicable and bool(action.path_risk)
     kinds = ["serp-chosen"] * taken + ["serp-harm"] * harm
@@ -97,55 +96,27 @@ def _row(action: Alternative, chosen: int | None) -> str:
     mark = '<span aria-label="chosen">➜</span>' if taken else ""
     return (
         f'<tr class="{" ".join(kinds)}"><td>{mark}</td><td>{escape(action.name)}</td>{numbers}'
-        f"<td>{_why(action, 2 * most_causes if taken else most_causes)}</td></tr>"
+        f"<td>{_why(action, 6 if taken else 3)}</td></tr>"
     )
 
 
 def _why(action: Alternative, most: int) -> str:
-    """Return what of the file is behind an action, shortly, each with a way there.
-
-    What a schema brings in one control period is one line; its tooltip has the whole sentences.
-    """
-    by_schema: dict[tuple[int, str, str], list[Cause]] = {}
-    for cause in (*action.causes, *action.ahead):
-        by_schema.setdefault((cause.after, cause.origin, cause.name), []).append(cause)
-    items = "".join(_item(causes, action.name) for causes in [*by_schema.values()][:most])
-    if len(by_schema) > most:
-        items += f"<li>… and {len(by_schema) - most} more</li>"
+    """Return what of the file is behind an action, each with a way there and its whole sentence."""
+    runs = runs_of((*action.causes, *action.ahead))
+    items = "".join(map(_item, runs[:most]))
+    if len(runs) > most:
+        items += f"<li>… and {len(runs) - most} more</li>"
     remark = escape(action.remark) if not action.causes else ""
     return f'{remark}<ul class="serp-causes">{items}</ul>' if items else remark
 
 
-def _item(causes: list[Cause], action: str) -> str:
-    causes = sorted(causes, key=lambda cause: cause.what != "reward")
-    first = causes[0]
-    when = f"step {first.after + 1}: " if first.after else ""
-    name = "" if first.name == action else f" · {first.name or first.origin}"
-    place = first.place
-    where = "" if place is None else f" · line {place.line}"
-    text = f"{when}{', '.join(map(_effect, causes))}{name}{where}"
+def _item(run: list[list[Cause]]) -> str:
+    whole, place = line_of_run(run), run[0][0].place
+    text = whole.partition(" [")[0]
     if place is None:
         return f"<li>{escape(text)}</li>"
     at = f"{place.line}:{place.column}:{place.file}"
-    whole = "\n".join(line_of_cause(cause) for cause in causes)
     return (
         f'<li><button type="button" data-place="{escape(at, quote=True)}" '
-        f'title="{escape(whole, quote=True)}">{escape(text)}</button></li>'
+        f'title="{escape(whole, quote=True)}">{escape(text)} · line {place.line}</button></li>'
     )
-
-
-def _effect(cause: Cause) -> str:
-    match cause.what:
-        case "reward":
-            text = readable(cause.amount)
-            return text if text.startswith("−") else f"+{text}"
-        case "unsafe":
-            return "unsafe"
-        case "risk":
-            return f"risk {percent(cause.amount or 0.0)}"
-        case "end":
-            return "ends the task"
-        case "failed":
-            return f"needs {cause.text}"
-        case _:
-            return f"no result: {cause.text}"

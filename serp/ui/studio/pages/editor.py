@@ -70,9 +70,8 @@ class EditorPane:
 
     def dark(self, dark: bool) -> None:
         """Show the text light on dark, or dark on light."""
-        themes = {False: "githubLight", True: "githubDark"}
         for editor in self._editors.values():
-            editor.run_method("setTheme", themes[dark])
+            editor.run_method("setTheme", "githubDark" if dark else "githubLight")
 
     def _edited(self, which: str, event: Any) -> None:
         self._session.edit(which, event.value or "")

@@ -58,7 +58,7 @@ async def show_page(session: Session) -> None:
             FindingsPane(session, live, editor)
         panes: dict[str, Callable[[], object]] = {
             "Decision": lambda: DecisionPane(session, live, editor.jump),
-            "Scenarios": lambda: ScenariosPane(session, live, editor),
+            "Scenarios": lambda: ScenariosPane(session),
         }
         with splitter.after, ui.element("div").classes("serp-right"):
             scene = ScenePane(session, live)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from pathlib import Path
 
 import pytest
 
-from serp.authoring.lint.codes import CODES, ERRORS
-from serp.authoring.lint.findings import Finding, examine, findings_of
+from serp.authoring.lint.findings import CODES, ERRORS, Finding, examine, findings_of
 from serp.authoring.lint.task_ranges import out_of_range
 from serp.model.domain import Domain
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import DomainWarning, Source, edited
+from serp.pddl.syntax import meaning
 from serp.tasks.registry import task_of
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
@@ -52,25 +51,15 @@ def of_task(domain: Domain) -> Iterator[DomainWarning]:
         yield from list(out_of_range(bound))
 
 
-def tree(mistake: Mistake, text: str) -> str:
+def tree(mistake: Mistake, text: str) -> Hashable:
     """Return what a file says, without places."""
     domain, problem = sources(mistake, text)
     syntax = parse_domain(domain)
-    parsed = syntax if problem is None or problem.name != EDITED else parse_problem(problem, syntax)
-    return without_places(parsed)
-
-
-def without_places(node: object) -> str:
-    if dataclasses.is_dataclass(node):
-        parts = (getattr(node, f.name) for f in dataclasses.fields(node) if f.type != "Place")
-        return f"({type(node).__name__} {' '.join(map(without_places, parts))})"
-    if isinstance(node, dict):
-        return without_places([*node.values()])
-    if isinstance(node, frozenset):
-        return without_places(sorted(node))
-    if isinstance(node, list | tuple):
-        return f"[{' '.join(map(without_places, node))}]"
-    return str(node)
+    if problem is not None and problem.name == EDITED:
+        parsed = parse_problem(problem, syntax)
+        return meaning((tuple(parsed.objects.values()), *parsed.true_atoms, parsed.values))
+    names = (*syntax.declarations.values(), *syntax.constants.values())
+    return meaning((tuple(syntax.parents.items()), names, syntax.schemas))
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: f"{m['file']}-{m['code']}")

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import pickle
-from importlib.metadata import EntryPoint
-from typing import Any
 
 import pytest
 
-from serp.errors import MissingExtra, SerpError, SettingsError
+from serp.errors import SettingsError
 from serp.runs.comparison import algorithms
-from serp.runs.comparison.algorithms import GROUP, OWN, find_algorithm
+from serp.runs.comparison.algorithms import OWN, find_algorithm
 from serp.settings import resolve
 from tests.serp.runs.comparison import contest
 
@@ -32,14 +30,6 @@ def test_settings_are_changed_by_the_name() -> None:
             find_algorithm(name)
 
 
-@pytest.mark.parametrize(("name", "near"), [("srep", "serp"), ("drawin", "drawing")])
-def test_a_name_that_does_not_exist_is_refused_with_a_near_one(
-    name: str, near: str, external: None
-) -> None:
-    with pytest.raises(SettingsError, match=f"no algorithm `{name}`; did you mean `{near}`"):
-        find_algorithm(name)
-
-
 def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
     external: None,
 ) -> None:
@@ -51,17 +41,8 @@ def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
         find_algorithm("drawing:learner.members=1")
 
 
-def test_an_external_algorithm_that_cannot_be_loaded_is_named(
-    external: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_that_does_not_exist_or_cannot_be_loaded_is_refused(external: None) -> None:
+    with pytest.raises(SettingsError, match="no algorithm `drawin`; did you mean `drawing`"):
+        find_algorithm("drawin")
     with pytest.raises(SettingsError, match=r"`broken` \(tests.serp.nosuch:make\)"):
         find_algorithm("broken")
-
-    class Needy(EntryPoint):
-        def load(self) -> Any:
-            raise MissingExtra("a comparison with something", "something")
-
-    needy = {"needy": Needy("needy", "x:y", GROUP)}
-    monkeypatch.setattr(algorithms, "algorithm_entries", lambda: needy)
-    with pytest.raises(SerpError, match=r"pip install 'serp\[something\]'"):
-        find_algorithm("needy")

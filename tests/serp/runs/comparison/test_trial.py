@@ -47,16 +47,6 @@ def killed_after(steps: int) -> type[Walk]:
     return Mortal
 
 
-@given(st.integers(1, 200), st.integers(1, 300), st.integers(0, 300))
-def test_evaluations_are_due_at_equal_distances_and_at_the_end(
-    budget: int, every: int, made: int
-) -> None:
-    protocol = TrialProtocol(env_steps=budget, evaluate_every=every)
-    due = {k for k in range(1, budget + 1) if k % every == 0 or k == budget}
-    assert protocol.points(budget) == due
-    assert protocol.points(made) == {k for k in due if k <= made}
-
-
 def test_evaluations_change_nothing_and_a_trial_is_the_run_of_the_same_settings(
     tmp_path: Path,
 ) -> None:

@@ -156,9 +156,7 @@ def found(*given: Finding) -> Findings:
     def of(kind: type) -> tuple[Any, ...]:
         return tuple(finding for finding in given if isinstance(finding, kind))
 
-    return Findings(
-        of(ParameterFinding), of(MissingEffect), of(StochasticEffect), of(RuleFinding), 412
-    )
+    return Findings(of(ParameterFinding), of(MissingEffect), of(StochasticEffect), of(RuleFinding))
 
 
 def predictions_with(

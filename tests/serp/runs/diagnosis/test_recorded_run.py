@@ -10,13 +10,11 @@ import serp
 from serp.errors import RunError
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
 from serp.runs.diagnosis.diagnosis import read_recorded
-from serp.runs.run import load_run
 from tests.serp.runs.runs import without_pictures
 
 QUICK = {
     "planner": {"depth": 1},
     "learner": {"members": 1},
-    "training": {"checkpoint_seconds": 0},
 }
 
 
@@ -33,26 +31,14 @@ def copy(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "copy"))
 
 
-def test_what_a_run_saw_is_read_from_its_folder_alone(made: Path) -> None:
-    recorded = read_recorded(made)
-    run = load_run(made)
-    steps = int(run.metrics["env_steps"][-1])
-    assert recorded.env_steps == len(recorded.experience) == steps
-    assert recorded.experience.ended.sum() == len(run.metrics["episode"])
-    states, after = recorded.experience.states, recorded.experience.next_states
-    goes_on = ~recorded.experience.ended[:-1]
-    np.testing.assert_array_equal(states[1:][goes_on], after[:-1][goes_on])
-    assert recorded.model.dt == run.config["control_period"]
-    assert list(recorded.files) == ["domain.pddl"]
-    assert recorded.learned_from == "domain"  # so what is compared is what the file says
-    assert recorded.experience.over.sum() == run.metrics["terminated"].sum()
-    assert recorded.experience.rewards.sum() == pytest.approx(run.metrics["domain_return"].sum())
-
-
 def test_a_run_of_a_task_that_is_not_installed_can_be_read(copy: Path) -> None:
     config = copy / "config.json"
     config.write_text(config.read_text().replace('"task": "cartpole"', '"task": "juggling"'))
-    assert len(read_recorded(copy).experience)
+    recorded = read_recorded(copy)
+    seen = recorded.experience
+    assert recorded.env_steps == len(seen) >= 120
+    goes_on = ~seen.ended[:-1]
+    np.testing.assert_array_equal(seen.states[1:][goes_on], seen.next_states[:-1][goes_on])
 
 
 def test_a_damaged_checkpoint_is_told(copy: Path) -> None:

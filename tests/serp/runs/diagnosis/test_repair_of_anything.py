@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.authoring.lint.portability import outside_portable_subset
 from serp.model.domain import Domain
 from serp.model.learned.effect_search import may_change
 from serp.model.learned.parameter_fit import parameter_dependencies
@@ -123,7 +122,6 @@ def test_the_file_stays_and_says_what_was_found(name: str, data: st.DataObject) 
     new = written(domain, repaired)
     assert kept(domain.source.text, repaired.text)
     assert logic(new) == logic(domain)
-    assert not outside_portable_subset(new.source) or outside_portable_subset(domain.source)
     assert bool(repaired.changes) == bool(findings.parameters or findings.missing)
     model, again = domain.model.replace(dt=0.1), new.model.replace(dt=0.1)
     rng = np.random.default_rng(0)
@@ -136,28 +134,18 @@ def test_the_file_stays_and_says_what_was_found(name: str, data: st.DataObject) 
     )
 
 
-@settings(max_examples=15, deadline=None)
-@given(data=st.data())
-def test_chance_changes_comments_alone(data: st.DataObject) -> None:
-    name = data.draw(st.sampled_from(["cliff", "soccer", "fleet"]))
-    domain = domain_of(name)
-    outcomes = []
-    for action in {a.schema: a for a in domain.model.actions}.values():
-        likely = data.draw(st.lists(st.floats(0.0, 1.0), max_size=4))
-        kinds = [
-            ObservedOutcome((("f x", float(k)),) * (k % 3), p, 0.02, k == 0)
-            for k, p in enumerate(likely)
-        ]
-        if kinds:
-            outcomes.append(StochasticEffect(action.schema, action.place, tuple(kinds), 77, 0.1))
+def test_chance_changes_comments_alone() -> None:
+    domain = domain_of("cliff")
+    kinds = tuple(
+        ObservedOutcome((("row", k),), p, 0.02, k == 1.0) for k, p in ((1.0, 0.4), (2.0, 0.6))
+    )
+    actions = {a.schema: a for a in domain.model.actions}.values()
+    outcomes = [StochasticEffect(a.schema, a.place, kinds, 77, 0.1) for a in actions]
     repaired = repair(domain, found(*outcomes))
-    assert len(repaired.changes) == len(outcomes)
-    rest = iter(domain.source.text.splitlines(keepends=True))
-    expected = next(rest, None)
-    for line in repaired.text.splitlines(keepends=True):
-        if line == expected:
-            expected = next(rest, None)
-        else:
-            assert line.lstrip().startswith(";")
-    assert expected is None
-    assert repaired.text.count("; Observed: ") == len(outcomes)
+    assert len(repaired.changes) == repaired.text.count("; Observed: ") == len(outcomes)
+    new, old = repaired.text.splitlines(), domain.source.text.splitlines()
+    assert [line for line in new if line.strip()[:1] != ";"] == [
+        line for line in old if line.strip()[:1] != ";"
+    ]
+    rest = iter(new)
+    assert all(line in rest for line in old)

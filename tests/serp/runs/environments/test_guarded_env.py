@@ -79,7 +79,7 @@ def test_a_loop_outside_makes_the_steps_of_a_training(tmp_path: Path) -> None:
     assert all(ours[name].tobytes() == theirs[name].tobytes() for name in names)
     read = RunModel(tmp_path / "outside")  # it has no checkpoint
     assert account_of_step(read, read.recording(), 3).predictions
-    assert (tmp_path / "outside" / "report.md").exists()
+    assert (tmp_path / "outside" / "summary.json").exists()
     assert same(env._agent.adaptation.state_dict(), run.agent.adaptation.state_dict())
 
 

@@ -21,7 +21,6 @@ QUICK = [
         "guide.strategy=mixture",
         "planner.depth=1",
         "learner.members=1",
-        "training.checkpoint_seconds=0",
     )
 ]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 from pathlib import Path
@@ -37,47 +36,21 @@ def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("serp.runs.comparison.report.render", lambda figure, kind: b"<svg/>")
 
 
-def plan(folder: str | Path) -> Any:
-    return json.loads((Path(folder) / "plan.json").read_text())
-
-
-def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
-    result = run(*COMPARE, "--algorithms=serp,dqn", "--out=my comparison")
-    assert "algorithm" in result.stdout
-    for name in ("serp", "dqn"):
-        assert any(line.split()[:1] == [name] for line in result.stdout.splitlines())
-        assert f"{name}, seed 0" in result.stderr
-    assert "my comparison/report.html" in result.stdout
-    assert "Few seeds (1): intervals are rough." in result.stdout
-    assert "serp compare --out 'my comparison' --seeds 10" in result.stdout
-    for name in ("report.html", "report.md", "measures.csv"):
-        assert (Path("my comparison") / name).stat().st_size > 0
-    assert plan("my comparison")["protocol"]["env_steps"] == 60
-
-
-def asked(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str, Any]:
-    """Return the options that a command line gives to `compare`."""
-    found: dict[str, Any] = {}
+def test_names_and_seeds_may_be_apart_by_commas(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = "serp,dqn:learner.hidden=[8,8];learner.members=1, serp:arbiter.r_min=none"
+    asked: dict[str, Any] = {}
 
     def compare(task: Any, **options: Any) -> Any:
-        found.update(options)
+        asked.update(options)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("serp.runs.comparison.compare.compare", compare)
-    result = CliRunner().invoke(serp, ["compare", "--domain=cartpole", *arguments])
-    assert result.exit_code == (130 if found else 2)
-    return found
-
-
-def test_lists_may_be_apart_by_commas_or_given_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = "serp,dqn:learner.hidden=[8,8];learner.members=1, serp:arbiter.r_min=none"
-    found = asked(
-        monkeypatch, f"--algorithms={names}", "--algorithms=mrp", "--seeds=0-1, 9",
-    )  # fmt: skip
-    assert found["algorithms"] == [
-        "serp", "dqn:learner.hidden=[8,8];learner.members=1", "serp:arbiter.r_min=none", "mrp",
+    words = [f"--algorithms={names}", "--algorithms=mrp@x", "--seeds=0-1, 9"]
+    assert CliRunner().invoke(serp, ["compare", "--domain=cartpole", *words]).exit_code == 130
+    assert asked["seeds"] == [0, 1, 9]
+    assert asked["algorithms"] == [
+        "serp", "dqn:learner.hidden=[8,8];learner.members=1", "serp:arbiter.r_min=none", "mrp@x",
     ]  # fmt: skip
-    assert found["seeds"] == [0, 1, 9]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`serp plan-and-learn`."""
+"""`serp plan-and-learn`, and tasks that are not installed."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 
 from serp.tasks.task import BoundTask
 from tests.serp.runs.runs import rows
+from tests.serp.sample_tasks import ROBOT
 from tests.serp.ui.cli.conftest import QUICK, Run
 
 TRAIN = ["plan-and-learn", "--domain=cartpole", *QUICK]
@@ -80,7 +81,7 @@ def test_a_signal_ends_the_run_with_the_episode(
     done = rows("r", "metrics")
     assert 1 <= len(done) < 4
     assert done == rows(trained, "metrics")[: len(done)]
-    assert Path("r/report.md").exists()
+    assert Path("r/summary.json").exists()
 
 
 def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(
@@ -93,3 +94,35 @@ def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(
     assert shown.count("finishing the episode") == 1
     run("plan-and-learn", "--resume=r", "--quiet")
     assert len(rows("r", "metrics")) == 6
+
+
+def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run: Run, robot: Path) -> None:
+    assert "walkway" not in run("list").stdout
+    assert "Chosen:" in run("plan", "--task=my_robot.py", "--observe", "--depth=1").stdout
+    assert "fit together" in run("check", "--task=my_robot.py").stdout
+    run("plan-and-learn", "--task=my_robot.py", "--episodes=1", "--out=runs/one", *QUICK)
+    told = run("evaluate", "runs/one", "--episodes=1", expect=1).stderr
+    assert "there is no task `walkway`" in told
+    assert "--task FILE.py:FUNCTION" in told
+    measured = run("evaluate", "runs/one", "--episodes=1", "--task=my_robot:walkway").stdout
+    assert "return" in measured
+    shown = run("plan", "runs/one", "--task=my_robot.py").stdout
+    assert "Chosen:" in shown and "The model of runs/one is as written" in shown
+
+
+def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(
+    run: Run, robot: Path
+) -> None:
+    broken = ROBOT.replace(
+        "make_env=Corridor",
+        "make_env=Broken",
+    ).replace(
+        "def ground",
+        "class Broken(Corridor):\n    def reset(self, **_):\n        1 / 0\n\n\ndef ground",
+    )
+    Path("my_broken.py").write_text(broken)
+    told = run("plan-and-learn", "--task=my_broken.py", "--out=runs/one", *QUICK, expect=1).stderr
+    assert "reset failed: ZeroDivisionError: division by zero (" in told
+    assert "my_broken.py:8)" in told.replace("\n", "")
+    assert "serp plan-and-learn --resume runs/one\n" in told
+    assert "add --task my_broken.py to the command" in told

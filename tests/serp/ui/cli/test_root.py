@@ -1,13 +1,16 @@
-"""The command as a whole: its help, what it imports, and how it ends."""
+"""The command as a whole: its help, what it imports, how it ends, settings, and `serp list`."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +19,13 @@ import pytest
 from click.testing import CliRunner
 
 import serp
-from serp.ui.root import COMMANDS
+from serp.errors import RunError
+from serp.runs.comparison.algorithms import OWN, algorithm_entries
+from serp.settings import PRESETS, resolve
+from serp.tasks.registry import GROUP, load_task, task_entries
+from serp.ui.options import parse_settings
+from serp.ui.output import print_json
+from serp.ui.root import COMMANDS, exit_with
 from serp.ui.root import serp as group
 from tests.serp.ui.cli.conftest import Run
 
@@ -86,3 +95,107 @@ def test_what_the_terminal_cannot_show_is_replaced(walk: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(command, capture_output=True, env=environment, check=True)
     assert b"w?lk.pddl: " in done.stdout
+
+
+def raising(error: BaseException) -> Callable[[], Any]:
+    def run() -> None:
+        raise error
+
+    return run
+
+
+def noted(error: Exception, note: str) -> Exception:
+    error.add_note(note)
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "message"),
+    [
+        (noted(RunError("no such run"), "Continue with"), 1, "Error: no such run\nContinue with\n"),
+        (FileNotFoundError(2, "No such file", "x.svg"), 1, "Error: x.svg: No such file\n"),
+        (OSError(errno.ENOSPC, "No space left"), 1,
+         "Error: No space left (free some space, then try again)\n"),
+        (click.UsageError("what?"), 2, "Error: what?\n"),
+        (KeyboardInterrupt(), 130, "Stopped.\n"),
+        (BrokenPipeError(errno.EPIPE, "Broken pipe"), 141, ""),
+    ],
+)  # fmt: skip
+def test_what_the_user_can_mend_is_a_message(
+    error: BaseException, status: int, message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        exit_with(raising(error))
+    assert end.value.code == status
+    assert capfd.readouterr() == ("", message)
+
+
+def test_a_bug_keeps_its_traceback() -> None:
+    with pytest.raises(ZeroDivisionError):
+        exit_with(raising(ZeroDivisionError()))
+
+
+def test_an_unexpected_end_of_a_file_is_no_wish_to_stop() -> None:
+    """`click` takes any EOFError for Ctrl-D at a prompt; a truncated file raises it, too."""
+    aborted = click.Abort()
+    aborted.__cause__ = EOFError("ran out of input")
+    with pytest.raises(EOFError, match="ran out of input"):
+        exit_with(raising(aborted))
+
+
+def test_every_setting_can_be_set_to_what_it_is() -> None:
+    settings = resolve("paper")
+    texts = [
+        f"{section}.{name}={value if value == 'inf' else json.dumps(value)}"
+        for section, values in settings.as_dict().items()
+        for name, value in values.items()
+    ]
+    assert resolve("default", None, parse_settings(texts)) == settings
+    given = parse_settings(["planner.name=none", "learner.hidden=[64", "arbiter.r_min=-1e-3"])
+    assert given == {
+        "planner": {"name": None}, "learner": {"hidden": "[64"}, "arbiter": {"r_min": -0.001},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        *(([text], "section.name=value") for text in ("planner.depth", "depth=3", ".depth=3", "")),
+        (["planner.depth=3", " planner.depth = 4"], "planner.depth is given twice"),
+    ],
+)
+def test_what_is_no_setting_is_a_usage_error(texts: list[str], said: str) -> None:
+    with pytest.raises(click.UsageError, match=said):
+        parse_settings(texts)
+
+
+def test_json_has_no_infinity(capsys: pytest.CaptureFixture[str]) -> None:
+    print_json({"a": float("inf"), "b": [float("nan"), 1.5], "ρ": "ρ"})
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    read = json.loads(capsys.readouterr().out, parse_constant=refuse)
+    assert read == {"a": None, "b": [None, 1.5], "ρ": "ρ"}
+
+
+def test_everything_installed_is_listed(run: Run) -> None:
+    shown = run("list").stdout
+    for name in task_entries():
+        assert f"\n{name} " in shown
+        assert load_task(name).description in shown
+    for name in (*PRESETS, *OWN, *algorithm_entries(), "evidence", "mixture", "lookahead", "dqn"):
+        assert f"\n{name} " in shown
+    table = re.sub(" +", " ", shown.partition("\nplanner.name (--planner) ")[2])
+    assert "\nfar-sight the planner that sees to the end of a finite task" in table
+
+
+def test_a_task_that_cannot_be_loaded_hides_no_other(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = EntryPoint("broken", "no_such_package:task", GROUP)
+    entries = {**task_entries(), "broken": broken}
+    monkeypatch.setattr("serp.tasks.registry.task_entries", lambda: entries)
+    shown = run("list").stdout
+    assert "No module named 'no_such_package'" in shown
+    assert "\ncartpole " in shown

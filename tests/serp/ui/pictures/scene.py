@@ -41,23 +41,17 @@ class Ticking(Drawn):
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "rgb_array_list"]}
 
-    def __init__(self, render_mode: str | None = None) -> None:
-        super().__init__(render_mode)
-        self.pictures: list[NDArray[np.uint8]] = []
-
     def reset(self, **options: Any) -> Any:
-        seen = super().reset(**options)
-        self.pictures = [self.picture()]
-        return seen
+        self.due = 1
+        return super().reset(**options)
 
     def step(self, action: int) -> Any:
-        seen = super().step(action)
-        self.pictures += [self.picture()] * 4
-        return seen
+        self.due += 4
+        return super().step(action)
 
     def render(self) -> Any:
-        taken, self.pictures = self.pictures, []
-        return taken
+        due, self.due = self.due, 0
+        return [self.picture()] * due
 
 
 class Timed(Ticking):

@@ -1,4 +1,4 @@
-"""What is on the film is in the file, and a file is whole or not there."""
+"""What is drawn is in the file, and a file is whole or not there; what cannot be drawn is named."""
 
 from __future__ import annotations
 
@@ -10,15 +10,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.error import DependencyNotInstalled
 from PIL import Image, ImageColor
 
 from serp._util import figures
-from serp.errors import EnvironmentFailure, RunError
+from serp.errors import EnvironmentFailure, RunError, TaskError
 from serp.runs.recording import EVALUATIONS, open_recording
 from serp.runs.run import Run, load_run
-from serp.ui.pictures.film import FilmSettings, Frame, film, write_film, write_gif, write_mp4
-from tests.serp.sample_tasks import CableCut
-from tests.serp.ui.pictures.scene import Drawn, bound, drawn
+from serp.ui.pictures.film import (
+    Camera,
+    FilmSettings,
+    Frame,
+    film,
+    render_mode_of,
+    write_film,
+    write_gif,
+    write_mp4,
+)
+from tests.serp.sample_tasks import CableCut, Corridor
+from tests.serp.ui.pictures.scene import Drawn, Ticking, bound, drawn
 
 RED = np.array(ImageColor.getrgb(figures.REFUSED))
 SETTINGS = FilmSettings(episodes=2)
@@ -98,3 +108,50 @@ def test_a_film_that_fails_leaves_the_former_one(recorded: Path, tmp_path: Path,
         write_film(load_run(recorded, drawn(tmp_path, make_env)), path, SETTINGS)
     assert path.read_bytes() == b"former"
     assert list(tmp_path.glob("x.*")) == [path]
+
+
+def run_of(recorded: Path, folder: Path, make_env: Any) -> Run:
+    """The run, as if trained in another environment."""
+    return load_run(recorded, drawn(folder, make_env))
+
+
+def test_the_render_mode_with_the_most_pictures_is_chosen(recorded: Path, tmp_path: Path) -> None:
+    assert render_mode_of(run_of(recorded, tmp_path, Drawn)) == "rgb_array"
+    assert render_mode_of(run_of(recorded, tmp_path, Ticking)) == "rgb_array_list"
+
+
+def test_environments_that_cannot_draw_are_told_how(recorded: Path, tmp_path: Path) -> None:
+    class Blind(Corridor):
+        def __init__(self, render_mode: str | None = None) -> None:
+            super().__init__()
+
+    with pytest.raises(TaskError, match="draws no pictures; it needs the render mode `rgb_array`"):
+        render_mode_of(run_of(recorded, tmp_path, Blind))
+
+
+@pytest.mark.parametrize("picture", [None, np.zeros((4, 4, 3)), np.zeros((4, 4, 4), np.uint8)])
+def test_what_is_no_picture_is_refused(tmp_path: Path, picture: Any) -> None:
+    class Odd(Drawn):
+        def render(self) -> Any:
+            return picture
+
+    with pytest.raises(EnvironmentFailure, match="a picture is uint8 of shape"):
+        Camera(bound(tmp_path, Odd)).take()
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (ZeroDivisionError("no light"), "task corridor: render failed: .*no light"),
+        (DependencyNotInstalled("pygame is missing"), "pygame is missing .*'serp\\[watch\\]'"),
+    ],
+)
+def test_an_environment_that_fails_to_draw_is_named(
+    tmp_path: Path, error: Exception, says: str
+) -> None:
+    class Broken(Drawn):
+        def render(self) -> Any:
+            raise error
+
+    with pytest.raises(EnvironmentFailure, match=says):
+        Camera(bound(tmp_path, Broken)).take()

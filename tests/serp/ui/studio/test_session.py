@@ -44,14 +44,6 @@ def session(tmp_path: Path) -> Session:
     return open_session(str(file), tmp_path)
 
 
-def test_scenarios_open_their_domain_and_a_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "switch.pddl").write_text(SWITCH)
-    opened = open_session(str(tmp_path / "switch.scenarios"), tmp_path)
-    assert opened.documents["domain"].path == tmp_path / "switch.pddl"
-    with pytest.raises(SerpError, match="a folder, but not that of a run"):
-        open_session(str(tmp_path), tmp_path)
-
-
 def test_a_view_says_what_the_planner_of_the_text_decides(session: Session) -> None:
     session.shown = ShownState({"heat": 20.0, "on": True, "no such fluent": 1.0})
     view = session.request().view()
@@ -253,10 +245,8 @@ def test_a_websocket_of_another_page_is_refused(
 # Scenarios, trainings -----------------------------------------------------------------------------
 
 
-def test_a_state_becomes_a_scenario_that_holds_until_the_file_changes(session: Session) -> None:
-    session.shown = ShownState({"heat": 70.0, "on": True})
-    text = session.request().with_scenario("it is\nhot")
-    assert "scenario it is hot\n" in text and "refuses press because unsafe" in text
+def test_scenarios_are_run_on_the_text_as_it_is_edited(session: Session) -> None:
+    text = "scenario hot\n(heat) = 70\n(on)\nrefuses press because unsafe\n"
     session.edit("scenarios", text)
     (result,) = session.request().run_scenarios()
     assert result.passed

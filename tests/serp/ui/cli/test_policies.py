@@ -1,4 +1,4 @@
-"""`serp evaluate`."""
+"""`serp evaluate`, `serp export` and `serp watch`: what is done with a trained policy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
+import serp
 from serp.agent.agent import account_of
 from serp.errors import Notice
 from serp.runs.recording import EVALUATIONS, open_recording
@@ -21,7 +23,7 @@ def measured(run: Run, *arguments: str) -> Any:
     return json.loads(run("evaluate", *arguments, "--json").stdout)
 
 
-@pytest.mark.parametrize("policy", ["serp", "training"])
+@pytest.mark.parametrize("policy", ["serp", "planner"])
 def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path) -> None:
     shown = measured(run, str(trained), f"--policy={policy}", "--episodes=2", "--seed=9")
     result = load_run(trained).evaluate(policy, episodes=2, seed=9)
@@ -42,3 +44,22 @@ def test_where_nothing_can_be_recorded_it_is_measured_all_the_same(
     (kept / EVALUATIONS).write_text("a file")
     with pytest.warns(Notice, match="the episodes are not recorded"):
         assert measured(run, str(kept), "--episodes=1")["episodes"] == 1
+
+
+def test_a_policy_is_exported_once(run: Run, trained: Path, folder: Path) -> None:
+    done = run("export", str(trained), "-o", "policy")
+    assert "policy holds the policy" in done.stderr
+    assert serp.Policy(folder / "policy").manifest["policy"].startswith("the learner's choice")
+    again = run("export", str(trained), "-o", "policy", expect=1)
+    assert "exists and is not empty" in again.stderr
+
+
+def test_cartpole_on_a_gif(run: Run, trained: Path) -> None:
+    done = run("watch", str(trained), "--episodes=2", "--seed=4", "--out=x.gif")
+    measured = load_run(trained).evaluate(episodes=2, seed=4)
+    with Image.open("x.gif") as gif:
+        assert gif.width == 600
+        assert gif.n_frames == sum(measured.lengths) + 2  # type: ignore[attr-defined]
+    assert done.stdout.startswith("x.gif: 0.")
+    for number, value in enumerate(measured.returns, 1):
+        assert f"episode {number}: return {value:g} in " in done.stderr
