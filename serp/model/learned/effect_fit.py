@@ -8,12 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from serp.model import ground as g
-from serp.model.learned.effect_search import improvement_of, search
+from serp.model.learned.effect_search import search
 from serp.model.learned.parameter_fit import (
     AddedEffect,
     ParameterEstimator,
     ParameterFit,
-    Rows,
     function_columns,
     whole_symbols,
     with_effects,
@@ -102,18 +101,6 @@ class EffectFit:
                 found += search(self.lifted, self._data.states, after, rows, symbol, dt, known)
         return found
 
-    def worst(self) -> AddedEffect | None:
-        """Return the least useful added effect if it does not pay; None where all do."""
-        worths = {
-            effect: _worth(self.fit, rows, k, effect)
-            for rows in self.fit.rows.values()
-            for k, parameter in enumerate(rows.owned)
-            if parameter >= self._written
-            for effect in (self.added[parameter - self._written],)
-        }
-        worst = min(worths, key=worths.__getitem__, default=None)
-        return worst if worst is not None and worths[worst] < 1.0 else None
-
     def usually_better(self, without: EffectFit, symbol: str) -> bool:
         """Return whether the added effects of a function make most of its errors smaller.
 
@@ -154,21 +141,6 @@ class EffectFit:
         return predictions(model, self._data.states, self._data.actions)
 
 
-def _worth(fit: ParameterFit, rows: Rows, k: int, effect: AddedEffect) -> float:
-    """Return what an added effect explains, relative to the threshold: from 1 on it pays."""
-    index, column = rows.owned[k], rows.columns[:, k]
-    touched = column != 0.0
-    if not np.isfinite(fit.errors[index]) or not touched.any():
-        return 0.0
-    own, others = column[touched], np.delete(rows.columns, k, axis=1)[touched]
-    if others.shape[1]:
-        own = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
-    coefficient = abs(float(fit.theta[index]))
-    least = improvement_of(effect)[0] * float((rows.change[touched] ** 2).sum())
-    gain = coefficient**2 * float((own**2).sum()) / max(least, 1e-300)
-    return min(coefficient / max(CERTAIN * float(fit.errors[index]), 1e-300), gain)
-
-
 def fit_jointly(model: TransitionModel, data: RegressionData) -> EffectFit:
     """Return the model as written with estimated parameters and the effects that it lacks."""
     refused: list[AddedEffect] = []
@@ -200,10 +172,7 @@ def _sweep(fit: EffectFit, refused: Sequence[AddedEffect]) -> EffectFit:
 
 
 def _pruned(fit: EffectFit, refused: list[AddedEffect]) -> EffectFit:
-    """Remove effects that do not pay, the worst first; add them to `refused`."""
-    while (worst := fit.worst()) is not None:
-        refused.append(worst)
-        fit = fit.with_effects([effect for effect in fit.added if effect != worst])
+    """Remove the effects of functions that they do not make better; add them to `refused`."""
     for symbol in dict.fromkeys(effect.target.symbol for effect in fit.added):
         own = [effect for effect in fit.added if effect.target.symbol == symbol]
         without = fit.with_effects([effect for effect in fit.added if effect not in own])

@@ -3,7 +3,7 @@
 Forward selection by orthogonal projection (orthogonal least squares: Chen, Billings & Luo,
 International Journal of Control 50, 1989). An effect of one action schema competes with the same
 effect of the world, which also has one coefficient, so that a change under every action is found as
-such. A selected effect must improve the fit of transitions that it was not fitted to.
+such.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ _COLLINEAR = 1e-6
 """Fraction of a column's squares not explained by other columns; below it they are collinear."""
 
 
-def improvement_of(effect: AddedEffect) -> tuple[float, float]:
+def _improvement_of(effect: AddedEffect) -> tuple[float, float]:
     """Return the least fractions of squared change and squared error that an effect explains.
 
     Both where the effect applies. They are lower for effects of the world, and for simple ones: a
@@ -197,7 +197,6 @@ class _ForwardSelection:
         self._error = rows.residuals * root
         self._change = rows.change * root
         self._blocks = rows.blocks
-        self._even = rows.blocks // 2 % 2 == 0
         self._choices: list[tuple[int, ...]] = [(k,) for k in range(len(candidates))]
         alike: dict[tuple[str, tuple[str, ...]], list[int]] = {}
         for k, effect in enumerate(candidates):
@@ -281,7 +280,7 @@ class _ForwardSelection:
             return False
         coefficient = float(error @ column) / size
         gain = coefficient**2 * size
-        of_change, of_error = improvement_of(self._candidates[k])
+        of_change, of_error = _improvement_of(self._candidates[k])
         least_of_change = of_change * float((self._change[rows] ** 2).sum())
         if gain == 0.0 or gain < max(least_of_change, of_error * float((error[rows] ** 2).sum())):
             return False
@@ -289,17 +288,4 @@ class _ForwardSelection:
         _, which = np.unique(self._blocks, return_inverse=True)
         # The larger of both: the sums of a few blocks may cancel by chance.
         sums = max(float((np.bincount(which, scores) ** 2).sum()), float((scores**2).sum()))
-        if abs(coefficient) < CERTAIN * (float(np.sqrt(sums)) / size):
-            return False
-        halves = self._even, ~self._even
-        return min(_held_out(column, error, half) for half in halves) > 0.1 * gain
-
-
-def _held_out(column: Vector, error: Vector, fitted: NDArray[np.bool_]) -> float:
-    """Return how much squared error a column, fitted to some rows, explains in the others."""
-    own = float((column[fitted] ** 2).sum())
-    if own == 0.0:
-        return 0.0
-    coefficient = float((column * error)[fitted].sum()) / own
-    rest = error[~fitted]
-    return float((rest**2).sum() - ((rest - coefficient * column[~fitted]) ** 2).sum())
+        return abs(coefficient) >= CERTAIN * (float(np.sqrt(sums)) / size)
