@@ -12,10 +12,8 @@ from serp.model.emit import Passage
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground import UNSAFE_TARGET, GroundSchema
 from serp.model.learned import adapted_step as kernels
-from serp.model.learned.adapted_step import adapted_outcomes
 from serp.model.learned.parameter_buffer import ParameterBuffer
 from serp.model.learned.residual_features import FeatureGroup, feature_groups_of
-from serp.model.learned.residual_prediction import native_uncertainty, uncertainty
 from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 
@@ -75,15 +73,17 @@ class AdaptedModel(TransitionModel):
 
     def native_outcomes(self) -> Any:
         """Return the compiled C callback of all outcomes; see `TransitionModel.native_outcomes`."""
-        return adapted_outcomes()
+        return kernels.adapted_outcomes()
 
     def uncertainty(self, state: Vector) -> Vector:
         """Return how little is known `[A]`; see `TransitionModel.uncertainty`."""
-        return np.array([uncertainty(self.data, k, state) for k in range(len(self.actions))])
+        return np.array(
+            [kernels.uncertainty(self.data, k, state) for k in range(len(self.actions))]
+        )
 
     def native_uncertainty(self) -> Any:
         """Return the compiled C callback; see `TransitionModel.native_uncertainty`."""
-        return native_uncertainty()
+        return kernels.native_uncertainty()
 
     def replace(
         self, *, theta: ArrayLike | None = None, dt: float | None = None

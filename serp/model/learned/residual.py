@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from serp._util.compilation import cached_njit
 from serp._util.saved_state import MOST, Saved
 from serp.model.learned import residual_features as r
+from serp.model.learned.adapted_step import columns_in_use, leverage
 from serp.model.learned.adoption import BETTER, TrackRecord
 from serp.model.learned.residual_features import (
     FEW,
@@ -28,7 +29,6 @@ from serp.model.learned.residual_features import (
     rate_of,
 )
 from serp.model.learned.residual_fit import REMEMBERED, FittedWeights, Mask
-from serp.model.learned.residual_prediction import columns_in_use, leverage
 from serp.model.native import advanced, pointer_to
 from serp.model.transition_model import Vector
 

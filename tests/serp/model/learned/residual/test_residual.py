@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.model.learned.adaptation import ModelAdaptation
-from serp.model.learned.residual_prediction import uncertainty
+from serp.model.learned.adapted_step import uncertainty
 from serp.model.transition_model import Vector
 from tests.generated.profile import examples
 from tests.serp.model.learned.worlds import (
