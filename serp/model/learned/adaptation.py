@@ -27,7 +27,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 
 if TYPE_CHECKING:
-    from serp.model.learned.online_parameters import ParameterEstimation
+    from serp.model.learned.parameter_fit import ParameterEstimation
 
 
 Meta = dict[str, Any]
@@ -238,7 +238,7 @@ class ModelAdaptation:
                 self._learners = GroupLearners(adapted, seed)
                 self.notice = self._learners.notice
             if settings.parameters:
-                from serp.model.learned.online_parameters import ParameterEstimation
+                from serp.model.learned.parameter_fit import ParameterEstimation
 
                 self._estimation = ParameterEstimation(written)
         self.model: TransitionModel = self._adapted or written

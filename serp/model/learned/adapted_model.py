@@ -77,9 +77,8 @@ class AdaptedModel(TransitionModel):
 
     def uncertainty(self, state: Vector) -> Vector:
         """Return how little is known `[A]`; see `TransitionModel.uncertainty`."""
-        return np.array(
-            [kernels.uncertainty(self.data, k, state) for k in range(len(self.actions))]
-        )
+        actions = range(len(self.actions))
+        return np.array([kernels.uncertainty(self.data, k, state) for k in actions])
 
     def native_uncertainty(self) -> Any:
         """Return the compiled C callback; see `TransitionModel.native_uncertainty`."""
