@@ -67,16 +67,6 @@ def measured(value: float, error: float) -> str:
     return f"{_minus(_fixed(value, decimals))} ± {_fixed(round(error, decimals), decimals)}"
 
 
-def rounded(value: float, error: float) -> str:
-    """Return a value with as many digits as its standard error justifies, never `0`."""
-    decimals = _decimals(value, error)
-    if decimals is None:
-        return _minus(plain(value))
-    if round(value, decimals) == 0.0:
-        return _minus(f"{value:.1g}")
-    return _minus(_fixed(value, decimals))
-
-
 def percent_measured(share: float, error: float) -> str:
     """Return a share of 1 with its standard error in percent: `33 ± 2 %`."""
     if not math.isfinite(error) or error < 0.0005:

@@ -12,8 +12,8 @@ import sys
 import traceback
 import unicodedata
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from enum import EnumMeta
+from collections.abc import Iterable, Iterator, Mapping
+from enum import Enum, EnumMeta
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -223,21 +223,17 @@ def describe(env: gym.Env[Any, Any], called: str) -> Described:
     documentation = inspect.getdoc(type(env.unwrapped)) or ""
     used: set[str] = set()
     actions = []
-    titles = _action_names(env, space.size)
-    titles = titles or numbered(documentation, "Action Space", space.size)
-    for k in range(space.size):
+    titles = _action_names(env, space.size) or numbered(documentation, "Action Space", space.size)
+    for k, title in enumerate(titles):
         action = space.action(k)
         value, otherwise = str(k), f"action-{k}"
         if isinstance(action, np.ndarray):
             value = repr(tuple((action - getattr(space.space, "start", 0)).ravel().tolist()))
             otherwise = f"action-{'-'.join(map(str, action.ravel().tolist()))}"
-        actions.append(_entry(used, titles[k] if titles else "", otherwise, value))
+        actions.append(_entry(used, title, otherwise, value))
     used = set()
     titles = numbered(documentation, "Observation Space", len(fields))
-    numbers = [
-        _entry(used, titles[k] if titles else "", name, expression, bounds)
-        for k, (name, expression, bounds) in enumerate(fields)
-    ]
+    numbers = [_entry(used, title, *field) for title, field in zip(titles, fields, strict=True)]
     period = None
     with contextlib.suppress(Exception):  # it may be a property of the environment
         period = real(getattr(env.unwrapped, "dt", None))
@@ -251,35 +247,29 @@ def _entry(used: set[str], text: str, otherwise: str, value: str, bounds: str = 
     return Entry(name, value, ", ".join(filter(None, (comment, bounds))))
 
 
-def _action_names(env: gym.Env[Any, Any], count: int) -> list[str] | None:
+def _action_names(env: gym.Env[Any, Any], count: int) -> list[str]:
     """Return the names that an environment, or its outermost wrapper with names, has for actions.
 
-    None where there are none.
+    They are an enumeration, a mapping from numbers or a sequence. The list is empty without them.
     """
     for attribute in ("get_action_meanings", "action_names", "actions", "action_type"):
         with contextlib.suppress(Exception):  # the environment's own code
-            value = env.get_wrapper_attr(attribute)
+            names = env.get_wrapper_attr(attribute)
             if attribute == "get_action_meanings":
-                value = value()
+                names = names()
             elif attribute == "action_type":
-                value = value.actions
-            if names := _names_in(value, count):
-                return names
-    return None
-
-
-def _names_in(value: Any, count: int) -> list[str] | None:
-    """Return the texts of an enumeration, a mapping from numbers or a sequence of a length."""
-    if isinstance(value, EnumMeta):
-        members: Mapping[str, Any] = value.__members__
-        value = {member.value: name for name, member in members.items()}
-    if isinstance(value, Mapping):
-        value = [value.get(k) for k in range(len(value))]
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != count:
-        return None
-    if not all(isinstance(text, str) for text in value):
-        return None
-    return [text.replace("_", " ").lower() for text in value]
+                names = names.actions
+            if isinstance(names, EnumMeta):
+                names = {member.value: member.name for member in list[Enum](names)}
+            if isinstance(names, Mapping):
+                names = [names[k] for k in range(len(names))]
+            if (
+                not isinstance(names, str)
+                and len(names) == count
+                and all(isinstance(name, str) for name in names)
+            ):
+                return [name.replace("_", " ").lower() for name in names]
+    return []
 
 
 def _numbers(space: Any, expression: str, name: str) -> Iterator[tuple[str, str, str]]:
@@ -310,10 +300,10 @@ def _numbers(space: Any, expression: str, name: str) -> Iterator[tuple[str, str,
             yield "-".join([name, *map(str, place)]), f"{expression}{at}", bounds
 
 
-def numbered(documentation: str, heading: str, count: int) -> list[str] | None:
+def numbered(documentation: str, heading: str, count: int) -> list[str]:
     """Return the texts beside the numbers 0 ... count-1 under a heading of a documentation.
 
-    None where there is no such list or table. Of several lists the first counts.
+    They are empty where there is no such list or table. Of several lists the first counts.
     """
     headings = list(_HEADING.finditer(documentation))
     ends = [*(match.start() for match in headings[1:]), len(documentation)]
@@ -327,7 +317,7 @@ def numbered(documentation: str, heading: str, count: int) -> list[str] | None:
             texts.append(match[2])
         elif match and int(match[1]) == 0:
             break  # another list
-    return texts if len(texts) == count else None
+    return texts if len(texts) == count else [""] * count
 
 
 def _name_of(text: str, otherwise: str, used: set[str]) -> str:

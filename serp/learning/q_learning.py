@@ -28,7 +28,7 @@ class Adam:
         gradient: Likewise, read by `step`.
         learning_rate: The step size α > 0.
         largest_norm: Each member's gradient is scaled down to this Euclidean norm; None: never.
-        average: Likewise, parameters that follow (Polyak averaging); ``[members, 0]`` for none.
+        average: Parameters that follow (Polyak averaging); ``[members, 0]`` for none.
         share: The fraction of the difference by which they follow in a step.
 
     Attributes:
@@ -210,11 +210,7 @@ class QLearning:
         )  # fmt: skip
 
     def update(
-        self,
-        batch: Samples,
-        bounds: tuple[float, float],
-        imitation_weight: float,
-        env_step: int,
+        self, batch: Samples, bounds: tuple[float, float], imitation_weight: float, env_step: int
     ) -> float:
         """Do one gradient update on a batch ``[E, B]`` and return its loss.
 

@@ -16,9 +16,8 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -107,8 +106,7 @@ _COMPARISONS: Final[dict[type, tuple[Code, bool, bool]]] = {
 _NEGATED: Final = Code.UNLESS_LESS - Code.IF_LESS
 
 
-@dataclass(frozen=True)
-class Shape:
+class Shape(NamedTuple):
     """The instructions of functions that differ only in positions.
 
     Attributes:
@@ -355,8 +353,7 @@ _INDEX: Final = re.compile(r"\b(s|out|theta)\[(\d+)\]")
 class Assembler:
     """Translates statements of the generated code to one table.
 
-    Attributes:
-        constants: The numbers that are written in the text.
+    `constants` are the numbers that are written in the text.
     """
 
     def __init__(self) -> None:
@@ -366,12 +363,9 @@ class Assembler:
         self._length = 0
 
     def add(self, statements: Sequence[str], following: int = -1) -> int:
-        """Append statements; return the position of the first.
+        """Append lines of generated code; return the position of the first.
 
-        Args:
-            statements: Lines of generated code.
-            following: Position of the instruction that follows; -1 where the statements end with
-                a return.
+        `following` is the position of the next instruction, -1 where they end with a return.
         """
         text = "\n".join(statements)
         found = [int(index) for _, index in _INDEX.findall(text)]
@@ -539,9 +533,6 @@ def virtual_step() -> Any:
 
 class Machine:
     """The bytecode of the whole step of a ground model.
-
-    Args:
-        ground: The model.
 
     Raises:
         SerpError: It does not fit into the registers.

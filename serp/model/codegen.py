@@ -38,8 +38,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from serp.model import ground as g
 from serp.model.emit import EffectEmitter, Site, block, conjunction, joined
@@ -59,21 +58,14 @@ _ARGUMENTS: dict[Part, str] = {
     "goal": "s theta dt out",
 }
 MATH: Mapping[str, Callable[..., float]] = {
-    **{"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "atan2": math.atan2}
-}
+    "sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "atan2": math.atan2,
+}  # fmt: skip
 """Functions that the text calls. Machine code calls the same ones of the C library."""
 _BITS = (("unsafe", UNSAFE), ("terminal", TERMINAL))
 
 
-@dataclass(frozen=True)
-class Generated:
-    """A generated function.
-
-    Attributes:
-        name: One of the names above.
-        text: Its definition.
-        sites: The site of each position that `trace` gets; empty unless traced.
-    """
+class Generated(NamedTuple):
+    """Name and text of a generated function, and the site of each position that `trace` gets."""
 
     name: str
     text: str

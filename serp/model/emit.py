@@ -45,10 +45,9 @@ class Site:
     """A place in the generated code that a traced run reports when it is reached.
 
     Attributes:
-        what: `failed` (a precondition that does not hold), `effect` (of an action or event that
-            was applied), `rate` (of a process that was applied), `conflict` (effects that
-            contradict each other) or `undefined` (a result that is not a finite number, or a
-            condition that is neither true nor false).
+        what: `failed` (a precondition), `effect` (of an action or event, applied), `rate` (of a
+            process, applied), `conflict` (of effects) or `undefined` (a result that is not a
+            finite number, or a condition that is neither true nor false).
         schema: The ground action, process or event; None for the goal and the reward as a whole.
         item: The condition or effect; None where the schema as a whole is meant.
     """
@@ -74,13 +73,7 @@ class Site:
 
 
 class Passage(NamedTuple):
-    """A site that a traced step passed, and how far the step had come right after it.
-
-    Attributes:
-        site: The site.
-        gained: The reward of the step so far.
-        values: The next state so far, F numbers and one more.
-    """
+    """A site that a traced step passed; reward, and next state `[F + 1]`, right after it."""
 
     site: Site
     gained: float
@@ -88,7 +81,7 @@ class Passage(NamedTuple):
 
 
 def joined(operator: str, tests: Sequence[str]) -> str:
-    """Join tests by `and` or `or`; a single test is returned as it is."""
+    """Join tests by `and` or `or`."""
     return tests[0] if len(tests) == 1 else f"({f' {operator} '.join(tests)})"
 
 
@@ -161,11 +154,7 @@ class Emitter:
     # Conditions --------------------------------------------------------------------------------
 
     def truth(
-        self,
-        test: g.Test,
-        source: str,
-        schema: g.GroundSchema | None,
-        unless: str | None = None,
+        self, test: g.Test, source: str, schema: g.GroundSchema | None, unless: str | None = None
     ) -> str:
         """Emit code that ends the step where a condition is undefined; return its truth value.
 

@@ -31,15 +31,11 @@ STACK: Final = 256
 """Most numbers that loops over fluents keep on the stack, see `stack_room`: 2 KB."""
 
 
-def structure_digest(generated: Generated) -> str:
-    """Return a digest of a generated function; it does not depend on the domain's numbers."""
-    return hashlib.sha256(generated.text.encode()).hexdigest()[:24]
-
-
 def compile_native(generated: Generated) -> Any:
     """Compile a generated `step` to a C callback; keep it alive while its address is in use."""
     # The file does not exist; its name is the key of the cached code.
-    function = load_function(generated, f"<model {structure_digest(generated)}>")
+    digest = hashlib.sha256(generated.text.encode()).hexdigest()[:24]
+    function = load_function(generated, f"<model {digest}>")
     # `error_model`: divisions are guarded in the generated code, so no check is compiled in.
     return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(function)
 

@@ -25,18 +25,6 @@ Amendment = Callable[[list[float], int, list[float]], None]
 """Changes the result of effects and processes; takes the state, the action and `out`."""
 
 
-class Functions(dict[tuple[Part, int], _Function]):
-    """Part and position of the action (-1: of none) → the function, loaded on first use."""
-
-    def __init__(self, load: Callable[[Part, int], _Function]) -> None:
-        super().__init__()
-        self.load = load
-
-    def __missing__(self, key: tuple[Part, int]) -> _Function:
-        function = self[key] = self.load(*key)
-        return function
-
-
 class Program:
     """The transition function of a ground model, in CPython and as machine code.
 
@@ -51,16 +39,24 @@ class Program:
     def __init__(self, ground: GroundModel, own_code: bool = True) -> None:
         self.ground = ground
         self._own_code = own_code
-        self.functions = Functions(self._load)
-        self._traced_functions = functools.cache(self._load_traced)
+        self._load = functools.cache(self._generate)
         self._callbacks: dict[Part, Any] = {}
 
-    def _load(self, part: Part, action: int) -> _Function:
-        return load_function(generate_code(self.ground, part, action))
-
-    def _load_traced(self, part: Part, action: int) -> tuple[_Function, tuple[Site, ...]]:
-        generated = generate_code(self.ground, part, action, traced=True)
+    def _generate(
+        self, part: Part, action: int, traced: bool
+    ) -> tuple[_Function, tuple[Site, ...]]:
+        generated = generate_code(self.ground, part, action, traced=traced)
         return load_function(generated), generated.sites
+
+    def _run(self, passages: list[Passage] | None, part: Part, action: int, *arguments: Any) -> int:
+        """Run a function; add what it passes to a list, in order. Action -1 is of none."""
+        function, sites = self._load(part, action, passages is not None)
+        if passages is None:
+            return function(*arguments)
+        passed: list[tuple[int, float, list[float]]] = []
+        flags = function(*arguments, passed)
+        passages.extend(Passage(sites[k], gained, values) for k, gained, values in passed)
+        return flags
 
     # In CPython --------------------------------------------------------------------------------
 
@@ -72,23 +68,22 @@ class Program:
         dt: float,
         out: list[float],
         *,
-        functions: Functions | None = None,
+        passages: list[Passage] | None = None,
         amend: Amendment | None = None,
     ) -> int:
         """Carry out an action, -1 for none while the world goes on; return the flags.
 
-        `functions` are what `traced` returned; `amend` is called before the events are evaluated.
+        `passages` receive what is passed; `amend` is called before the events are evaluated.
         """
-        functions = functions if functions is not None else self.functions
         flags = APPLICABLE
         if action >= 0:
-            flags = functions["action", action](state, theta, dt, out)
+            flags = self._run(passages, "action", action, state, theta, dt, out)
         if flags & APPLICABLE:
-            flags = functions["drift", -1](state, flags, theta, dt, out)
+            flags = self._run(passages, "drift", -1, state, flags, theta, dt, out)
         if flags & APPLICABLE:
             if amend is not None:
                 amend(state, action, out)
-            flags = functions["settle", -1](state, flags, theta, dt, out)
+            flags = self._run(passages, "settle", -1, state, flags, theta, dt, out)
         return flags
 
     def judge(
@@ -100,37 +95,20 @@ class Program:
         dt: float,
         out: list[float],
         *,
-        functions: Functions | None = None,
+        passages: list[Passage] | None = None,
     ) -> int:
         """Return the flags of an observed transition; action -1 is not one of the model's."""
-        functions = functions if functions is not None else self.functions
         flags = APPLICABLE
         if action >= 0:
-            flags = functions["judged_action", action](state, theta, dt, out)
+            flags = self._run(passages, "judged_action", action, state, theta, dt, out)
         if flags & APPLICABLE:
-            flags = functions["judged_aftermath", -1](state, next_state, flags, theta, dt, out)
+            arguments = state, next_state, flags, theta, dt, out
+            flags = self._run(passages, "judged_aftermath", -1, *arguments)
         return flags
 
     def at_goal(self, state: list[float], theta: list[float], dt: float) -> bool:
         """Return whether the goal holds in a state; False where there is none."""
-        flags = self.functions["goal", -1](state, theta, dt, [*state, 0.0])
-        return flags & TERMINAL != 0
-
-    def traced(self, passages: list[Passage]) -> Functions:
-        """Return the functions that add what they pass to a list, in order."""
-
-        def load(part: Part, action: int) -> _Function:
-            function, known = self._traced_functions(part, action)
-
-            def run(*arguments: Any) -> int:
-                passed: list[tuple[int, float, list[float]]] = []
-                flags = function(*arguments, passed)
-                passages.extend(Passage(known[k], gained, values) for k, gained, values in passed)
-                return flags
-
-            return run
-
-        return Functions(load)
+        return self._run(None, "goal", -1, state, theta, dt, [*state, 0.0]) & TERMINAL != 0
 
     # As machine code ---------------------------------------------------------------------------
 

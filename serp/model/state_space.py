@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp._util.text import did_you_mean, listed, plural
+from serp._util.text import did_you_mean, listed
 from serp.errors import SerpError
 from serp.model.ground import Fluent, GroundModel, GroundSchema, Parameter
 
@@ -116,12 +116,16 @@ class StateSpace:
         wanted = len(self.fluents)
         if state.shape == (wanted,):
             return state
-        names = listed(fluent.name for fluent in self.fluents)
-        found = len(state) if state.ndim == 1 else f"shape {state.shape}"
-        raise StateError(
-            f"a state of this domain has {plural(wanted, 'number')} in the order of its fluents "
-            f"{names}, found {found}; declare what is missing, in the order in which it is given"
-        )
+        size = f"a state of this domain has {wanted} number{'' if wanted == 1 else 's'}"
+        if state.ndim != 1:
+            raise StateError(f"{size}, found shape {state.shape}")
+        names = [f.name for f in self.fluents]
+        if len(state) < wanted:
+            what = f"none for {listed(names[len(state) :])}"
+        else:
+            what = f"{len(state) - wanted} more than the fluents {listed(names)}; declare what is "
+            what += "missing, in the order in which it is given"
+        raise StateError(f"{size} in the order of its fluents, found {len(state)}: {what}")
 
     def action_index(self, action: int | str) -> int:
         """Return the position of a ground action given by name or position.

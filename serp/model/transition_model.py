@@ -14,7 +14,7 @@ from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.ground import REWARD_TARGET, GroundModel
 from serp.model.instantiate import GoalValue
-from serp.model.program import Amendment, Functions, Program
+from serp.model.program import Amendment, Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
 
 __all__ = ["Judgement", "Outcome", "StateError", "TransitionModel", "Vector"]
@@ -28,8 +28,7 @@ class Outcome(NamedTuple):
         reward: Change of `(reward)` in the step; 0 where not applicable.
         unsafe: Whether the file as written made `(unsafe)` true in the step.
         terminal: Whether `(terminal)` became true or the problem's goal is reached.
-        applicable: Whether the precondition holds, every condition that matters is true or false
-            and every result is a finite number.
+        applicable: Whether the precondition holds and the step has a result.
         risk: Probability, in [0, 1], that the step is unsafe; 1 where `unsafe`, else 0 unless the
             model has learned otherwise.
     """
@@ -58,8 +57,7 @@ class TransitionModel(StateSpace):
     """A compiled domain: a pure function of state, action, parameters θ and control period Δt.
 
     A step is precondition, effects together, processes (explicit Euler over Δt), events, reward
-    and flags. It runs in CPython (single states) and as machine code (batches); both give the same
-    bits.
+    and flags. CPython (single states) and machine code (batches) give the same bits.
 
     Args:
         ground: The model.
@@ -161,15 +159,10 @@ class TransitionModel(StateSpace):
         )  # fmt: skip
 
     def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
-        """Predict one step on plain lists, for fast loops in Python.
+        """Predict one step on plain lists of F floats, for fast loops in Python.
 
-        Args:
-            state: F floats; unchanged.
-            action: Position of a ground action; -1 for none, in a model that is not adapted.
-
-        Returns:
-            F + 1 floats (the next state and the reward; meaningless where not applicable) and
-            the flags, as in `serp.planning.forecast.Forecast`.
+        Action -1 is none, in a model that is not adapted. Returned are the next state and the
+        reward (meaningless where not applicable), and the flags of `serp.model.flags`.
         """
         out = [*state, 0.0]
         return out, self.program.step(state, action, self._theta_list, self.dt, out)
@@ -222,7 +215,7 @@ class TransitionModel(StateSpace):
     def native_outcomes(self) -> Any:
         """Return the compiled C callback that gives all outcomes of a step; None for one outcome.
 
-        It has the arguments of `native_step` and returns the number of outcomes. For each, `out`
+        It takes what `native_step` takes, and returns the number of outcomes. For each, `out`
         receives F + 3 numbers: the next state, the reward, the flags and the probability.
         """
         return None
@@ -234,7 +227,7 @@ class TransitionModel(StateSpace):
     def native_uncertainty(self) -> Any:
         """Return the compiled C callback that says what is known of a step; None: everything.
 
-        It has the arguments of `native_step`. The last number of `out` receives a distance to data,
+        It takes what `native_step` takes. The last number of `out` receives a distance to data,
         from 0 where much is known to 1 where nothing is; see `UNKNOWN`.
         """
         return None
@@ -246,13 +239,8 @@ class TransitionModel(StateSpace):
 
         The action's own rewards are evaluated in `state`; where its precondition does not hold
         there, it has no effects, while the world goes on. Processes and events are evaluated in
-        the observed `next_state` instead of the predicted one. Goal and metric are those of
-        `next_state` itself, before any event.
-
-        Args:
-            state: `[F]` before the action.
-            action: Position of the ground action; -1 where the model does not know it.
-            next_state: `[F]` observed after it.
+        the observed `next_state`, goal and metric in the same before any event. Action -1 is one
+        that the model does not know.
 
         Raises:
             StateError: There is no such action, or the reward is not a finite number there, a
@@ -269,12 +257,12 @@ class TransitionModel(StateSpace):
         return Judgement(reward, bool(flags & UNSAFE), bool(flags & TERMINAL))
 
     def _judge(
-        self, state: Vector, action: int, next_state: Vector, functions: Functions | None = None
+        self, state: Vector, action: int, next_state: Vector, passages: list[Passage] | None = None
     ) -> tuple[float, int]:
         after: list[float] = next_state.tolist()
         out = [*after, 0.0]
         flags = self.program.judge(
-            state.tolist(), action, after, self._theta_list, self.dt, out, functions=functions
+            state.tolist(), action, after, self._theta_list, self.dt, out, passages=passages
         )
         return out[-1], flags
 
@@ -286,15 +274,12 @@ class TransitionModel(StateSpace):
         return self
 
     def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
-        """Return the sites that a step passes, and its flags.
-
-        They say which precondition failed, or which effects, rates and events took part.
-        """
+        """Return the sites that a step passes, and its flags."""
         passages, flags = self.passages(state, action)
         return [passage.site for passage in passages], flags
 
     def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
-        """Return the same as `trace`, with what had come of the step by then."""
+        """Return which precondition failed, or what took part in a step, and its flags."""
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
         _, flags, passages = self.traced(values, action)
         return passages, flags
@@ -309,19 +294,18 @@ class TransitionModel(StateSpace):
     ) -> tuple[list[float], int, list[Passage]]:
         """Return what `transition` returns by the file, and what was passed, in order.
 
-        `theta` are other parameters; `amend` changes the result of effects and processes before
-        events are evaluated.
+        `theta` are other parameters; `amend` changes the result before events are evaluated.
         """
         passages: list[Passage] = []
-        functions, out = self.program.traced(passages), [*state, 0.0]
+        out = [*state, 0.0]
         flags = self.program.step(
             state, action, self._theta_list if theta is None else theta, self.dt, out,
-            functions=functions, amend=amend,
+            passages=passages, amend=amend,
         )  # fmt: skip
         return out, flags, passages
 
     def judged_passages(self, state: Vector, action: int, next_state: Vector) -> list[Passage]:
-        """Return what the judgement of a transition passes, as `passages` does of a step."""
+        """Return what the judgement of a transition passes."""
         passages: list[Passage] = []
-        self._judge(state, action, next_state, self.program.traced(passages))
+        self._judge(state, action, next_state, passages)
         return passages

@@ -36,6 +36,7 @@ from serp.planning.cells import (
     set_value,
     value_at,
 )
+from serp.planning.closed_graph import add_node
 from serp.planning.hash_table import key_slot
 from serp.planning.preference import compiled_joined, compiled_rank_of, marked, step_risk
 from serp.planning.value_iteration import best_rank
@@ -82,17 +83,6 @@ class CellArrays(NamedTuple):
         return cls(cell, reward, periods, weight, beyond, target, node)
 
 
-@cached_njit(nogil=True, forceinline=True)
-def _add_node(graph, cell, slot, digest, row, width):
-    node = graph.counters[_NODES]
-    graph.counters[_NODES] = node + 1
-    graph.table[slot] = node
-    cell[node] = digest
-    for i in range(width):
-        graph.states[node * width + i] = row[i]
-    return node
-
-
 @cached_njit(nogil=True)
 def add_roots(arrays, division, found, states):
     """Add the cells of states, flat `[N * F]`, as far as there is room."""
@@ -103,7 +93,7 @@ def add_roots(arrays, division, found, states):
         digest = digest_of(row, cells.low, cells.scale, True, -1, 0)
         slot = key_slot(graph.table, known, digest)
         if graph.table[slot] < 0 and graph.counters[_NODES] < graph.layer.shape[0]:
-            _add_node(graph, known, slot, digest, row, width)
+            known[add_node(graph, slot, row, width)] = digest
 
 
 @cached_njit(nogil=True)
@@ -200,7 +190,8 @@ def expand_cells(model, rules, arrays, division, found, room):
             if graph.table[slot] >= 0:
                 held_edges.node[edge] = graph.table[slot]
             else:
-                held_edges.node[edge] = _add_node(graph, held_edges.cell, slot, digest, now, width)
+                held_edges.node[edge] = add_node(graph, slot, now, width)
+                held_edges.cell[held_edges.node[edge]] = digest
         count[_EXPANDED] = node + 1
         graph.first_edge[node + 1] = count[_EDGES]
     return DONE, steps

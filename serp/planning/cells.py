@@ -122,13 +122,13 @@ _SAVED = (*CellValues._fields[:5], "area_value")
 
 @cached_njit(nogil=True, forceinline=True)
 def digest_of(row, low, scale, exact, moved, by):
-    """Return the digest of the cell of a state, or of its area.
+    """Return the digest of the cell of a state, a pointer or an array `[F]`, or of its area.
 
     Args:
-        row: Pointer to the state, or array `[F]`.
-        low: `[F]` lower ends of the ranges.
-        scale: `[F]` bins per unit; 0 for a fluent that is not divided into bins.
-        exact: Whether the values of such fluents count; in areas they do not.
+        row: The state.
+        low: As in `Cells`.
+        scale: As in `Cells`, or `area`.
+        exact: Whether the values of fluents that are not divided count; in areas they do not.
         moved: Fluent whose bin is moved; -1 for none.
         by: Number of bins by which it is moved.
     """
@@ -180,12 +180,8 @@ def value_at(values, states, at):
     """Return the value of a state, interpolated between its cell and those beside it.
 
     Where its cell is not there, it is the least of those in its area, or of all: a plan looks for
-    the best of many states, and would find the one of which the least is known.
-
-    Args:
-        values: `CellValues`, of one cell or more.
-        states: Flat float64 array.
-        at: Where the state begins in it.
+    the best of many states, and would find the one of which the least is known. The state begins
+    at a position of a flat array.
     """
     low, scale, width = values.low, values.scale, values.low.shape[0]
     row = states[at : at + width]

@@ -44,6 +44,17 @@ _NODES, _EXPANDED, _EDGES, _OUTCOMES = Counters()
 
 
 @cached_njit(nogil=True, forceinline=True)
+def add_node(graph, slot, row, width):
+    """Add a node with a state at a free slot of the hash table; return it."""
+    node = graph.counters[_NODES]
+    graph.counters[_NODES] = node + 1
+    graph.table[slot] = node
+    for i in range(width):
+        graph.states[node * width + i] = row[i]
+    return node
+
+
+@cached_njit(nogil=True, forceinline=True)
 def state_node(graph, row, width):
     """Return the node with a state, adding it where there is none; inert fluents become 0.
 
@@ -54,12 +65,7 @@ def state_node(graph, row, width):
     slot = state_slot(graph.table, graph.table.shape[0] - 1, graph.states, width, row, width)
     if graph.table[slot] >= 0:
         return np.int64(graph.table[slot])
-    node = graph.counters[_NODES]
-    graph.counters[_NODES] = node + 1
-    graph.table[slot] = node
-    for i in range(width):
-        graph.states[node * width + i] = row[i]
-    return node
+    return add_node(graph, slot, row, width)
 
 
 @cached_njit(nogil=True)
@@ -334,7 +340,10 @@ class ClosedGraph(ArrayGraph):
         ]
         if np.dot(sizes, (8 * self._width + 60, 36, 12)) > MAX_BYTES:
             return False
-        self._hold(GraphArrays.allocate(nodes, edges, outcomes, self._width, self._inert))
+        try:
+            self._hold(GraphArrays.allocate(nodes, edges, outcomes, self._width, self._inert))
+        except MemoryError:
+            return False
         new = self._arrays
         new.counters[:] = old.counters
         for name, column in contents(old, self._width).items():  # touches what is filled only

@@ -32,8 +32,7 @@ class Forecast(NamedTuple):
             before such a state; SAFE where there is none, -1 where not applicable. A path whose
             risk is accepted has those of the safest action, too.
         reward: `[A]` predicted reward of one control period.
-        flags: `[A]` predicted for one control period; a sum of APPLICABLE = 1, UNSAFE = 2,
-            TERMINAL = 4, UNDEFINED = 8 and RISKY = 16, and above bit 8 the risk in units of 2⁻²⁴.
+        flags: `[A]` predicted for one control period, see `serp.model.flags`.
         depth: Layers that were expanded.
         bound: What ended the expansion.
     """

@@ -21,20 +21,16 @@ from serp.settings import PlannerSettings
 
 Advise = Callable[[Mapping[str, float | bool]], Any]
 """Fluent → value, and returned: the name or position of a ground action, None for no advice."""
-_MORE: Final = 1e-9
-"""How much more than that of the best other action the value of advice is, at least."""
 
 
 def advised(found: Forecast, action: int, worth: float = -np.inf) -> Forecast:
-    """Return a forecast whose choice is the advised action, where nothing speaks against it.
-
-    The value of advice is not known, and larger than that of any other action is what it claims.
-    So the action is chosen if it is the best one with that value: advice never prevails over risk.
+    """Return a forecast whose choice is the advised action, unless another one risks less.
 
     Args:
         found: The planner's own forecast, which knows the risks.
         action: Position of the advised ground action; -1: none.
-        worth: Discounted sum of rewards that it leads to, if that is known.
+        worth: Discounted sum of rewards that it leads to, if that is known. Its value is at least
+            a little larger than those of all others.
     """
     if action < 0 or not found.flags[action] & APPLICABLE:
         return found
@@ -43,7 +39,7 @@ def advised(found: Forecast, action: int, worth: float = -np.inf) -> Forecast:
     value = found.value.copy()
     value[action] = max(value[action], worth)
     if np.isfinite(best):
-        value[action] = max(value[action], best + _MORE * max(1.0, abs(best)))
+        value[action] = max(value[action], best + 1e-9 * max(1.0, abs(best)))
     claimed = found._replace(value=value)
     if score_of(claimed, action) < score_of(claimed, found.choice):
         return found
@@ -103,10 +99,9 @@ class PlanFollower:
     applicable and of accepted risk, none before the last ends the task, and the goal holds at its
     end (in a problem without one: the last action ends the task with a reward). While the observed
     state is one of those that were predicted, the plan goes on from there, so an action that failed
-    is repeated, and the next episode needs no other plan. Of several plans through a state the
-    newest is followed, so that they never lead in a circle. In any other state the shortest rest of
-    the newest plan that still leads to the goal is followed (the triangle tables of Fikes, Hart &
-    Nilsson, "Learning and executing generalized robot plans", 1972). Without a plan the planner
+    is repeated. Of several plans through a state the newest is followed, so that they never lead in
+    a circle. In any other state the shortest rest of the newest plan that leads to the goal is
+    followed (the triangle tables of Fikes, Hart & Nilsson, 1972). Without a plan the planner
     `far-sight` decides, and the next plan is asked for after twice as many decisions as before.
 
     While a plan is followed a lookahead says what is unsafe ahead. It follows few edges, because a

@@ -16,35 +16,17 @@ from serp.planning.preference import compiled_path_score, compiled_rank_of, comp
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 _TINY = 1e-9
+_ONCE = -2
+"""In place of the node of an edge that is taken once: no outcome leads there."""
 
 
-# The sum over outcomes is written out four times: a column as an argument of a loop costs a
-# reference count for every edge, and solving a graph takes ten times as long.
-@cached_njit(nogil=True, forceinline=True)
-def risk_of(graph, edge, discount):
-    """Return the discounted risk of an edge and what follows it."""
-    danger, following = graph.step_risk[edge], 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        if graph.target[k] >= 0:
-            following += graph.chance[k] * graph.risk[graph.target[k]]
-    return danger + (1.0 - danger) * discount * following
-
-
-@cached_njit(nogil=True, forceinline=True)
-def value_of(graph, edge, discount):
-    """Return the value of an edge and what follows it."""
-    following = 0.0
-    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
-        if graph.target[k] >= 0:
-            following += graph.chance[k] * graph.value[graph.target[k]]
-    return graph.reward[edge] + discount * following
-
-
+# The sum over outcomes is written out twice: a column as an argument of a loop costs a reference
+# count for every edge, and solving a graph takes ten times as long.
 @cached_njit(nogil=True, forceinline=True)
 def lasting_risk(graph, edge, node, discount):
-    """Return the risk of an edge that is taken again while it leads back to its node.
+    """Return the discounted risk of an edge that is taken again while it leads back to its node.
 
-    The least risk is a fixed point of it, as it is of `risk_of`.
+    The least risk is a fixed point of it, whether or not the edge is taken again (`_ONCE`).
     """
     danger, following, own = graph.step_risk[edge], 0.0, 0.0
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
@@ -61,8 +43,8 @@ def lasting_risk(graph, edge, node, discount):
 def lasting_value(graph, edge, node, discount):
     """Return the value of an edge that is taken again while it leads back to its node.
 
-    It is the value to choose by. By `value_of`, to wait for nothing at discount 1 would be worth
-    what can be done afterwards, and might be done for ever.
+    It is the value to choose by. Taken once (`_ONCE`), to wait for nothing at discount 1 would be
+    worth what can be done afterwards, and might be done for ever.
     """
     following, own = 0.0, 0.0
     for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
@@ -323,7 +305,11 @@ def _score(graph, edge, node, discount, unit):
 @cached_njit(nogil=True, forceinline=True)
 def _shown_risk(graph, edge, discount, score):
     """Return the risk of an edge that is taken once; 0 only if it is 0 in the score."""
-    return 0.0 if score[1] == 0.0 else max(ALIKE, _rounded(risk_of(graph, edge, discount), ALIKE))
+    return (
+        0.0
+        if score[1] == 0.0
+        else max(ALIKE, _rounded(lasting_risk(graph, edge, _ONCE, discount), ALIKE))
+    )
 
 
 @cached_njit(nogil=True)
@@ -367,10 +353,10 @@ def look_up(arrays, node, rules, unit, found):
         if scores[k] > scores[chosen]:
             chosen = k
     best = scores[chosen]
-    most = _rounded(value_of(graph, start + chosen, discount), unit)
+    most = _rounded(lasting_value(graph, start + chosen, _ONCE, discount), unit)
     for k in range(len(scores)):
         edge, score = start + k, scores[k]
-        value = _rounded(value_of(graph, edge, discount), unit)
+        value = _rounded(lasting_value(graph, edge, _ONCE, discount), unit)
         danger = _shown_risk(graph, edge, discount, score)
         if score[:2] == best[:2]:
             danger = least

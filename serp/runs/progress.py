@@ -127,9 +127,9 @@ class Progress:
             figures.append(f"planner acts {percent((planner_now - planner) / steps)}")
         figures.append(f"unsafe {trainer.tally.unsafe_executed:,}")
         left = [
-            max(0, limit - now[name]) * (end - begin) / (now[name] - before[name])
+            (limit - now[name]) * (end - begin) / (now[name] - before[name])
             for name, limit in limits.items()
-            if now[name] > before[name] and end - begin > 0.5  # else it would be noise
+            if limit > now[name] > before[name] and end - begin > 0.5  # else it would be noise
         ]
         return ", ".join([*figures, *(f"time left {duration(min(left))}" for _ in left[:1])])
 

@@ -141,10 +141,7 @@ class Trainer(Closing):
         self._compiled_before = -compile_seconds()
         try:
             self.agent = Agent(task, settings, seed, baseline=baseline)
-        except (MemoryError, RuntimeError) as error:
-            # torch reports a failed allocation as RuntimeError
-            if isinstance(error, RuntimeError) and "alloc" not in str(error):
-                raise
+        except MemoryError as error:
             raise SettingsError(
                 "learner: its networks and its replay memory do not fit into memory; make "
                 f"`hidden`, `members` or `buffer_size` smaller ({error})"

@@ -41,16 +41,15 @@ def pairs(names: Iterable[str]) -> list[DomainFiles]:
     domains = [path for path, title in titles.items() if title.kind != "problem"]
     checks: dict[tuple[str, str], DomainFiles] = {}
     for name, path in given:
-        pair = DomainFiles(name, path, None)
-        if path is not None and titles[path].kind == "problem":
-            title = titles[path]
-            named = [domain for domain in domains if titles[domain].domain == title.domain]
-            alone = domains if len(domains) == 1 else []  # names that differ are warned of
-            domain = next(iter([*named, *alone]), None) or domain_beside(path, title)
-            pair = DomainFiles(name, domain, path)
+        domain, problem = path, None
+        if path is not None and (title := titles[path]).kind == "problem":
+            fitting = [known for known in domains if titles[known].domain == title.domain]
+            if len(domains) == 1:  # names that differ are warned of
+                fitting += domains
+            domain, problem = next(iter(fitting), None) or domain_beside(path, title), path
         # A link that leads to itself stands for itself.
-        real = [os.path.realpath(file) if file is not None else "" for file in pair[1:]]
-        checks.setdefault((real[0] or name, real[1]), pair)
+        real = [os.path.realpath(file) if file is not None else "" for file in (domain, problem)]
+        checks.setdefault((real[0] or name, real[1]), DomainFiles(name, domain, problem))
     with_problem = {domain for domain, problem in checks if problem}
     return [
         pair for (domain, problem), pair in checks.items() if problem or domain not in with_problem

@@ -16,7 +16,6 @@ from serp.agent.decision import Decision, Reason
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.tasks.registry import find_task
-from tests.benchmarks.study_safety import train
 from tests.generated.profile import examples
 from tests.serp import lava
 from tests.serp.agent.decisions import (
@@ -28,6 +27,7 @@ from tests.serp.agent.decisions import (
     arbiter_of,
     proposer_of,
 )
+from tests.serp.agent.judged import train
 from tests.serp.planning.worlds import states_of
 
 

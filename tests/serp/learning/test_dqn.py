@@ -12,15 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from tests.serp.learning.learners import (
-    TARGETS,
-    A,
-    F,
-    assert_same_state,
-    learner,
-    live,
-    set_q,
-)
+from serp.learning.dqn import ReturnBounds
+from tests.serp.learning.learners import TARGETS, A, F, assert_same_state, learner, live, set_q
 
 GREEDY = {"epsilon_start": 0.0, "epsilon_end": 0.0}
 HERE = np.zeros(F, np.float32)
@@ -130,9 +123,6 @@ def test_learning_and_pretraining_start_when_the_settings_say() -> None:
     assert agent.pretrain(0) is None
 
 
-# --- what changes nothing ------------------------------------------------------------------------
-
-
 # --- repeating and resuming ----------------------------------------------------------------------
 
 
@@ -237,3 +227,22 @@ def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str)
     with pytest.raises(RunError, match=message):
         agent.load_state_dict(arrays, meta)
     assert_same_state(agent, same)
+
+
+# --- bounds of returns ---------------------------------------------------------------------------
+
+REWARDS = st.floats(-10, 10)
+
+
+@given(discount=st.floats(0, 0.99), going_on=st.lists(REWARDS, max_size=40), last=REWARDS)
+def test_no_return_of_the_rewards_seen_lies_outside(
+    discount: float, going_on: list[float], last: float
+) -> None:
+    bounds = ReturnBounds(discount)
+    for reward in going_on:
+        bounds.observe(reward, terminated=False)
+    bounds.observe(last, terminated=True)
+    for start in range(len(going_on) + 1):
+        rewards = [*going_on[start:], last]
+        value = sum(discount**k * reward for k, reward in enumerate(rewards))
+        assert bounds.lower - 1e-9 <= value <= bounds.upper + 1e-9

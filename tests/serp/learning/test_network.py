@@ -1,6 +1,8 @@
-"""The network: its outputs and its gradient are those of torch."""
+"""Outputs and gradient of the network, and steps of the optimiser, are those of torch."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -8,8 +10,9 @@ import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from serp.learning import kernels
 from serp.learning.network import QNetwork, Workspace
-from tests.serp.learning.torch_network import MeanModule, module_of
+from serp.learning.q_learning import Adam
 
 
 def random_network(
@@ -20,6 +23,45 @@ def random_network(
     noise = rng.standard_normal(tuple(network.parameters.shape), np.float32) * np.float32(0.3)
     network.parameters += noise  # gains and shifts that matter
     return network, rng
+
+
+def module_of(network: QNetwork) -> torch.nn.Module:
+    """Return an independent copy of a network, ``[batch, F]`` → ``[batch, A]``.
+
+    It is a `torch.nn.Sequential`; with several members, a module that returns the mean over them.
+    """
+    members = [_sequential(network, member) for member in range(network.members)]
+    return members[0] if len(members) == 1 else MeanModule(members)
+
+
+def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
+    flat = torch.from_numpy(network.parameters[member].copy())
+    stack: list[torch.nn.Module] = []
+    for layer in network.layers:
+        weight = flat[layer.start : layer.bias].reshape(layer.inputs, layer.outputs)
+        vectors = flat[layer.bias : layer.end].reshape(-1, layer.outputs)
+        linear = torch.nn.Linear(layer.inputs, layer.outputs)
+        linear.load_state_dict({"weight": weight.T, "bias": vectors[0]})
+        stack.append(linear)
+        if layer.normalized:
+            norm = torch.nn.LayerNorm(layer.outputs, eps=kernels.NORM_EPSILON)
+            norm.load_state_dict({"weight": vectors[1], "bias": vectors[2]})
+            stack.append(norm)
+        if layer is not network.layers[-1]:
+            stack.append(torch.nn.ReLU())
+    return torch.nn.Sequential(*stack)
+
+
+class MeanModule(torch.nn.Module):
+    """The mean output of several networks."""
+
+    def __init__(self, members: Sequence[torch.nn.Module]) -> None:
+        super().__init__()
+        self.members = torch.nn.ModuleList(members)
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return ``[batch, A]`` of ``[batch, F]``."""
+        return torch.stack([member(inputs) for member in self.members]).mean(0)
 
 
 def flat_gradient(module: torch.nn.Sequential) -> torch.Tensor:
@@ -92,3 +134,33 @@ def test_start_is_that_of_torch_linear_in_distribution() -> None:
         assert np.abs(values).max() <= bound
         assert values.std() == pytest.approx(bound / np.sqrt(3), rel=0.1)
         assert abs(values.mean()) < bound / 10
+
+
+@pytest.mark.parametrize("largest_norm", [None, 0.5])
+@pytest.mark.parametrize("members", [1, 3])
+def test_steps_are_those_of_torchs_adam(members: int, largest_norm: float | None) -> None:
+    rng = np.random.default_rng(0)
+    start = rng.standard_normal((members, 200)).astype(np.float32)
+    parameters, gradient = torch.from_numpy(start.copy()), torch.zeros(members, 200)
+    average = torch.zeros(members, 200)
+    slow = average.clone()
+    ours = Adam(
+        *(t.numpy() for t in (parameters, gradient)), 0.01, largest_norm, average.numpy(), 0.1
+    )
+    theirs = [torch.nn.Parameter(torch.from_numpy(row.copy())) for row in start]
+    optimizer = torch.optim.Adam(theirs, lr=0.01, fused=True)
+
+    for step in range(100):
+        size = 10.0 ** rng.uniform(-4, 1)
+        gradient.copy_(torch.from_numpy(rng.standard_normal((members, 200)) * size))
+        gradient[:, :20] = 0.0 if step % 7 else 1e-20
+        for parameter, row in zip(theirs, gradient, strict=True):
+            parameter.grad = row.clone()
+            if largest_norm is not None:
+                torch.nn.utils.clip_grad_norm_([parameter], largest_norm)
+        optimizer.step()
+        ours.step()
+        expected = torch.stack([p.detach() for p in theirs])
+        torch.testing.assert_close(parameters, expected, rtol=1e-5, atol=1e-5)
+        slow.lerp_(parameters, 0.1)
+        torch.testing.assert_close(average, slow, rtol=1e-5, atol=1e-5)

@@ -1,9 +1,8 @@
-"""Machine code and bytecode against CPython, bit for bit, and the cache of compiled models."""
+"""Machine code and bytecode against CPython, bit for bit."""
 
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from random import Random
 
 import numpy as np
@@ -12,8 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.errors import SerpError
-from serp.model.codegen import generate_code
-from serp.model.native import compile_native, structure_digest
 from serp.model.transition_model import Outcome, TransitionModel, Vector
 from tests.generated import (
     FULL,
@@ -100,20 +97,6 @@ def test_batches_of_none_and_states_of_nothing() -> None:
         assert step(np.zeros((3, 0)), [0] * 3).applicable.tolist() == [True] * 3
 
 
-# The cache -------------------------------------------------------------------------------------
-
-
 def one_action(number: str) -> TransitionModel:
     domain = "(define (domain d) (:functions (heat)) (:action warm :effect (increase (heat) {})))"
     return load_texts(Texts(domain.format(number), None)).model
-
-
-def test_a_compiled_model_is_found_again_and_so_is_one_with_other_numbers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("SERP_CACHE_DIR", str(tmp_path / "new"))
-    codes = [generate_code(one_action(number).ground) for number in ("0.5", "0.5", "-2", "(heat)")]
-    assert [compile_native(code).cache_hits for code in codes[:3]] == [0, 1, 1]
-    assert [structure_digest(code) == structure_digest(codes[0]) for code in codes] == [
-        *(True, True, True, False)
-    ]

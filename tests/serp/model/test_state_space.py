@@ -51,8 +51,8 @@ def test_values_that_do_not_fit_are_refused(small: TransitionModel, values: Any,
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        (np.zeros(1), "2 numbers .* fluents `lit`, `heat`, found 1"),
-        (np.zeros(3), "found 3; declare what is missing"),
+        (np.zeros(1), "2 numbers .* found 1: none for `heat`"),
+        (np.zeros(3), "found 3: 1 more than the fl"),
         ("abc", "a state must consist of numbers"),
     ],
 )

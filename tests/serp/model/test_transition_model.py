@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from serp.model.codegen import generate_code
 from serp.model.flags import UNDEFINED
 from serp.model.ground import REWARD_TARGET, UNSAFE_TARGET, SetBoolean, reads, writes
-from serp.model.native import structure_digest
-from serp.model.transition_model import Outcome, StateError, TransitionModel, Vector
+from serp.model.transition_model import Outcome, TransitionModel, Vector
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError
 from tests.generated import (
@@ -115,17 +114,6 @@ def test_judging_the_predicted_result_gives_the_predicted_reward() -> None:
     assert judged > 300
 
 
-@given(models_with_states(count=2))
-@examples(60)
-def test_judging_an_unknown_action_is_defined(drawn: tuple[Generated, Vector]) -> None:
-    generated, (before, after) = drawn
-    try:
-        judgement = generated.model.judge(before, -1, after)
-    except StateError:  # an event divides by zero there
-        assume(False)
-    assert np.isfinite(judgement.reward)
-
-
 # Parameters ------------------------------------------------------------------------------------
 
 
@@ -163,7 +151,7 @@ def test_a_number_of_a_file_is_a_parameter_with_its_place(
     replaced = model.replace(theta=theta)
     assert rewritten.theta.tobytes() == replaced.theta.tobytes()
     assert replaced.theta[index] == quarters / 4
-    codes = [structure_digest(generate_code(m.ground)) for m in (rewritten, model)]
+    codes = [generate_code(m.ground).text for m in (rewritten, model)]
     assert codes[0] == codes[1]
     for state in states:
         for action in range(len(model.actions)):

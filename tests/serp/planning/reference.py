@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import networkx as nx
@@ -39,13 +39,9 @@ class Path:
     arcs: tuple[Arc, ...]
     danger: float = 0.0
 
-    def better_than(self, other: Path) -> bool:
-        """Of a better rank, less risk, without risk for longer, more reward: in that order."""
-        return self.promise > other.promise
-
     @property
     def promise(self) -> tuple[int, float, int, float]:
-        """What it is ranked by; the larger is better."""
+        """Better rank, less risk, without risk for longer, more reward: in that order."""
         return (-self.arcs[0].rank, -self.danger, self.steps, self.value)
 
 
@@ -123,11 +119,8 @@ class Reference:
     def best(self, state: State, layers: int) -> Path:
         """The best path from a state; the first in the file among equals."""
         paths = self.counted([self.along(arc, layers - 1) for arc in self.arcs(state)])
-        best: Path | None = None
-        for path in paths:
-            if best is None or path.better_than(best):
-                best = path
-        return best or (UNKNOWN if self.unpredictable(state) else END)
+        otherwise = UNKNOWN if self.unpredictable(state) else END
+        return max(paths, key=lambda path: path.promise, default=otherwise)
 
     def counted(self, paths: list[Path]) -> list[Path]:
         """The paths of all actions in a state; what one risks by chance beyond the least, and no
@@ -150,15 +143,6 @@ class Reference:
         flags = [self.model.transition(list(state), action)[1] for action in range(count)]
         return any(f & UNDEFINED for f in flags)
 
-    def paths(self, state: State, layers: int) -> Iterator[Path]:
-        """Every path there is."""
-        arcs = self.arcs(state) if layers else []
-        if not arcs:
-            yield UNKNOWN if layers and self.unpredictable(state) else END
-        for arc in arcs:
-            for rest in [END] if arc.ended else self.paths(arc.state, layers - 1):
-                yield self.put_before(arc, rest)
-
     def graph(self, root: State, layers: int) -> nx.MultiDiGraph:
         """The planning graph with merged states, edge by edge through networkx's own methods."""
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
@@ -166,14 +150,9 @@ class Reference:
         def add(state: State, layer: int, ended: bool) -> int:
             path = END if ended else self.best(state, layers - layer) if layer < layers else END
             graph.add_node(
-                len(graph),
-                layer=layer,
-                state=state,
-                ended=ended,
-                value=path.value,
-                path_risk=path.danger,
-                safe_steps=None if path.steps == SAFE else path.steps,
-            )
+                len(graph), layer=layer, state=state, ended=ended, value=path.value,
+                path_risk=path.danger, safe_steps=None if path.steps == SAFE else path.steps,
+            )  # fmt: skip
             return len(graph) - 1
 
         frontier = [add(root, 0, False)]
@@ -185,16 +164,10 @@ class Reference:
                     if key not in known:
                         known[key] = add(arc.state, layer + 1, arc.ended)
                     graph.add_edge(
-                        source,
-                        known[key],
-                        key=arc.action,
-                        action=self.model.actions[arc.action].name,
-                        reward=arc.reward,
-                        unsafe=arc.unsafe,
-                        risk=arc.risk,
-                        risky=arc.rank == 1,
-                        chosen=False,
-                    )
+                        source, known[key], key=arc.action, reward=arc.reward, unsafe=arc.unsafe,
+                        action=self.model.actions[arc.action].name, risk=arc.risk,
+                        risky=arc.rank == 1, chosen=False,
+                    )  # fmt: skip
             frontier = [node for (_, ended), node in known.items() if not ended]
         node = 0
         for arc in self.best(root, layers).arcs:

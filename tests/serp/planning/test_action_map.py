@@ -124,12 +124,3 @@ def test_what_the_model_does_not_know_has_neither_value_nor_flags() -> None:
     assert forecast.safe_steps[-1] == SAFE
     assert (forecast.reward[-1], forecast.flags[-1]) == (0.0, 0)
     assert (forecast.value[:-1] == original.value).all()
-
-
-def test_a_domain_without_actions_leaves_everything_unknown() -> None:
-    model = load("(define (domain none) (:functions (x) (reward)))")
-    forecast = ActionMap(model, 3).project(Lookahead(model).forecast(np.zeros(len(model.fluents))))
-    assert forecast.choice == -1
-    assert forecast.ground.tolist() == [-1, -1, -1]
-    assert not forecast.safe.any()
-    assert not forecast.indifferent

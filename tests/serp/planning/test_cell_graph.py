@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 
 from serp.agent.registry import far_sight
 from serp.errors import RunError
-from serp.model.learned.transitions import TransitionMemory
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.learned.transitions import GOES_ON, TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.cell_graph import CellGraph
-from serp.planning.cells import AREAS, CellValues, digest_of, set_value, value_at
+from serp.planning.cells import AREAS, CellValues, value_at
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
-from serp.settings import PlannerSettings
+from serp.settings import AdaptationSettings, PlannerSettings
 from tests.serp.planning.worlds import load
 
 SETTINGS = PlannerSettings(depth=3)
@@ -143,14 +144,6 @@ def test_a_graph_keeps_within_its_budget(most: int) -> None:
         assert not graph.values.value.size
 
 
-def test_a_value_that_was_set_is_that_of_its_cell_alone() -> None:
-    one = np.ones(1)
-    values = CellValues.of(0.0 * one, one, one, np.array([0.5, 5.5]), np.array([1.0, 2.0, -7.0]))
-    set_value(values, np.array([0.2]), 4.0)
-    set_value(values, np.array([2.5]), 9.0)  # no cell is there
-    assert values.value.tolist() == [4.0, 2.0, -7.0]
-
-
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=20), st.floats(-9, 9))
 @settings(max_examples=50, deadline=None)
 def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the_unknown(
@@ -199,7 +192,45 @@ def test_a_lookahead_that_reached_its_budget_sets_no_value() -> None:
     assert cut.cells.values.value.tolist() == before
 
 
-def test_numbers_that_are_not_finite_have_a_cell() -> None:
-    low, scale = np.zeros(1), np.ones(1)
-    for number in (np.nan, np.inf, -np.inf, 1e300):
-        digest_of(np.array([number]), low, scale, True, -1, 0)
+# Without a word on dynamics in the file, what it promises far away is found ---------------------
+
+UNKNOWN_TRACK = """
+(define (domain track)
+  (:predicates (terminal))
+  (:functions (place) (speed) (reward))
+  (:action left :parameters () :precondition (and) :effect (and{cost}))
+  (:action wait :parameters () :precondition (and) :effect (and))
+  (:action right :parameters () :precondition (and) :effect (and{cost}))
+  (:event time :parameters () :precondition (and (< (place) 4))
+    :effect (and (decrease (reward) {time})))
+  (:event top :parameters () :precondition (and (>= (place) 4))
+    :effect (and (increase (reward) {prize}) (terminal))))
+"""
+COST = " (decrease (reward) {})"
+
+
+@pytest.mark.parametrize(
+    ("cost", "time", "prize"), [(0.1, 0, 100), (0.02, 0, 1), (0.0, 1, 0), (0.0, 0, 1)]
+)
+def test_a_prize_that_was_never_seen_is_found_whatever_acting_costs(
+    cost: float, time: float, prize: float
+) -> None:
+    text = UNKNOWN_TRACK.format(cost=COST.format(cost) if cost else "", time=time, prize=prize)
+    adaptation = ModelAdaptation(
+        load(text), AdaptationSettings(mode="residual"), np.random.SeedSequence(0)
+    )
+    planner = far_sight(adaptation.model, PlannerSettings())
+    assert isinstance(planner, FarSightPlanner)
+    planner.visited = adaptation.experience
+    state, random = np.zeros(2), np.random.default_rng(0)
+    for step in range(800):
+        # At first a robot tries what its actions do.
+        action = planner.forecast(state).choice if step > 40 else int(random.integers(3))
+        place, speed = state
+        speed += 0.02 * (action - 1) - 0.01 * np.sin(2.0 * place)
+        after = np.array([place + 0.5 * speed, 0.98 * speed])
+        if after[0] >= 4.0:
+            return
+        adaptation.observe(state, action, after, GOES_ON)
+        state = after
+    pytest.fail(f"not found; the last place is {state[0]:.2f}")

@@ -158,28 +158,6 @@ def test_it_sees_to_the_end_and_avoids_what_is_unsafe() -> None:
     assert steps == 55
 
 
-def test_where_graphs_close_the_next_one_is_built_wherever_the_world_has_got_to() -> None:
-    model = worlds.load(CORRIDOR.format(end=60))
-    planner = far_sight(model, PlannerSettings())
-    planner.forecast(np.array([5.0]))
-    for k in range(40):
-        forecast = planner.forecast(np.array([5.0 + 0.017 * k]))
-        assert forecast.bound is Bound.EXHAUSTED, k
-
-
-def test_decisions_follow_the_model_when_it_changes() -> None:
-    model = worlds.load(CORRIDOR.format(end=9))
-    planner = far_sight(model, PlannerSettings())
-    before = planner.forecast(np.array([5.0]))
-    model._set([p.value for p in model.parameters], 1.0)
-    model.revision += 1
-    after = planner.forecast(np.array([5.0]))
-    assert (before.value == after.value).all()
-    theta = np.array([-5.0 if p.value == 10 else p.value for p in model.parameters])
-    changed = far_sight(model.replace(theta=theta), PlannerSettings())
-    assert changed.forecast(np.array([5.0])).value[0] < after.value[0]
-
-
 def test_what_never_closes_is_left_to_the_lookahead_in_bounded_memory() -> None:
     model = worlds.load(ENDLESS)
     graph = ClosedGraph(model, SETTINGS)

@@ -16,7 +16,6 @@ from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground import All, AnyOf, Constant, Holds, Not, Test, comparisons_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning import goal_search
 from serp.planning.array_graph import inert_fluents
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
@@ -218,13 +217,6 @@ def test_a_way_is_searched_where_many_actions_are_applicable_in_any_order() -> N
         if flags & TERMINAL:
             break
     assert model.at_goal(state)
-
-
-def test_a_predicate_takes_a_byte_of_a_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = load_texts(gripper(20)).model
-    for most, found in ((2_000, True), (2_000 // 8, False)):
-        monkeypatch.setattr(goal_search, "MAX_BYTES", most * len(model.fluents))
-        assert (GoalSearch(model, SETTINGS).way(start(model), 5_000) is not None) == found
 
 
 def test_states_that_differ_in_what_was_spent_are_one(monkeypatch: pytest.MonkeyPatch) -> None:

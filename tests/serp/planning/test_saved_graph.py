@@ -16,7 +16,7 @@ from serp.model.transition_model import TransitionModel
 from serp.planning.closed_graph import ClosedGraph
 from serp.planning.far_sight import FarSightPlanner
 from serp.settings import PlannerSettings
-from tests.serp.planning.test_closed_graph import CORRIDOR, ENDLESS
+from tests.serp.planning.test_closed_graph import CORRIDOR
 from tests.serp.planning.worlds import load
 
 SETTINGS = PlannerSettings()
@@ -65,22 +65,6 @@ def test_the_graph_is_kept_while_the_model_stands() -> None:
     finally:
         MODEL.revision -= 1
     assert cleared and graph.edges == edges  # built anew
-
-
-def test_a_graph_that_fails_costs_ever_less() -> None:
-    planner = far_sight(load(ENDLESS), PlannerSettings(depth=2))
-    assert isinstance(planner, FarSightPlanner)
-    grown: list[int] = []
-    grow = planner.graph.grow
-
-    def count(*arguments: Any) -> None:
-        grow(*arguments)
-        grown.append(planner.graph.edges)
-
-    planner.graph.grow = count  # type: ignore[method-assign]
-    for k in range(1_000):
-        planner.forecast(np.array([0.1 * k, 0.0]))
-    assert 1 < len(grown) < 8
 
 
 def forged(arrays: Arrays, name: str, place: int, value: float) -> Arrays:

@@ -16,12 +16,11 @@ from serp.planning import value_iteration as solution
 from serp.planning.array_graph import ENDED, GraphArrays
 from serp.planning.edges import Bound, FirstActions
 from serp.planning.forecast import SAFE, Forecast, score_of
-from serp.planning.lookahead import Lookahead
 from serp.planning.preference import rank_of
 from serp.planning.value_iteration import ALIKE, look_up
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
-from tests.serp.planning.worlds import WORLDS, load, states_of, world
+from tests.serp.planning.worlds import load
 
 ACTIONS = 3
 CLOSE = 1e-6
@@ -151,27 +150,6 @@ def _looked_up(
     found = FirstActions.allocate(ACTIONS)
     choice = solution.look_up(tuple(graph), node, (discount, accepted), 0.0, tuple(found))
     return int(choice), *(column.tolist() for column in found[:3])  # type: ignore[return-value]
-
-
-@examples(60)
-@given(
-    seed=st.integers(0, WORLDS - 1),
-    states_seed=st.integers(0, 10**6),
-    accepted=SLACK,
-    depth=st.integers(1, 4),
-)
-def test_a_file_as_written_has_no_chances_to_accept(
-    seed: int, states_seed: int, accepted: float, depth: int
-) -> None:
-    model = world(seed)
-    for state in states_of(model, Random(states_seed), 3):
-        strict, found = (
-            Lookahead(model, PlannerSettings(depth=depth, accepted_risk=r)).forecast(state)
-            for r in (0.0, accepted)
-        )
-        assert [np.asarray(column).tobytes() for column in strict] == [
-            np.asarray(column).tobytes() for column in found
-        ]
 
 
 @examples(200)

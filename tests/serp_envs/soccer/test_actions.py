@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from serp_envs.soccer import CornerKickDefender, SoccerDefender, actions
-from serp_envs.soccer.environment import SoccerEnv
+from serp_envs.soccer import actions
 from serp_envs.soccer.fields import FIELDS, SPL_2020, Field
 from serp_envs.soccer.physics.robot import NAO
 from serp_envs.soccer.physics.world import World
@@ -18,10 +16,7 @@ FAR_AWAY = (3.0, 2.0)
 
 
 def facing(
-    distance: float,
-    off: float,
-    ball: tuple[float, float] = FAR_AWAY,
-    field: Field = SPL_2020,
+    distance: float, off: float, ball: tuple[float, float] = FAR_AWAY, field: Field = SPL_2020
 ) -> World:
     """A robot at (0, 0) that looks along x, an opponent so far from it, so far off its heading."""
     place = (distance * math.cos(off), distance * math.sin(off), 0.0)
@@ -75,25 +70,3 @@ def test_seven_hits_in_ten_fell_the_opponent_and_two_the_charger_for_four_second
     # The one falls whether or not the other does.
     both = falls.all(axis=1).mean()
     assert abs(both - 0.14) < 4.0 * math.sqrt(0.14 * 0.86 / hits)
-
-
-@pytest.mark.parametrize(("kind", "action"), [(SoccerDefender, 4), (CornerKickDefender, 5)])
-def test_the_info_counts_charges_and_hits_apart(kind: Callable[[], SoccerEnv], action: int) -> None:
-    env = kind()
-    env.reset(seed=0)
-    counted = before = chosen = 0
-    for step in range(800):
-        defender = env.scenario.world.robots[0]
-        ready = defender.hit_ready
-        safe = step % 5 == 0
-        chosen += not safe
-        _, _, terminated, truncated, info = env.step(0 if safe else action)
-        assert info["unsafe_choices"] == chosen
-        hits = info["damaging_hits"] - before
-        # A hit makes the robot wait 10 ticks, so a decision of 4 has at most one.
-        assert hits == (defender.hit_ready != ready)
-        counted, before = counted + hits, info["damaging_hits"]
-        if terminated or truncated:
-            assert env.reset()[1]["unsafe_choices"] == 0
-            before = chosen = 0
-    assert counted > 5

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable, Mapping
+from math import atan2, hypot, pi
+from typing import Any
+
 import numpy as np
 import pytest
 
+from serp.agent.arbiter import Arbiter
+from serp.agent.registry import make_planner
+from serp.settings import resolve
 from serp.tasks.registry import load_task
-from tests.benchmarks.study_soccer_bands import STANDS, play
+from serp.tasks.task import BoundTask
 
+Policy = Callable[[Any, Mapping[str, Any]], int]
+STANDS = "stand still"
 Band = dict[str, tuple[float, float]]
 
 
@@ -51,6 +61,68 @@ CORNER: dict[str, Band] = {
     "planner": {"return": (4.7, 8.1), "unsafe": (0, 0)},
 }
 BANDS = {"soccer": CONTEST, "corner-kick": CORNER}
+
+
+def to_the_free_side(raw: Any, info: Mapping[str, Any]) -> int:
+    """Push to the side on which the attacker is not."""
+    x, y = info["ball_x"], info["ball_y"]
+    mine = atan2(y - info["defender_y"], x - info["defender_x"])
+    its = atan2(info["attacker_y"] - y, info["attacker_x"] - x)
+    return 1 if (its - mine + pi) % (2.0 * pi) <= pi else 2
+
+
+def mark_meet_clear(raw: Any, info: Mapping[str, Any]) -> int:
+    """Mark the attacker; once the ball rolls go to meet it; within 0.5 m of it kick it away."""
+    if not info["kicked"]:
+        return 2
+    x, y = info["defender_x"] - info["ball_x"], info["defender_y"] - info["ball_y"]
+    return 4 if hypot(x, y) < 0.5 else 3
+
+
+RULES: dict[str, Policy] = {"soccer": to_the_free_side, "corner-kick": mark_meet_clear}
+
+
+def policies(task: BoundTask, seed: int) -> dict[str, Policy]:
+    """By name; `STANDS` is played by a robot that is down."""
+    rng = np.random.default_rng(seed)
+    words = task.env.unwrapped.scenario.actions  # type: ignore[attr-defined]
+    chosen = resolve("default", task.task.settings)
+    arbiter = Arbiter(make_planner(task.model, chosen.planner), task.actions, chosen.arbiter)
+
+    def always(action: int) -> Policy:
+        return lambda raw, info: action
+
+    return {
+        STANDS: always(0),
+        "random": lambda raw, info: int(rng.integers(len(words))),
+        **{f"always {word}": always(action) for action, word in enumerate(words)},
+        "rule": RULES[task.task.name],
+        "planner": lambda raw, info: arbiter.plan(task.ground(raw)).action,
+    }
+
+
+def play(task: BoundTask, name: str, episodes: int, seed: int) -> tuple[Counter[str], list[float]]:
+    """Counts (outcomes, `decisions`, `unsafe`, `hits`) and returns."""
+    policy = policies(task, seed)[name]
+    counts, returns = Counter[str](), []
+    raw, info = task.reset(seed=seed)
+    for episode in range(episodes):
+        if episode:
+            raw, info = task.reset()
+        if name == STANDS:
+            scenario = task.env.unwrapped.scenario  # type: ignore[attr-defined]
+            scenario.world.robots[0].down_until = 10**9
+        total, ended = 0.0, False
+        while not ended:
+            raw, reward, terminated, truncated, info = task.step(policy(raw, info))
+            total += float(reward)
+            counts["decisions"] += 1
+            ended = terminated or truncated
+        returns.append(total)
+        counts[info["outcome"]] += 1
+        counts["unsafe"] += info["unsafe_choices"]
+        counts["hits"] += info["damaging_hits"]
+    return counts, returns
 
 
 @pytest.mark.parametrize(

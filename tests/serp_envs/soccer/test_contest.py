@@ -95,9 +95,3 @@ def test_the_mirrored_world_gives_the_mirrored_observation() -> None:
     mirror = placed((-1.5, -0.7), (-2.0, -0.25, -0.3), (-1.0, -0.9, -2.5))
     assert mirror.observe() == pytest.approx(contest.observe() * MIRROR, abs=1e-6)
     assert mirror.reward() == pytest.approx(contest.reward())
-
-
-def test_30_seconds_are_a_timeout() -> None:
-    contest = placed((-2.0, 0.0), (-2.5, 0.0, 0.0), (-1.6, 0.0, 0.0))
-    contest._started = -298
-    assert wait(contest, 2) == [None, "timeout"]

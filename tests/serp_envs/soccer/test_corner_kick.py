@@ -70,10 +70,3 @@ def test_corners_of_both_sides_look_alike() -> None:
     one.attack.side, other.attack.side = 1.0, -1.0
     assert one.observe() == pytest.approx(other.observe(), abs=1e-6)
     assert one.reward() == pytest.approx(other.reward())
-
-
-def test_the_open_goal_costs_nothing_before_the_kick() -> None:
-    corner = placed((-3.5, 1.0), (-3.0, 2.4), (-3.0, 1.3))
-    assert corner.reward() == pytest.approx(-0.10)
-    corner.attack.kicked = False
-    assert corner.reward() == 0.0

@@ -1,4 +1,4 @@
-"""The game clock and pictures."""
+"""The game clock."""
 
 from __future__ import annotations
 
@@ -18,9 +18,6 @@ def finish(env: SoccerDefender, action: int = 0) -> dict[str, Any]:
         _, _, terminated, truncated, info = env.step(action)
         if terminated or truncated:
             return info
-
-
-# The game
 
 
 def test_contests_fill_games_of_600_seconds_and_chain_them() -> None:
@@ -88,27 +85,3 @@ def test_a_bad_clock_is_refused_and_changes_nothing(change: dict[str, Any]) -> N
     with pytest.raises(ValueError, match="game"):
         env.load_state_dict({**before, **change})
     assert env.state_dict() == before
-
-
-def test_steps_need_a_running_contest() -> None:
-    env = SoccerDefender()
-    with pytest.raises(ResetNeeded, match="reset"):
-        env.step(0)
-    env.reset(seed=0)
-    finish(env)
-    with pytest.raises(ResetNeeded, match="reset"):
-        env.step(0)
-
-
-# Pictures
-
-
-@pytest.mark.usefixtures("no_screen")
-def test_a_list_of_pictures_has_one_each_tick() -> None:
-    env = SoccerDefender(render_mode="rgb_array_list")
-    env.reset(seed=0)
-    assert len(env.render()) == 1
-    env.step(0)
-    assert len(env.render()) == 4
-    assert env.render() == []
-    env.close()

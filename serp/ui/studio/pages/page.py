@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from nicegui import ui
@@ -56,21 +55,18 @@ async def show_page(session: Session) -> None:
         with files:
             editor = EditorPane(session, live)
             FindingsPane(session, live, editor)
-        panes: dict[str, Callable[[], object]] = {
-            "Decision": lambda: DecisionPane(session, live, editor.jump),
-            "Scenarios": lambda: ScenariosPane(session),
-        }
         with splitter.after, ui.element("div").classes("serp-right"):
             scene = ScenePane(session, live)
             with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as tabs:
-                for name in panes:
-                    ui.tab(name)
+                ui.tab("Decision")
+                ui.tab("Scenarios")
             with ui.tab_panels(tabs, value="Decision", animated=False, keep_alive=True).classes(
                 "serp-views"
             ):
-                for name, pane in panes.items():
-                    with ui.tab_panel(name), ui.element("section").classes("serp-panel"):
-                        pane()
+                with ui.tab_panel("Decision"), ui.element("section").classes("serp-panel"):
+                    DecisionPane(session, live, editor.jump)
+                with ui.tab_panel("Scenarios"), ui.element("section").classes("serp-panel"):
+                    ScenariosPane(session)
     save.on_click(lambda: editor.save())
 
     def show_state(request: Request, view: View) -> None:

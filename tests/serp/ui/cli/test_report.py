@@ -203,12 +203,8 @@ def tab(page: Path) -> Iterator[Any]:
     pytest.importorskip("playwright")
     if CHROMIUM is None:
         pytest.skip("there is no chromium")
-    with chromium(page.as_uri(), "html[data-ready=true]") as (opened, elsewhere):
-        opened.said = elsewhere
-        opened.on("console", lambda message: elsewhere.append(message.text))
-        opened.on("pageerror", lambda error: elsewhere.append(str(error)))
-        opened.reload()  # now with somebody who listens
-        opened.wait_for_selector("html[data-ready=true]")
+    with chromium(page.as_uri(), "html[data-ready=true]") as (opened, said):
+        opened.said = said
         yield opened
 
 

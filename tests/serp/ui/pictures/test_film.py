@@ -14,8 +14,7 @@ from serp._util import figures
 from serp.agent.agent import Agent
 from serp.agent.step_record import StepRecord
 from serp.runs.evaluation import evaluate, play
-from serp.ui.pictures.caption import CaptionBand, Mark
-from serp.ui.pictures.film import END, HOLD, FilmSettings, film, marks_of
+from serp.ui.pictures.film import END, HOLD, CaptionBand, FilmSettings, Mark, film, marks_of
 from tests.serp.ui.pictures.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent
 
 RED = ImageColor.getrgb(figures.REFUSED)

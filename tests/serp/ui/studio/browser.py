@@ -39,7 +39,7 @@ def served(file: str, folder: Path) -> Iterator[str]:
 def chromium(
     address: str, ready: str = ".serp-graph svg", **options: Any
 ) -> Iterator[tuple[Any, list[str]]]:
-    """Open an address; yield the page, and the requests to anywhere else, as they come."""
+    """Open an address; yield the page, and what it asks for elsewhere or complains of."""
     from playwright.sync_api import sync_playwright
 
     origin = address.partition("/?")[0]
@@ -54,6 +54,7 @@ def chromium(
         page = browser.new_page(viewport={"width": 1500, "height": 950}, **options)
         page.set_default_timeout(30_000)
         page.on("request", note)
+        page.on("pageerror", lambda error: elsewhere.append(str(error)))
         page.goto(address)
         page.wait_for_selector(ready)
         yield page, elsewhere

@@ -1,4 +1,4 @@
-"""What the studio shows and saves, without a browser."""
+"""What the studio shows and saves, who is let in, and who owns it, without a browser."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from nicegui import Client, ui
+from nicegui.testing import user_simulation
 
 from serp.errors import SerpError
 from serp.model.domain import load_domain
@@ -18,6 +20,7 @@ from serp.runs.recording import open_recording
 from serp.runs.train import plan_and_learn
 from serp.tasks.registry import load_task
 from serp.ui.studio.document import ChangedOnDisk, Document
+from serp.ui.studio.pages.page import show_page
 from serp.ui.studio.serving import Guard
 from serp.ui.studio.session import DOMAIN, Session, open_session
 from serp.ui.studio.view import ShownState, Surroundings, read
@@ -278,3 +281,27 @@ def test_the_steps_of_a_run_are_shown_with_the_file_in_the_working_folder(tmp_pa
         assert f", step {of_run.recorded.place_of(veto)[1]} of" in of_run.shown.origin
     with pytest.raises(SerpError, match="there is no episode 99"):
         of_run.show_episode(99)
+
+
+def test_only_the_tab_that_came_last_changes_the_session(tmp_path: Path) -> None:
+    session = open_session(str(DOMAINS / "hill.pddl"), tmp_path)
+
+    async def take_turns() -> None:
+        async with user_simulation(root=lambda: show_page(session)) as user:
+            await user.http_client.get("/")  # a tab without its websocket
+            (away,) = Client.instances.values()
+            editor = next(e for e in away.elements.values() if isinstance(e, ui.codemirror))
+            await user.open("/")
+            assert session.owner == 2
+            assert editor.id not in away.elements  # what it still sends finds nobody
+            assert any(
+                isinstance(each, ui.button) and each.text == "Use it here"
+                for each in away.elements.values()
+            )
+            here = (
+                each for each in user.client.elements.values() if isinstance(each, ui.codemirror)
+            )
+            next(here).set_value("; mine")
+            assert session.documents["domain"].text == "; mine"
+
+    asyncio.run(take_turns())

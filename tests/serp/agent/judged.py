@@ -1,15 +1,7 @@
-"""Re-judge every decision of trainings by the domain file as written.
-
-    python tests/benchmarks/study_safety.py [--steps N] [--tasks lava cliff soccer] [--seeds S ...]
-
-Of each training it prints how often what was executed is flagged by the file although an action
-that it does not flag was there (wanted: 0), how often a risk was taken that is not accepted while
-an accepted one was there (wanted: 0), and how often something unsafe happened.
-"""
+"""Every decision of a training, judged again by the domain file as written."""
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from typing import Any
 
@@ -20,9 +12,7 @@ from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import Vector
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.registry import find_task
 from serp.tasks.task import BoundTask
-from tests.serp import lava
 
 
 def judge(agent: Agent, decision: Decision, state: Vector, counts: Counter[str]) -> None:
@@ -73,26 +63,3 @@ def train(task: BoundTask, steps: int, seed: int, changes: dict[str, Any]) -> Co
     while trainer.env_steps < steps:
         trainer.run_episode()
     return counts
-
-
-def main() -> None:
-    """Run the study."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--steps", type=int, default=10_000)
-    parser.add_argument("--tasks", nargs="+", default=["lava", "cliff", "soccer"])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
-    chosen = parser.parse_args()
-    for name in chosen.tasks:
-        for seed in chosen.seeds:
-            task = lava.task() if name == "lava" else find_task(name)
-            counts = train(task.bind(), chosen.steps, seed, {})
-            print(
-                f"{name}, seed {seed}: {counts['decisions']:,} decisions, "
-                f"{counts['flagged']} flagged, {counts['avoidable']} of them avoidable; "
-                f"{counts['avoidable risk']} avoidable risks; {counts['damage']} times damage",
-                flush=True,
-            )
-
-
-if __name__ == "__main__":
-    main()
