@@ -56,20 +56,6 @@ class RunnerUp:
     path_risks: tuple[float, float]
 
 
-def runner_up_of(
-    predicted: Forecast | ActionForecast, names: Sequence[str], chosen: int | None
-) -> RunnerUp | None:
-    """Return the best action beside the one taken; None where no other is applicable."""
-    scores = {
-        k: _score(predicted, k)
-        for k, flags in enumerate(predicted.flags.tolist())
-        if flags & APPLICABLE and k != chosen
-    }
-    if chosen is None or not scores:
-        return None
-    return compared(predicted, names, chosen, max(scores, key=lambda k: (scores[k], -k)))
-
-
 def compared(
     predicted: Forecast | ActionForecast, names: Sequence[str], chosen: int, other: int
 ) -> RunnerUp:
@@ -163,9 +149,8 @@ class Alternative:
             if cause.what == "reward":
                 listed += self._traced.discount**cause.after * (cause.amount or 0.0)
         beyond = self.best_return - listed
-        return (
-            beyond if abs(beyond) > _NOTICEABLE * max(abs(self.best_return), abs(listed)) else 0.0
-        )
+        least = _NOTICEABLE * max(abs(self.best_return), abs(listed))
+        return beyond if abs(beyond) > least else 0.0
 
     @functools.cached_property
     def remark(self) -> str:
@@ -261,7 +246,11 @@ def explain(
                 _traced=_Traced(model, state, g, flags, path, discount),
             )
         )
-    other = runner_up_of(predicted, names, chosen)
+    others = [each.action for each in alternatives if each.applicable and each.action != chosen]
+    other = None
+    if chosen is not None and others:
+        best = max(others, key=lambda k: (_score(predicted, k), -k))
+        other = compared(predicted, names, chosen, best)
     partial = predicted.bound.partial
     return Explanation(model.values(state), tuple(alternatives), chosen, other, partial)
 

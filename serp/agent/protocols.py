@@ -99,10 +99,6 @@ class Learner(Protocol):
     env_index: int
 
     @property
-    def updates(self) -> int:
-        """Gradient updates so far."""
-
-    @property
     def epsilon(self) -> float:
         """The probability that the next proposal explores."""
 

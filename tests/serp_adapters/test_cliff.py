@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from serp.tasks.task import BoundTask
 from serp_adapters import cliff
+from tests.serp_adapters.test_every_task import at_random
 
 Table = dict[int, dict[int, list[tuple[float, int, float, bool]]]]
 CLIFF = range(37, 47)
@@ -37,32 +36,19 @@ def moved(cell: int, action: int) -> int:
     return 12 * min(max(row + down, 0), 3) + min(max(column + right, 0), 11)
 
 
-def walk(task: BoundTask, steps: int, seed: int) -> list[tuple[int, int, Any, dict[str, Any]]]:
-    """Random steps: cell, action, (next cell, reward, terminated, truncated), info."""
-    rng = np.random.default_rng(seed)
-    seen = []
-    cell, info = task.reset(seed=seed)
-    assert (cell, info["falls"]) == (36, 0)
-    for _ in range(steps):
-        action = int(rng.integers(4))
-        *shown, info = task.step(action)
-        seen.append((cell, action, tuple(shown), info))
-        cell = shown[0]
-        if shown[2] or shown[3]:
-            cell, _ = task.reset()
-    return seen
-
-
 def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(
     task: BoundTask, table: Table
 ) -> None:
     """Gymnasium puts fallen robots back to the start; the slips are a third of the moves each."""
-    seen, falls, slips = walk(task, 20_000, 1), set(), np.zeros(3)
-    for cell, action, (shown, reward, terminated, _), info in seen:
+    falls, slips = set(), np.zeros(3)
+    for step in at_random(task, 20_000, 1):
+        cell, action, reward, terminated = step.raw, step.action, step.reward, step.terminated
+        row, column = task.model.values(step.after)["row"], task.model.values(step.after)["column"]
+        shown = int(12 * row + column)
         possible = {(n, r, t) for _, n, r, t in table[cell][action]}
         ways = [moved(cell, (action + slip) % 4) for slip in (-1, 0, 1)]
         fell = shown in CLIFF
-        assert info["falls"] == fell
+        assert step.info["falls"] == fell
         if fell:
             assert (36, -100, False) in possible
             assert (reward, terminated) == (-100.0, True)
@@ -72,8 +58,7 @@ def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(
             assert (shown, reward, terminated) in possible
         if len(set(ways)) == 3:
             slips[ways.index(shown)] += 1
-        ground = task.model.action_index(task.actions.name(action))
-        judged = task.model.judge(task.ground(cell), ground, task.ground(shown))
+        judged = task.model.judge(step.state, step.ground, step.after)
         assert (judged.terminal, judged.unsafe) == (terminated, fell)
     # From the start, slipping and not, and from above.
     assert {(36, 0, 37), (36, 1, 37)} <= falls

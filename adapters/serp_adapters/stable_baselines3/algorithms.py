@@ -8,7 +8,6 @@ for those that assume a budget of a million env steps (`_DQN`).
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
@@ -24,8 +23,8 @@ if TYPE_CHECKING:
 class StableBaselines3:
     """A learner of stable-baselines3 on an environment.
 
-    Stable-baselines3 draws from the global random generators of Python, NumPy and torch. Each
-    learner has its own states of them, and every call restores the previous states at its end.
+    Stable-baselines3 draws from the global random generators of Python, NumPy and torch, which it
+    seeds where the model is made. `learn` has to follow.
 
     Args:
         make: Makes the model.
@@ -36,12 +35,9 @@ class StableBaselines3:
     """
 
     def __init__(self, make: Callable[[], BaseAlgorithm], rollout: Callable[[Any], int]) -> None:
-        import torch
         from stable_baselines3.common.logger import Logger
 
-        self._random: _Random = _random_states(torch)
-        with self._own_random():
-            self.model: Any = make()
+        self.model: Any = make()
         # The default logger makes a folder, even if it writes nothing.
         self._rollout = rollout(self.model)
         self.model.set_logger(Logger(None, []))
@@ -59,7 +55,7 @@ class StableBaselines3:
         model, end = self.model, self.model.num_timesteps + env_steps
         # If the last rollout is complete, its updates must not be skipped.
         stop = None if env_steps % self._rollout == 0 else lambda *_: model.num_timesteps < end
-        with self._own_random():
+        with _one_thread():
             model.learn(env_steps, callback=stop, reset_num_timesteps=False)
 
     def act(self, inputs: NDArray[np.float32]) -> NDArray[np.int64]:
@@ -69,21 +65,6 @@ class StableBaselines3:
         """
         actions, _ = self.model.predict(np.asarray(inputs, dtype=np.float32), deterministic=True)
         return np.asarray(actions, dtype=np.int64)
-
-    @contextmanager
-    def _own_random(self) -> Iterator[None]:
-        """Use this learner's random numbers, on one thread."""
-        import torch
-
-        others, threads = _random_states(torch), torch.get_num_threads()
-        _set_random_states(torch, self._random)
-        torch.set_num_threads(1)
-        try:
-            yield
-        finally:
-            self._random = _random_states(torch)
-            _set_random_states(torch, others)
-            torch.set_num_threads(threads)
 
 
 def dqn(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
@@ -156,16 +137,14 @@ _DQN: Final[Mapping[str, Any]] = {
 }
 
 
-_Random = tuple[Any, Any, Any]
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch compute on one thread, so that sums do not depend on the number of cores."""
+    import torch
 
-
-def _random_states(torch: Any) -> _Random:
-    """Return the global generators' states."""
-    return random.getstate(), np.random.get_state(), torch.get_rng_state()
-
-
-def _set_random_states(torch: Any, states: _Random) -> None:
-    of_python, of_numpy, of_torch = states
-    random.setstate(of_python)
-    np.random.set_state(of_numpy)
-    torch.set_rng_state(of_torch)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -331,11 +331,6 @@ class Comparison:
 
         return overview(self.results)
 
-    @property
-    def caution(self) -> str | None:
-        """A warning of too few seeds; None if there are enough."""
-        return self.results.caution
-
 
 def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     """Compare algorithms on one task under one protocol.

@@ -96,8 +96,8 @@ def _print_results(comparison: Comparison, world: str | None) -> None:
     console = open_console()
     console.print("")
     print_table(console, *comparison.overview())
-    if comparison.caution is not None:
-        console.print(f"\n{comparison.caution}")
+    if comparison.results.caution is not None:
+        console.print(f"\n{comparison.results.caution}")
     console.print("\nNext:")
     print_table(
         console,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from serp.errors import MissingExtra, TaskError
+from serp.errors import MissingExtra, TaskError, needs_extra
 from serp.model.domain import Domain
 from serp.pddl.source import DomainError
 from serp.planning.replanner import MonitorReplanner
@@ -92,14 +92,12 @@ def play(
 
 def _drawable(task: Task) -> tuple[BoundTask, str]:
     """Return the task with an environment that can be drawn, else with one that cannot, and why."""
-    try:
-        import PIL  # noqa: F401  (needed to write pictures)
-    except ModuleNotFoundError:
-        return task.bind(), str(MissingExtra("A picture of the environment", "watch"))
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
     try:
+        with needs_extra("watch", "a picture of the environment"):
+            import PIL  # noqa: F401
         return task.bind(render_mode="rgb_array"), ""
-    except TaskError as error:
+    except (MissingExtra, TaskError) as error:
         return task.bind(), f"There is no picture of the environment: {error}"
 
 

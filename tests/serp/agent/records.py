@@ -8,10 +8,7 @@ import numpy as np
 
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.step_record import EpisodeTotals, StepRecord
-from serp.model.flags import APPLICABLE
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
-from serp.tasks.action_map import ActionForecast
+from tests.serp.agent.scene import forecast
 
 DECISION = Decision(
     action=0,
@@ -21,10 +18,7 @@ DECISION = Decision(
     proposed_by=Actor.LEARNER,
     rho=0.5,
     admissible=np.ones(1, bool),
-    forecast=ActionForecast(
-        0, np.zeros(1, int), np.zeros(1), np.zeros(1), np.full(1, SAFE), np.zeros(1),
-        np.full(1, APPLICABLE), 1, Bound.DEPTH, False,
-    ),
+    forecast=forecast([0.0]),
 )  # fmt: skip
 
 

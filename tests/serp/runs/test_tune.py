@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
-from serp.errors import Interrupted, RunError, SerpError, SettingsError
+from serp.errors import Interrupted, RunError, SerpError
 from serp.runs.run import load_run
 from serp.runs.train import StoppedAtOnce
 from serp.runs.tuning import Tuned, tune
@@ -109,39 +109,38 @@ def test_types_and_values_follow_from_the_settings(name: str, given: Any, expect
     assert space_of({name: given}) == {name: expected}
 
 
+def test_a_training_without_an_episode_is_a_failed_trial(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="no episode ended within 1 env steps"):
+        tuned(tmp_path, "a", env_steps=1, trials=1)
+
+
 @pytest.mark.parametrize(
-    ("vary", "message"),
+    ("options", "message"),
     [
-        ({}, "say what to tune"),
-        ({"learner.member": ""}, "no setting `learner.member`; did you mean `members`"),
-        ({"lerner.members": ""}, "there is no section `lerner`; did you mean `learner`"),
-        ({"planner.depth": None}, "planner.depth: say which values: A..B"),
-        ({"planner.depth": "0..3"}, "planner.depth must be greater than or equal to 1, not 0"),
-        ({"planner.depth": "1.5..3"}, "planner.depth must be a whole number, not 1.5"),
-        ({"planner.depth": "3..3"}, "its first end is smaller than its second"),
-        ({"learner.learning_rate": "log:1..0.5"}, "and on a logarithmic scale above 0"),
-        ({"arbiter.veto_horizon": "step..lookahead"}, "a range is for numbers"),
-        ({"arbiter.veto_horizon": "step,l1"}, "must be 'step' or 'lookahead', not 'l1'"),
-        ({"planner.depth": 3}, "planner.depth: expected a list of values or a text"),
-        (3, "tune.vary must be a mapping"),
-    ],
-)
-def test_what_cannot_be_tuned_is_refused_before_anything_runs(
-    tmp_path: Path, vary: Any, message: str
-) -> None:
-    with pytest.raises(SettingsError, match=message):
-        tuned(tmp_path, "a", vary=vary)
-    assert not (tmp_path / "a").exists()
-
-
-def test_other_options_are_checked(tmp_path: Path) -> None:
-    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"vary": {}}, "say what to tune"),
+        ({"vary": {"learner.member": ""}}, "no setting `learner.member`; did you mean `members`"),
+        ({"vary": {"lerner.members": ""}}, "there is no section `lerner`; did you mean `learner`"),
+        ({"vary": {"planner.depth": None}}, "planner.depth: say which values: A..B"),
+        (
+            {"vary": {"planner.depth": "0..3"}},
+            "planner.depth must be greater than or equal to 1",
+        ),
+        ({"vary": {"planner.depth": "1.5..3"}}, "planner.depth must be a whole number, not 1.5"),
+        ({"vary": {"planner.depth": "3..3"}}, "its first end is smaller than its second"),
+        ({"vary": {"learner.learning_rate": "log:1..0.5"}}, "and on a logarithmic scale above 0"),
+        ({"vary": {"arbiter.veto_horizon": "step..lookahead"}}, "a range is for numbers"),
+        ({"vary": {"arbiter.veto_horizon": "step,l1"}}, "must be 'step' or 'lookahead', not 'l1'"),
+        ({"vary": {"planner.depth": 3}}, "planner.depth: expected a list of values or a text"),
+        ({"vary": 3}, "tune.vary must be a mapping"),
         ({"algorithm": "ppo"}, "`ppo`"),
         ({"seeds": []}, "tune.seeds"),
         ({"objective": "fun"}, "tune.objective must be 'training' or 'evaluation'"),
-        ({"out": tmp_path}, "is not empty"),
-        ({"env_steps": 1, "trials": 1}, "no episode ended within 1 env steps"),
-    ]
-    for options, message in wrong:
-        with pytest.raises(SerpError, match=message):
-            tuned(tmp_path, "a", **options)
+        ({"out": "."}, "is not empty"),
+    ],
+)
+def test_what_cannot_be_tuned_is_refused_before_anything_runs(
+    tmp_path: Path, options: Any, message: str
+) -> None:
+    with pytest.raises(SerpError, match=message):
+        tuned(tmp_path, "a", **options)
+    assert not (tmp_path / "a").exists()

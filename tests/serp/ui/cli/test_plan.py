@@ -30,24 +30,18 @@ def planned(run: Run, *arguments: str) -> Any:
 
 def test_of_a_run_its_own_planner_and_model_are_shown(run: Run, trained: Path) -> None:
     agent = serp.load_run(trained).agent
-    state = [0.0, 0.1, 0.02, -0.1]
-    given = ",".join(
-        f"{fluent.name}={value}"
-        for fluent, value in zip(agent.arbiter.model.fluents, state, strict=True)
-    )
+    model, planner = agent.arbiter.model, agent.arbiter.planner
+    state = model.values(np.array([0.0, 0.1, 0.02, -0.1]))
+    given = ",".join(f"{name}={value}" for name, value in state.items())
     shown = planned(run, str(trained), "--state", given)
-    found = agent.arbiter.planner.forecast(np.array(state))
+    found = planner.forecast(model.state(state))
     assert [action["best_return"] for action in shown["actions"]] == found.value.tolist()
-    assert shown["counterfactuals"]["changes"] == sorted(
-        shown["counterfactuals"]["changes"], key=lambda f: f["share"]
-    )
-    for change in shown["counterfactuals"]["changes"]:
-        changed = [
-            change["becomes"] if fluent.name == change["fluent"] else value
-            for fluent, value in zip(agent.arbiter.model.fluents, state, strict=True)
-        ]
-        other = agent.arbiter.planner.forecast(np.array(changed)).choice
-        assert agent.arbiter.model.actions[other].name == change["outcome"] != shown["action"]
+    changes = shown["counterfactuals"]["changes"]
+    assert changes == sorted(changes, key=lambda change: change["share"])
+    for change in changes:
+        changed = model.state({**state, change["fluent"]: change["becomes"]})
+        other = model.actions[planner.forecast(changed).choice].name
+        assert other == change["outcome"] != shown["action"]
     for wrong in ("--depth=3", "--domain=cartpole"):
         run("plan", str(trained), wrong, expect=2)
     assert "--domain cartpole" in run("plan", "cartpole", expect=2).stderr
@@ -63,10 +57,7 @@ def test_a_planner_is_chosen_by_its_name(run: Run, folder: Path) -> None:
         planned(run, "--domain", "hall.pddl", "--depth", "2", *planner)
         for planner in (("--planner", "lookahead"), ("--planner", "far-sight"), ())
     )
-    assert same == far and [action["beyond"] for action in near["actions"]] == [
-        0.0,
-        0.0,
-    ]
+    assert same == far and [action["beyond"] for action in near["actions"]] == [0.0, 0.0]
     for action in far["actions"]:  # the goal lies beyond the steps that are shown
         assert action["beyond"] == pytest.approx(action["best_return"])
     assert (near["bound"], far["bound"]) == ("depth", "exhausted")
@@ -88,10 +79,7 @@ def test_a_given_state_adds_to_the_initial_one(run: Run, tmp_path: Path) -> None
         "(define (problem p) (:domain tank) (:init (= (size) 4)) (:goal (>= (level) 2)))"
     )
     shown = planned(run, "--domain", "tank.pddl")
-    assert (shown["state"], shown["actions"]) == (
-        {"level": 0.0},
-        [],
-    )  # nothing can be reached
+    assert (shown["state"], shown["actions"]) == ({"level": 0.0}, [])  # nothing can be reached
     shown = planned(run, "--domain", "tank.pddl", "--state", "open=1,level=1,size=2")
     assert shown["state"] == {"on": False, "level": 1.0}
     assert [step["action"] for step in shown["path"]] == ["start", "fill"]
@@ -109,10 +97,8 @@ def test_json_is_what_the_planner_says(run: Run, walk: Path) -> None:
         run, "--domain=walk.pddl", "--depth=4", "--set=planner.discount=0.8", "--planner=lookahead"
     )
     assert shown["state"] == model.values(state)
-    assert shown["action"] == plan.name
-    assert shown["best_return"] == plan.reward
-    assert shown["bound"] == "depth"
-    assert shown["nodes"] == plan.graph.number_of_nodes()
+    own = {"action": plan.name, "best_return": plan.reward, "bound": "depth", "nodes": plan.nodes}
+    assert {name: shown[name] for name in own} == own
     assert [step["action"] for step in shown["path"]] == [step.action for step in plan.path]
     assert [step["state"] for step in shown["path"]] == [model.values(s.state) for s in plan.path]
     for action, value in zip(shown["actions"], plan.forecast.value.tolist(), strict=True):
