@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import ItemsView, Mapping
+from collections.abc import ItemsView, Iterable, Mapping
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
@@ -86,6 +86,26 @@ def setting_value(text: str) -> Any:
     except (ValueError, RecursionError):
         return text
     return tuple(value) if isinstance(value, list) else value
+
+
+def assigned(texts: Iterable[str]) -> Changes:
+    """Return section → setting → value of `section.name=value` texts; see `setting_value`.
+
+    Whether section and setting exist is for `Settings` to say.
+
+    Raises:
+        SettingsError: A text has another form, or a setting is given twice.
+    """
+    changes: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        target, equals, value = text.partition("=")
+        section, dot, name = (part.strip() for part in target.partition("."))
+        if not (equals and dot and section and name):
+            raise SettingsError(f"{text}: expected section.name=value, such as planner.depth=7")
+        if name in changes.setdefault(section, {}):
+            raise SettingsError(f"{section}.{name} is given twice")
+        changes[section][name] = setting_value(value)
+    return changes
 
 
 def _refusal(section: type[Section], error: ValidationError) -> str:

@@ -94,20 +94,12 @@ def _change(
         weight = weights.get(effect.target, 0.0)
         if not weight:
             continue
-        sign, amount = _SIGNS.get(effect.change), _constant(effect.value, theta)
-        if sign is None or amount is None:
+        sign, amount = _SIGNS.get(effect.change), linear(effect.value, theta)
+        if sign is None or amount.terms:
             return -math.inf, math.inf
-        change = sign * weight * amount
+        change = sign * weight * _number(amount.constant)
         low, high = low + min(change, 0.0), high + max(change, 0.0)
     return low, high
-
-
-def _constant(value: g.Value, theta: Sequence[float]) -> float | None:
-    """Return the value of an expression that reads no fluent; None for any other."""
-    if isinstance(value, g.ParameterRef):
-        return theta[value.parameter]
-    form = linear(value, theta)
-    return None if form.terms else _number(form.constant)
 
 
 def _number(fraction: Fraction) -> float:

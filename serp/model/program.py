@@ -160,16 +160,13 @@ class Program:
         Compile time grows with them.
         """
         ground = self.ground
-        expressions: dict[int, Test | Value] = {}  # by id: shared ones count once
         effects = [effect for schema in ground.schemas for effect in schema.effects]
-        for schema in ground.schemas:
-            expressions.update((id(test), test) for test in schema.preconditions)
-        for effect in effects:
-            expressions[id(effect.condition)] = effect.condition
-            if isinstance(effect, SetNumber):
-                expressions[id(effect.value)] = effect.value
-        for node in (ground.goal, ground.metric.value if ground.metric else None):
-            if node is not None:
-                expressions[id(node)] = node
+        nodes: list[Test | Value | None] = [ground.goal]
+        nodes += [test for schema in ground.schemas for test in schema.preconditions]
+        nodes += [effect.condition for effect in effects]
+        nodes += [effect.value for effect in effects if isinstance(effect, SetNumber)]
+        if ground.metric is not None:
+            nodes.append(ground.metric.value)
+        expressions = {id(node): node for node in nodes if node is not None}  # shared ones once
         reads = [sum(1 for _ in fluents_of(expression)) for expression in expressions.values()]
         return len(effects) + sum(reads), max(reads, default=0)

@@ -167,9 +167,8 @@ def _observed(
 ) -> tuple[Domain, dict[str, float | bool], str]:
     """Return the task's domain and the first observed state in which a planner has a choice.
 
-    Where the planner is indifferent, its action is executed and the next state is tried; after an
-    episode the next one begins. Without a planner, or where no such state is found, the state
-    after the reset is returned.
+    Where the planner is indifferent, its action is executed and the next state is tried. Without a
+    planner, or where no such state is found, the state after the reset is returned.
     """
     if task is None:
         raise SerpError(

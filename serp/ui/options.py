@@ -6,12 +6,15 @@ import functools
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 from click.core import ParameterSource
 
 from serp.runs import Policy
+
+if TYPE_CHECKING:
+    from serp.settings import Changes
 
 
 def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
@@ -116,29 +119,19 @@ class OutputFile(click.Path):
         return path
 
 
-def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return section → setting → value of `section.name=value` texts.
-
-    Values are JSON where they can be (numbers, true, false, null, lists), else text; `inf` is the
-    infinity and `none` is null. Whether section and setting exist is for `serp.Settings` to say.
+def parse_settings(assignments: Iterable[str]) -> Changes:
+    """Return what `--set` changes; see `serp.settings.assigned`.
 
     Raises:
         UsageError: A text has another form, or a setting is given twice.
     """
-    from serp.settings import setting_value
+    from serp.errors import SettingsError
+    from serp.settings import assigned
 
-    settings: dict[str, dict[str, Any]] = {}
-    for text in assignments:
-        target, equals, value = text.partition("=")
-        section, dot, name = (part.strip() for part in target.partition("."))
-        if not (equals and dot and section and name):
-            raise click.UsageError(
-                f"--set {text}: expected section.name=value, such as planner.depth=7"
-            )
-        if name in settings.setdefault(section, {}):
-            raise click.UsageError(f"--set {section}.{name} is given twice")
-        settings[section][name] = setting_value(value)
-    return settings
+    try:
+        return assigned(assignments)
+    except SettingsError as error:
+        raise click.UsageError(f"--set {error}") from None
 
 
 def parse_seeds(text: str | None) -> int | list[int] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterator
 
 from serp.authoring.lint.subject import LintSubject, rule
@@ -73,12 +74,10 @@ def _changes(subject: LintSubject) -> Iterator[tuple[str, x.ChangeFunction]]:
 @rule("no-change", local=True)
 def _no_change(subject: LintSubject) -> Iterator[DomainWarning]:
     for what, effect in _changes(subject):
-        value, neutral = effect.value, _NEUTRAL.get(effect.change.group)
-        if (
-            isinstance(value, x.Number) and value.value == neutral
-            if neutral is not None
-            else x.meaning(value) == x.meaning(effect.function)
-        ):
+        value, group = effect.value, effect.change.group
+        number = value.value if isinstance(value, x.Number) else None
+        assigned = group == "assign" and x.meaning(value) == x.meaning(effect.function)
+        if assigned or number == _NEUTRAL.get(group, math.nan):
             yield DomainWarning(f"`{effect.place.text}` in {what} changes nothing", effect.place)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from serp._util.plugins import find, first_line, loading, offered
 from serp.errors import SettingsError
-from serp.settings import Changes, Settings, resolve, setting_value
+from serp.settings import Changes, Settings, assigned, resolve
 from serp.tasks.task import Task
 
 GROUP: Final = "serp.algorithms"
@@ -147,21 +147,7 @@ def find_algorithm(name: str) -> Algorithm:
         if not domain or algorithm.kind not in ("guided", "planner"):
             raise SettingsError(f"`{name}`: `{base}` uses no domain file `{domain}`")
         algorithm = replace(algorithm, name=name, domain=domain)
-    return algorithm.changed(name, _assigned(name, text)) if colon else algorithm
-
-
-def _assigned(name: str, text: str) -> Changes:
-    changes: dict[str, dict[str, Any]] = {}
-    for assignment in text.split(";"):
-        target, equals, value = assignment.partition("=")
-        section, dot, setting = (part.strip() for part in target.partition("."))
-        if not (equals and dot and section and setting):
-            raise SettingsError(
-                f"`{name}`: expected section.name=value after the colon, such as "
-                "serp:learner.members=1"
-            )
-        changes.setdefault(section, {})[setting] = setting_value(value)
-    return changes
+    return algorithm.changed(name, assigned(text.split(";"))) if colon else algorithm
 
 
 def _merged(first: Changes, second: Changes) -> Changes:

@@ -139,7 +139,7 @@ class Job:
 
 def file_name(name: str) -> str:
     """Return a unique file name for a name, valid on every file system."""
-    plain = re.sub(r"[^A-Za-z0-9_.=-]", "_", name)
+    plain = re.sub(r"[^A-Za-z0-9_.=@-]", "_", name)
     if plain == name and len(name) <= _LONGEST and not plain.startswith("."):
         return plain
     return f"{plain[:_LONGEST]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"

@@ -76,11 +76,9 @@ def _about(name: str) -> tuple[str, str, bool]:
     except SerpError as error:
         return str(error), "", True
     shipped = Path(task.domain.source.name if isinstance(task.domain, Domain) else task.domain)
-    own = find_domain_file(name)
-    if own is None:
-        return task.description, str(shipped), False
-    same = own.resolve() == shipped.resolve()
-    return task.description, str(own) if same else f"{own} (instead of the installed one)", False
+    used = find_domain_file(name) or shipped
+    replaced = used.resolve() != shipped.resolve()
+    return task.description, f"{used}{' (instead of the installed one)' * replaced}", False
 
 
 def _package(entry: EntryPoint) -> str:

@@ -12,10 +12,11 @@ from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 from unified_planning.io import PDDLReader
 from unified_planning.model import UPState
 
-from serp.model.domain import load_domain
+from serp.model.domain import load_domain, problem_beside
 from serp.model.transition_model import Vector
 
 FOLDER = Path(__file__).parent / "pddl_files"
+SHIPPED = sorted((Path(__file__).resolve().parents[3] / "domains").glob("*.pddl"))
 
 # Ground actions by schema, counted by hand, and a plan that reaches the goal with its last action.
 CLASSICAL = {
@@ -48,6 +49,14 @@ CLASSICAL = {
         " take-out paycheck, move bank home",
     ),
 }
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda path: path.name)
+@pytest.mark.filterwarnings("ignore::Warning")  # of unified-planning's parser
+def test_another_tool_reads_what_is_shipped(file: Path) -> None:
+    if not file.stem.endswith("-problem"):
+        problem = problem_beside(file)
+        PDDLReader().parse_problem(str(file), str(problem) if problem.exists() else None)
 
 
 @pytest.mark.parametrize("name", CLASSICAL)

@@ -22,11 +22,10 @@ class StatePane:
         self._session, self._live = session, live
         self._controls: tuple[Control, ...] = ()
         self._elements: dict[str, list[Any]] = {}
-        self._filter = ""
         with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
-            self._search = ui.input(placeholder="find a fluent", on_change=self._filtered).props(
-                "dense clearable"
-            )
+            self._search = ui.input(
+                placeholder="find a fluent", on_change=lambda _: self._build()
+            ).props("dense clearable")
             self._search.set_visibility(False)
             self._switches = ui.element("div").classes("serp-switches")
             self._grid = ui.element("div").classes("serp-controls")
@@ -47,13 +46,10 @@ class StatePane:
             for element in self._elements.get(control.name, ()):
                 element.set_value(float(newest) if control.numeric else bool(newest))
 
-    def _filtered(self, event: Any) -> None:
-        self._filter = (event.value or "").lower()
-        self._build()
-
     def _build(self) -> None:
         most_fluents = 60
-        wanted = [each for each in self._controls if self._filter in each.name]
+        part = (self._search.value or "").lower()
+        wanted = [each for each in self._controls if part in each.name]
         self._search.set_visibility(len(self._controls) > 12)
         self._elements = {}
         self._grid.clear()

@@ -201,7 +201,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy:
     ("options", "kind", "message"),
     [
         ({"algorithms": ["srep"]}, SettingsError, "did you mean `serp`"),
-        ({"algorithms": ["dqn:x"]}, SettingsError, "`dqn:x`: expected section.name=value"),
+        ({"algorithms": ["dqn:x"]}, SettingsError, "x: expected section.name=value"),
         ({"algorithms": ["absent"]}, RunError, "more memory than there is"),
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
         ({"address": "a:1"}, SettingsError, "compare.address is for an engine of a cluster"),
