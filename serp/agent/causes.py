@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from serp.pddl.syntax import Kind
 
 What = Literal["change", "reward", "unsafe", "risk", "end", "failed", "conflict", "undefined"]
 Origin = Literal["action", "event", "process", "goal", "metric", "learned"]
-
-_NOISE: Final = 1e-12
-"""Share of a reward that is a difference by rounding."""
 
 
 @dataclass(frozen=True)
@@ -264,7 +261,7 @@ class _Tracing:
                 worth = float(self._model.theta[ground.goal_parameter])
             rest -= worth
             yield _cause("reward", "goal", place, amount=worth, reads=reads)
-        if abs(rest) > _NOISE * max(1.0, abs(reward)):
+        if abs(rest) > 1e-12 * max(1.0, abs(reward)):  # less is rounding
             yield _cause("reward", "metric", None if metric is None else metric.place, amount=rest)
         if reached:
             yield _cause("end", "goal", place, reads=reads)

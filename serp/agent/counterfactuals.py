@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 _POINTS: Final = 48
 """Values on each side of the present one that are tried of a fluent."""
-_HALVINGS: Final = 30
-"""Steps of bisection."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ def _border(at: Callable[[float], int], now: int, value: float, end: float) -> f
             same = point
             continue
         other: float = point
-        for _ in range(_HALVINGS):
+        for _ in range(30):
             middle = (same + other) / 2.0
             if at(middle) == now:
                 same = middle

@@ -15,10 +15,6 @@ from serp.learning.dqn import Proposal
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
 
-_FORGETTING: Final = 2
-"""The k-th of n episodes has the weight k / n to this power; so the evidence is as recent as that
-of the newer half of all episodes alone."""
-
 _LARGEST: Final = 1e150
 """Larger returns have no finite square; such an episode is no evidence."""
 
@@ -175,8 +171,10 @@ class Evidence(Strategy):
         if abs(return_) <= _LARGEST:
             self._steps += length
             before = self._episodes
+            # The k-th of n episodes has the weight (k / n)²: the evidence is as recent as that of
+            # the newer half of all episodes alone.
             for led in (self.planner, self.learner):
-                led.fade((before / (before + 1)) ** _FORGETTING)
+                led.fade((before / (before + 1)) ** 2)
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)
             (self.learner if self._leads[self.env_index] else self.planner).add(return_)
             self._rho = self._probability()

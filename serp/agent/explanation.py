@@ -27,10 +27,6 @@ _BY: Final[tuple[By, ...]] = ("rank", "risk", "safe steps", "value")
 _ALIKE: Final = 1e-12
 """Share of two values up to which they are alike: what is put off is worth the same at discount 1,
 and a planner that sees this tells the two apart by the least number that there is."""
-_ROUNDING: Final = 1e-9
-"""Share of a reward that is a difference by rounding."""
-_NOTICEABLE: Final = 1e-3
-"""Share of a best return beyond what is listed that is reported."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +145,7 @@ class Alternative:
             if cause.what == "reward":
                 listed += self._traced.discount**cause.after * (cause.amount or 0.0)
         beyond = self.best_return - listed
-        least = _NOTICEABLE * max(abs(self.best_return), abs(listed))
+        least = 1e-3 * max(abs(self.best_return), abs(listed))
         return beyond if abs(beyond) > least else 0.0
 
     @functools.cached_property
@@ -269,7 +265,7 @@ def step_causes(
         causes.append(Cause("end", None, "learned", "", ""))
     if reward is not None:
         rest = reward - sum(cause.amount or 0.0 for cause in causes if cause.what == "reward")
-        if abs(rest) > _ROUNDING * max(1.0, abs(reward)):
+        if abs(rest) > 1e-9 * max(1.0, abs(reward)):  # less is rounding
             causes.append(Cause("reward", rest, "learned", "", ""))
     if risk_of(flags) > 0.0 and not flags & UNSAFE:
         unsafe = [c for c in causes_of(model, state, ground) if c.what == "unsafe"]

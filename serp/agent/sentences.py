@@ -204,7 +204,7 @@ def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
     """Say with which changes the outcome is another one: by default another choice."""
     lines = [
         f"{_change(change)}, {outcome or f'the planner would have chosen {change.outcome}'}."
-        for change in found.changes[:_CHANGES_SHOWN]
+        for change in found.changes[:3]
     ]
     other = outcome or "the planner would have chosen otherwise"
     return lines or [f"No change of a single fluent was found with which {other}."]
@@ -239,7 +239,6 @@ def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     return f"{when}{brought}{by}{_where(causes)}"
 
 
-_CHANGES_SHOWN: Final = 3
 _BROUGHT: Final = ("reward", "unsafe", "risk", "end")
 _ORDER: Final = (*_BROUGHT, "failed", "conflict", "undefined")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,18 +17,13 @@ from serp.planning.forecast import SAFE
 from serp.settings import ArbiterSettings
 from serp.tasks.action_map import ActionForecast, ActionMap
 
-_TOLERATED: Final = 3
-"""Tolerated failures at first."""
-_PER_STEP: Final = 0.001
-"""Tolerated failures per env step in the long run."""
-
 
 class LookaheadReliability(Declared):
     """Counts the failures of the lookahead.
 
     The lookahead predicts an executed action to be safe if a plan exists that avoids everything
     unsafe within the horizon, in control periods. It has failed if something unsafe is observed
-    within the horizon nevertheless. A lookahead that fails more often than tolerated (plus once per
+    within the horizon nevertheless. A lookahead that fails more than three times (plus once per
     1,000 env steps) does not model what endangers the robot, so its vetoes beyond the next step are
     not justified.
     """
@@ -45,7 +40,7 @@ class LookaheadReliability(Declared):
     @property
     def reliable(self) -> bool:
         """Whether vetoes use the lookahead beyond the next step."""
-        return self.failures <= _TOLERATED + _PER_STEP * self.steps
+        return self.failures <= 3 + 0.001 * self.steps
 
     def observe(
         self, predicted_safe: bool | None, unsafe: bool, last: bool, env_index: int = 0

@@ -127,8 +127,6 @@ class RunModel:
         return found
 
 
-_SAME: Final = 1e-9
-"""Difference of values, as a share, that is one of rounding."""
 _SECONDS: Final = 4.0
 """Time that planning again may take, and the search for what would have had to differ."""
 
@@ -153,7 +151,7 @@ def agreeing_planner(run: RunModel, step: StoredStep) -> ChosenPlanner | None:
         own = allowed, abs(float(found.value[chosen]) - recorded)
         if found.choice == chosen and (best is None or own < rank):
             best, rank = planner, own
-        if rank <= (False, _SAME * max(1.0, abs(recorded))):
+        if rank <= (False, 1e-9 * max(1.0, abs(recorded))):
             break
     return best
 

@@ -253,7 +253,7 @@ class GuardedEnv(ArbitratedEnv):
         preset: `default` or `paper`.
         settings: Section → setting → value; overrides preset and task.
         seed: Seed of everything random in it, and of the first sequence of episodes.
-        out: Folder of a run with the metrics, the decisions and, after `close`, the report. The
+        out: Folder of a run with the metrics, the decisions and, after `close`, the summary. The
             learner itself is saved by its library. By default nothing is written.
         render_mode: One of Gymnasium's render modes, if pictures are needed.
 

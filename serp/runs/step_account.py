@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,6 @@ from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.runs.agreeing import RunModel, agreeing_planner, other_vetoes_of
 from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
-
-_ROUNDING: Final = 1e-6
-"""Error, in units, up to which a prediction is right."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,7 @@ def error_units(model: TransitionModel, usual: Vector, predicted: Vector) -> Vec
 def in_units(differences: Vector, units: Vector) -> Vector:
     """Return the sizes of errors in units; rounding is no error."""
     errors = np.abs(differences) / units
-    errors[errors < _ROUNDING] = 0.0
+    errors[errors < 1e-6] = 0.0
     return errors
 
 
@@ -190,6 +187,8 @@ class StepAccount:
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values (infinities and NaN among them)."""
         step, decision = self.step, self.step.decision
+        by = ("executed_by", "proposed_by", "reason")
+        of_step = ("step", "episode", "number", "terminated", "truncated")
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         for name in ("other_choices", "other_vetoes"):
             own[name] = own[name] and asdict(own[name])
@@ -197,8 +196,8 @@ class StepAccount:
             own[name] = [asdict(each) for each in own[name]]
         return own | {
             "account": self.account.as_dict(),
-            **{name: getattr(step, name) for name in _OF_STEP},
-            **{name: str(getattr(decision, name)) for name in _BY},
+            **{name: getattr(step, name) for name in of_step},
+            **{name: str(getattr(decision, name)) for name in by},
             "executed": self.name(decision.action),
             "proposed": self.proposed,
             "planned": self.name(decision.forecast.choice),
@@ -210,10 +209,6 @@ class StepAccount:
             "reward": step.env_reward,
             "predicted_reward": self.account.alternatives[decision.action].reward,
         }
-
-
-_OF_STEP: Final = ("step", "episode", "number", "terminated", "truncated")
-_BY: Final = ("executed_by", "proposed_by", "reason")
 
 
 def account_of_step(
@@ -278,11 +273,6 @@ def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], 
 
 # Sentences ----------------------------------------------------------------------------------------
 
-_MINOR = 0.05
-"""Error, in usual changes, up to which a fluent is as predicted."""
-_SAME_REWARD = 0.01
-"""Difference of two rewards, as a share, up to which they are the same."""
-
 
 def heading(account: StepAccount) -> str:
     """Return which step it is: `step 1,204, that is step 37 of episode 12, at 0:14.4`."""
@@ -338,7 +328,8 @@ def prediction_line(each: PredictedFluent) -> str:
 def what_came(account: StepAccount) -> list[str]:
     """Compare what was predicted with what was observed, the largest errors first."""
     predictions, step = account.predictions, account.step
-    wrong = [each for each in predictions if abs(each.error) > _MINOR]
+    # Up to a twentieth of a usual change a fluent is as predicted.
+    wrong = [each for each in predictions if abs(each.error) > 0.05]
     if predictions and predictions[0].predicted is None:
         lines = ["The file predicts nothing for this action."]
     elif wrong:
@@ -359,7 +350,7 @@ def what_came(account: StepAccount) -> list[str]:
     lines.append(worth + (":" if account.observed else "."))
     lines += [f"  {line}" for line in lines_of_causes(account.observed)]
     gap = step.env_reward - account.domain_reward
-    if not math.isclose(step.env_reward, account.domain_reward, rel_tol=_SAME_REWARD):
+    if not math.isclose(step.env_reward, account.domain_reward, rel_tol=0.01):
         more = "more" if gap > 0 else "less"
         lines.append(f"The environment gave {readable(abs(gap))} {more} than the file says.")
     return lines

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from serp.agent.protocols import undisturbed
 from serp.authoring.scenarios.checking import Decider, Result, check
@@ -83,10 +82,6 @@ def read_beside(domain: Domain) -> Source:
     )
 
 
-_DANGERS: Final = ("unsafe", "unsafe ahead", "too risky")
-"""Reasons of refusals that are written down; other ones belong to most actions of many domains."""
-
-
 def add_situation(file: ScenarioFile, title: str, values: Mapping[str, float], remark: str) -> str:
     """Return the text of a file with a scenario of what holds in a situation.
 
@@ -134,7 +129,8 @@ def _situation(values: Mapping[str, float], decider: Decider) -> Iterator[str]:
 
 def _expected(values: Mapping[str, float], decider: Decider, title: str) -> list[str]:
     decision = decider.arbiter.plan(decider.model.state(values))
-    dangers = {REASONS[word]: word for word in _DANGERS}
+    # Other reasons of refusals belong to most actions of many domains.
+    dangers = {REASONS[word]: word for word in ("unsafe", "unsafe ahead", "too risky")}
     expected = []
     if (chosen := decider.executed(decision)) >= 0:
         expected.append(f"  chooses {decider.name(chosen)}")

@@ -18,16 +18,16 @@ from serp.model.learned.adoption import (
     adoption_of,
     parameters_in_use,
 )
-from serp.model.learned.file_step import ObservedStep, observed_step
 from serp.model.learned.outcome_counts import OutcomeCounts
-from serp.model.learned.residual import ResidualRegression, update_whole
+from serp.model.learned.parameter_buffer import ObservedStep, observed_step
+from serp.model.learned.residual import HUGE, ResidualRegression
 from serp.model.learned.residual_features import Key
 from serp.model.learned.transitions import OVER, TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 
 if TYPE_CHECKING:
-    from serp.model.learned.online_parameters import ParameterEstimation
+    from serp.model.learned.parameter_fit import ParameterEstimation
 
 
 Meta = dict[str, Any]
@@ -63,10 +63,9 @@ class GroupLearners:
         self._wholes = len(self._whole)
         schemas = len({action.schema for action in self._model.actions})
         self._counts = {key: OutcomeCounts(group, schemas) for key, group in self._groups.items()}
-        first = {key[1:]: group for key, group in reversed(self._groups.items())}
         regressions = self._buffer.regressions
         self._residuals = {
-            roles: ResidualRegression(first[roles], parameters, own)
+            roles: ResidualRegression(parameters, own)
             for (roles, parameters), own in zip(
                 regressions.items(), seed.spawn(len(regressions)), strict=True
             )
@@ -97,15 +96,13 @@ class GroupLearners:
 
     def adoption(self) -> tuple[FluentAdoption, ...]:
         """Return what predicts each function and predicate that can change."""
-        fluents, changing = self._model.fluents, set[str]()
+        fluents = self._model.fluents
         symbols = dict.fromkeys(fluent.symbol for fluent in fluents)
         residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
         outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
         for key, group in self._groups.items():
             schema, counts = key[0], self._counts[key].track_record(key[0])
             numbers = [fluents[column].symbol for column in group.targets]
-            predicates = [fluents[column].symbol for column in group.predicates]
-            changing.update(numbers, predicates)
             whole = [self._whole[column] for column in group.targets]
             hindrance = "it can depend on more fluents than the adaptation can learn from"
             judged = [TrackRecord(schema, False, 0, 0.0, 0.0, hindrance)] * len(numbers)
@@ -113,15 +110,16 @@ class GroupLearners:
                 head = self._buffer.shared[key].head
                 judged = self._residuals[key[1:]].track_records(schema, head)
             for symbol, counted, track_record in zip(numbers, whole, judged, strict=True):
-                (outcomes if counted else residuals)[symbol].append(
-                    counts if counted else track_record
-                )
-            for symbol in predicates:
-                outcomes[symbol].append(counts)
+                if counted:
+                    outcomes[symbol].append(counts)
+                else:
+                    residuals[symbol].append(track_record)
+            for column in group.predicates:
+                outcomes[fluents[column].symbol].append(counts)
         return tuple(
             adoption_of(symbol, residuals[symbol], outcomes[symbol])
             for symbol in symbols
-            if symbol in changing
+            if residuals[symbol] or outcomes[symbol]
         )
 
     def learn(self, step: ObservedStep) -> None:
@@ -137,8 +135,9 @@ class GroupLearners:
             if not np.isfinite(state).all():
                 return
         else:
-            if not update_whole(state, next_state, self._numeric, self._whole):
+            if not (np.abs((state, next_state)) < HUGE).all():
                 return
+            self._whole &= ~self._numeric | (next_state == np.floor(next_state))
             self._share_wholeness()
         # Where an event changes a fluent, the result of effects and processes is not observed.
         observed = flowed == settled
@@ -147,7 +146,7 @@ class GroupLearners:
             if not self._counts[key].learn(place, inputs, step, self._whole):
                 self._whole[targets] = False
                 self._share_wholeness()
-            self._publish_counts(key)
+            self._publish(key)
             if key[1:] in self._residuals and not over:
                 self._used[key[1:]] = self._residuals[key[1:]].learn(
                     self._buffer.shared[key].head,
@@ -166,16 +165,15 @@ class GroupLearners:
                 self._whole[columns] = self._whole[columns].all()
             self._wholes = int(np.count_nonzero(self._whole))
 
-    def _publish_counts(self, key: Key) -> None:
-        counts, shared = self._counts[key], self._buffer.shared[key]
-        table = counts.table if counts.used else None
-        if table is not shared.outcomes:
-            shared.outcomes = table
-            self._update_stochastic()
-
-    def _update_stochastic(self) -> None:
-        counted = any(shared.outcomes is not None for shared in self._buffer.shared.values())
-        self._buffer.stochastic = counted
+    def _publish(self, *keys: Key) -> None:
+        """Let the model use the outcome counts of some keys, or stop using them."""
+        for key in keys:
+            counts, shared = self._counts[key], self._buffer.shared[key]
+            table = counts.table if counts.used else None
+            if table is not shared.outcomes:
+                shared.outcomes = table
+                parts = self._buffer.shared.values()
+                self._buffer.stochastic = any(part.outcomes is not None for part in parts)
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
@@ -194,9 +192,8 @@ class GroupLearners:
         self._used.update(zip(self._used, saved.truths("used", len(self._used)), strict=True))
         for name, part in self._parts():
             part.load_state_dict(*saved.part(name))
-        for key, counts in self._counts.items():
-            self._buffer.shared[key].outcomes = counts.table if counts.used else None
-        self._update_stochastic()
+        self._buffer.stochastic = False
+        self._publish(*self._counts)
 
     def _parts(self) -> list[tuple[str, ResidualRegression | OutcomeCounts]]:
         """Return residuals and counts with the names that they are saved under."""
@@ -241,7 +238,7 @@ class ModelAdaptation:
                 self._learners = GroupLearners(adapted, seed)
                 self.notice = self._learners.notice
             if settings.parameters:
-                from serp.model.learned.online_parameters import ParameterEstimation
+                from serp.model.learned.parameter_fit import ParameterEstimation
 
                 self._estimation = ParameterEstimation(written)
         self.model: TransitionModel = self._adapted or written

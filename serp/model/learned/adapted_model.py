@@ -12,11 +12,9 @@ from serp.model.emit import Passage
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground import UNSAFE_TARGET, GroundSchema
 from serp.model.learned import adapted_step as kernels
-from serp.model.learned.adapted_step import adapted_outcomes
 from serp.model.learned.parameter_buffer import ParameterBuffer
 from serp.model.learned.residual_features import FeatureGroup, feature_groups_of
-from serp.model.learned.residual_prediction import native_uncertainty, uncertainty
-from serp.model.native import address_of
+from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 
 
@@ -75,15 +73,16 @@ class AdaptedModel(TransitionModel):
 
     def native_outcomes(self) -> Any:
         """Return the compiled C callback of all outcomes; see `TransitionModel.native_outcomes`."""
-        return adapted_outcomes()
+        return kernels.adapted_outcomes()
 
     def uncertainty(self, state: Vector) -> Vector:
         """Return how little is known `[A]`; see `TransitionModel.uncertainty`."""
-        return np.array([uncertainty(self.data, k, state) for k in range(len(self.actions))])
+        actions = range(len(self.actions))
+        return np.array([kernels.uncertainty(self.data, k, state) for k in actions])
 
     def native_uncertainty(self) -> Any:
         """Return the compiled C callback; see `TransitionModel.native_uncertainty`."""
-        return native_uncertainty()
+        return kernels.native_uncertainty()
 
     def replace(
         self, *, theta: ArrayLike | None = None, dt: float | None = None
@@ -106,8 +105,7 @@ class AdaptedModel(TransitionModel):
         """Compile the functions for predicting and tracing a step, by one call in a state `[F]`."""
         row, out = np.array(state), np.array([*state, 0.0])
         kernels.step_row(self.data, 0, row, self.dt, out)
-        kernels.weigh_row(self.data, 0, row, self.dt, 0)
-        kernels.adapt_row(self.data, 0, row, self.dt, out, 0, 0)
+        self._branches(row, 0)
         self.uncertainty(row)
 
     def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
@@ -120,32 +118,32 @@ class AdaptedModel(TransitionModel):
         flags = self.transition(values, action)[1] if self.buffer.active else UNSAFE
         if flags & UNSAFE:
             return self._written.passages(state, action)
-        found = self._trace_outcome(values, action, -1, 0)
-        if risk_of(flags) == 0.0 or found[1] & UNSAFE:
-            return found
-        most = 0.0
-        for group in range(len(self.feature_groups[action])):
-            p = kernels.weigh_row(self.data, action, np.array(values), self.dt, group)
-            for kind in np.flatnonzero(p > most).tolist():
-                other = self._trace_outcome(values, action, group, kind)
-                if other[1] & UNSAFE and p[kind] > most:
-                    found, most = other, p[kind]
-        return found
+        likeliest = None
+        for branch in self._branches(np.array(values), action):
+            trace = self._trace_with(values, action, branch)
+            likeliest = likeliest or trace
+            if risk_of(flags) == 0.0 or trace[1] & UNSAFE:
+                return trace
+        return likeliest or self._trace_with(values, action, None)
 
-    def _trace_outcome(
-        self, state: list[float], action: int, group: int, kind: int
+    def _branches(self, state: Vector, action: int) -> Vector:
+        """Return the outcomes `[n, F + 1]` before events, with the reward, the likeliest first."""
+        rows = np.zeros((OUTCOMES, len(state) + 3))
+        count = kernels.branch_rows(self.data, action, state, self.dt, rows.reshape(-1))
+        return rows[np.argsort(-rows[:count, -1], kind="stable"), :-2]
+
+    def _trace_with(
+        self, state: list[float], action: int, branch: Vector | None
     ) -> tuple[list[Passage], int]:
-        """Trace a step in which one feature group (-1: none) has a certain outcome."""
+        """Trace a step in which effects, processes and what is learned have a given result."""
 
-        def adapt(state: list[float], action: int, out: list[float]) -> None:
-            changed = np.array(out)
-            before = np.array(state)
-            kernels.adapt_row(self.data, action, before, self.dt, changed, group, kind)
-            out[:] = changed.tolist()
+        def amend(state: list[float], action: int, out: list[float]) -> None:
+            if branch is not None:
+                out[:] = branch.tolist()
 
         theta = self.buffer.parameters.tolist()
-        _, flags, sites = self.traced(state, action, theta=theta, amend=adapt)
-        return sites, flags
+        _, flags, passages = self.traced(state, action, theta=theta, amend=amend)
+        return passages, flags
 
 
 def same_arguments(actions: Sequence[GroundSchema]) -> NDArray[np.int64]:

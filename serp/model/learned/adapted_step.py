@@ -1,4 +1,4 @@
-"""The compiled step of the adapted model, the same for every domain.
+"""The compiled step of the adapted model, the same for every domain; and how far it is from data.
 
 `buffer` is the memory of `serp.model.learned.parameter_buffer`, as a pointer unless said otherwise.
 """
@@ -16,9 +16,9 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE, with_risk
 from serp.model.learned import outcome_table as o
 from serp.model.learned import parameter_buffer as b
 from serp.model.learned import residual_features as r
-from serp.model.learned.file_step import flow, settle
 from serp.model.learned.outcome_table import RARE, likeliest, put, room_for, table_of
-from serp.model.learned.residual_prediction import add_residual
+from serp.model.learned.parameter_buffer import flow, settle
+from serp.model.learned.residual_features import dot_chunk, features_of, linear_of, normalise
 from serp.model.native import (
     OUTCOMES,
     STACK,
@@ -28,10 +28,119 @@ from serp.model.native import (
     pointer_to,
     stack_room,
 )
+from serp.model.transition_model import UNKNOWN
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 _with_risk = cached_njit(nogil=True, forceinline=True)(with_risk)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def columns_in_use(known, columns, most):
+    """Return how many columns of the regression tell what is known.
+
+    Where no target is predicted from features (`most` is the largest of the kinds in use), what the
+    linear model knows is known.
+    """
+    return min(known, columns) if most <= r.LINEAR else known
+
+
+@cached_njit(nogil=True, forceinline=True)
+def leverage(inverse, stride, known, columns, head, u, depth, z):
+    """Return the leverage of an input: 0 where much is known, 1 where nothing is.
+
+    It is q / (1 + q), where q is the posterior variance of the smooth model in units of that of an
+    observation. `inverse` is that of the Cholesky factor, of `known` columns; `z` are the features.
+    """
+    if known == 0:
+        return 1.0
+    q = 0.0
+    block = 1 + depth
+    for i in range(known):
+        total, at = 0.0, i * stride
+        for start in (0, (1 + head) * block):
+            if start > i:
+                break
+            total += inverse[at + start]
+            for k in range(min(depth, i - start)):
+                total += inverse[at + start + 1 + k] * u[k]
+        for k in range(i + 1 - columns):
+            total += inverse[at + columns + k] * z[k]
+        q += total * total
+    return q / (1.0 + q)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def leverage_at(buffer, part, head, most, u, depth, z):
+    """Return the leverage of normalised inputs where `most` is the largest kind in use.
+
+    `z` receives the features.
+    """
+    columns = (1 + int(buffer[part + r.R_HEADS])) * (1 + depth)
+    known = columns_in_use(int(buffer[part + r.R_KNOWN]), columns, most)
+    if known > columns:
+        features_of(
+            advanced(buffer, int(buffer[part + r.R_FREQUENCY])),
+            advanced(buffer, int(buffer[part + r.R_PHASE])), u, depth, 0, z,
+        )  # fmt: skip
+    return leverage(
+        advanced(buffer, int(buffer[part + r.R_INVERSE])), columns + r.SMOOTH, known, columns,
+        head, u, depth, z,
+    )  # fmt: skip
+
+
+@cached_njit(nogil=True, forceinline=True)
+def add_residual(buffer, action, state, out):
+    """Add the residual to `out`, the fluents after effects and processes.
+
+    Beyond the range of the data, where these say less than the prior, the linear model replaces one
+    with features, as in a Gaussian process whose mean is linear: waves say nothing of far away.
+    """
+    table = int(buffer[b.TABLE]) + 2 * action
+    group = int(buffer[table + 1])
+    u = stack_room(STACK)
+    z, scratch = advanced(u, r.MAX_INPUTS), advanced(u, r.MAX_INPUTS + r.SMOOTH)
+    for _ in range(int(buffer[table])):
+        part = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_REGRESSION])
+        if part != 0:
+            inputs, targets = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_TARGETS])
+            depth, count = int(buffer[group + b.G_DEPTH]), int(buffer[group + b.G_COUNT])
+            head = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_HEAD])
+            kinds = int(buffer[part + r.R_KINDS])
+            linear = int(buffer[part + r.R_LINEAR]) + 3 * head * count * (1 + depth)
+            amplitude = int(buffer[part + r.R_AMPLITUDE])
+            most = 0
+            for t in range(count):
+                most = max(most, int(buffer[kinds + t]))
+            if most != r.FILE:
+                normalise(buffer, part, inputs, depth, state, u)
+            if most > r.LINEAR:
+                inside = True
+                for i in range(depth):
+                    inside = inside and abs(u[i]) <= r.RANGE
+                if not inside:
+                    far = leverage_at(buffer, part, head, most, u, depth, z) >= UNKNOWN
+                    most = r.LINEAR if far else most
+            for t in range(count):
+                kind = min(int(buffer[kinds + t]), most)
+                if kind != r.FILE:
+                    weights = linear + ((kind - 1) * count + t) * (1 + depth)
+                    out[int(buffer[targets + t])] += linear_of(advanced(buffer, weights), u, depth)
+            chunks = 0
+            if most > r.LINEAR:
+                chunks = 1 if most == r.CURVED else r.FEATURES // r.SMOOTH
+            frequency = advanced(buffer, int(buffer[part + r.R_FREQUENCY]))
+            phase = advanced(buffer, int(buffer[part + r.R_PHASE]))
+            for chunk in range(chunks):
+                first = chunk * r.SMOOTH
+                features_of(frequency, phase, u, depth, first, z)
+                for t in range(count):
+                    kind = int(buffer[kinds + t])
+                    if kind == r.FULL or (kind == r.CURVED and chunk == 0):
+                        weights = amplitude + ((kind - r.CURVED) * count + t) * r.FEATURES + first
+                        product = dot_chunk(advanced(buffer, weights), z, scratch)
+                        out[int(buffer[targets + t])] += product
+        group += b.GROUP
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -44,16 +153,22 @@ def finite(values, width):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _differs(buffer, action):
-    """Return whether a step may differ from the file's."""
+def _counted(buffer, action):
+    """Return whether outcome counts are used in a step."""
     table = int(buffer[b.TABLE]) + 2 * action
-    groups, first = int(buffer[table]), int(buffer[table + 1])
     if buffer[b.STOCHASTIC] != 0.0:
-        for v in range(groups):
-            if table_of(buffer, first + v * b.GROUP) != 0:
+        for v in range(int(buffer[table])):
+            if table_of(buffer, int(buffer[table + 1]) + v * b.GROUP) != 0:
                 return True
-    for v in range(groups):
-        group = first + v * b.GROUP
+    return False
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _corrected(buffer, action):
+    """Return whether a residual is used in a step."""
+    table = int(buffer[b.TABLE]) + 2 * action
+    for v in range(int(buffer[table])):
+        group = int(buffer[table + 1]) + v * b.GROUP
         part = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_REGRESSION])
         if part == 0:
             continue
@@ -65,11 +180,11 @@ def _differs(buffer, action):
 
 
 @cached_njit(nogil=True)
-def apply_likeliest(buffer, action, state, dt, out, away, kind, room):
-    """Apply the likeliest counted outcome of each group to `out`; `kind` for the group `away`.
+def _apply_likeliest(buffer, action, state, dt, out, room):
+    """Apply the likeliest counted outcome of each group to `out`.
 
-    `out` `[F]` is the state after effects, processes and residual; `away` is the position of a
-    group, -1 for none. `room` is that of `likeliest`, followed by F + 1 numbers.
+    `out` `[F]` is the state after effects, processes and residual. `room` is that of `likeliest`,
+    followed by F + 1 numbers.
 
     Returns:
         The number of groups with counts, and the outcome of the last of these.
@@ -81,14 +196,12 @@ def apply_likeliest(buffer, action, state, dt, out, away, kind, room):
     flowed = advanced(room, room_for(width))
     for i in range(width):
         flowed[i] = out[i]
-    for v in range(int(buffer[table])):
+    for _ in range(int(buffer[table])):
         where = table_of(buffer, group)
         if where != 0:
             counted += 1
             inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
             which = likeliest(buffer, action, group, state, flowed, dt, room)
-            if v == away:
-                which = kind
             if which > 0:
                 put(buffer, advanced(buffer, where), which, inputs, room, out)
         group += b.GROUP
@@ -96,7 +209,7 @@ def apply_likeliest(buffer, action, state, dt, out, away, kind, room):
 
 
 @cached_njit(nogil=True)
-def _settle_within(buffer, action, state, flow_flags, dt, out, room):
+def _settle_outcomes(buffer, action, state, flow_flags, dt, out, scratch):
     """Apply the likeliest outcomes and then events; the reward is expected over all outcomes.
 
     Groups are varied one at a time: their outcomes are assumed to be independent.
@@ -105,14 +218,14 @@ def _settle_within(buffer, action, state, flow_flags, dt, out, room):
         Flags of the likeliest outcome, and the probability that events flag the step unsafe.
     """
     width = int(buffer[b.WIDTH])
-    # The result with the likeliest outcomes, before and after one of them is replaced.
+    # The result with the likeliest outcomes, before and after one of them is replaced. Pointers
+    # into an array keep it alive only where the array is an argument.
+    room = pointer_to(scratch, 0)
     usual, other = room, advanced(room, width + 1)
     # The probabilities, what the outcomes predict, and the result of effects and processes.
     probabilities = advanced(room, 2 * (width + 1))
     flowed = advanced(probabilities, room_for(width))
-    counted, likeliest_of_all = apply_likeliest(
-        buffer, action, state, dt, out, -1, 0, probabilities
-    )
+    counted, likeliest_of_all = _apply_likeliest(buffer, action, state, dt, out, probabilities)
     for i in range(width + 1):
         usual[i] = out[i]
     flags = settle(buffer, state, flow_flags, dt, out)
@@ -153,22 +266,6 @@ def _settle_within(buffer, action, state, flow_flags, dt, out, room):
     return flags, alike if unsafe else 1.0 - alike
 
 
-@cached_njit(nogil=True)
-def _settle_on_heap(buffer, action, state, flow_flags, dt, out, room):
-    # Pointers into an array keep it alive only where the array is an argument.
-    return _settle_within(buffer, action, state, flow_flags, dt, out, pointer_to(room, 0))
-
-
-@cached_njit(nogil=True)
-def _settle_outcomes(buffer, action, state, flow_flags, dt, out):
-    """Call `_settle_within` with scratch memory: on the stack, unless the state is too long."""
-    width = int(buffer[b.WIDTH])
-    size = 3 * (width + 1) + room_for(width)
-    if size <= STACK:
-        return _settle_within(buffer, action, state, flow_flags, dt, out, stack_room(STACK))
-    return _settle_on_heap(buffer, action, state, flow_flags, dt, out, np.empty(size))
-
-
 @cached_njit(nogil=True, forceinline=True)
 def flow_and_residual(buffer, action, state, dt, out):
     """Do what `flow` does, and add the residual; ignore it where the result is not finite."""
@@ -184,7 +281,8 @@ def flow_and_residual(buffer, action, state, dt, out):
 def adapted_row(state, action, buffer, dt, out):
     """Predict the adapted step."""
     revised = buffer[b.REVISED] != 0.0
-    if buffer[b.ACTIVE] == 0.0 or not (revised or _differs(buffer, action)):
+    differs = revised or _counted(buffer, action) or _corrected(buffer, action)
+    if buffer[b.ACTIVE] == 0.0 or not differs:
         return call_step(
             int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
         )
@@ -203,7 +301,9 @@ def adapted_row(state, action, buffer, dt, out):
             flags = settle(buffer, state, flags, dt, out)
             risk = 1.0 if flags & UNSAFE else 0.0
         else:
-            flags, risk = _settle_outcomes(buffer, action, state, flags, dt, out)
+            width = int(buffer[b.WIDTH])
+            scratch = np.empty(3 * (width + 1) + room_for(width))
+            flags, risk = _settle_outcomes(buffer, action, state, flags, dt, out, scratch)
     if not known:
         flagged = flags & UNSAFE
     flags = flags & ~UNSAFE | flagged
@@ -218,44 +318,6 @@ def _step(state, action, buffer, dt, out):
 def adapted_step() -> Any:
     """Return the compiled C callback of the adapted step; its data is a buffer."""
     return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_step)
-
-
-@cached_njit(nogil=True)
-def _adapt_row(buffer, action, state, dt, out, away, kind, room):
-    base, source, target = pointer_to(buffer, 0), pointer_to(state, 0), pointer_to(out, 0)
-    before = out.copy()
-    add_residual(base, action, source, target)
-    if not finite(target, state.shape[0]):
-        out[:] = before
-    if base[b.STOCHASTIC] != 0.0:
-        apply_likeliest(base, action, source, dt, target, away, kind, pointer_to(room, 0))
-
-
-@cached_njit(nogil=True)
-def adapt_row(buffer, action, state, dt, out, away, kind):
-    """Apply the residual and then outcomes by `apply_likeliest`, on arrays."""
-    width = state.shape[0]
-    room = np.empty(room_for(width) + width + 1)
-    _adapt_row(buffer, action, state, dt, out, away, kind, room)
-
-
-@cached_njit(nogil=True)
-def _weigh_row(buffer, action, state, dt, position, room, flowed):
-    base, source = pointer_to(buffer, 0), pointer_to(state, 0)
-    group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
-    if base[b.STOCHASTIC] != 0.0 and table_of(base, group) != 0:
-        after = pointer_to(flowed, 0)
-        flow_and_residual(base, action, source, dt, after)
-        likeliest(base, action, group, source, after, dt, pointer_to(room, 0))
-
-
-@cached_njit(nogil=True)
-def weigh_row(buffer, action, state, dt, position):
-    """Return the probability of each outcome `[KINDS]` of the group at a position, on arrays."""
-    width = state.shape[0]
-    room, flowed = np.zeros(room_for(width)), np.zeros(width + 1)
-    _weigh_row(buffer, action, state, dt, position, room, flowed)
-    return room[: o.KINDS]
 
 
 @cached_njit(nogil=True)
@@ -301,31 +363,54 @@ def _branch(buffer, action, group, state, flowed, dt, out, count, room):
 
 
 @cached_njit(nogil=True)
-def _outcomes_within(state, action, buffer, dt, out, scratch):
+def _branches(state, action, buffer, dt, out, scratch):
+    """Write every outcome before events, with its probability, in rows of F + 3 numbers.
+
+    Returns:
+        The number of outcomes, 0 where there is no result; and the flags so far.
+    """
     # Pointers into an array keep it alive only where the array is an argument.
     room = pointer_to(scratch, 0)
     width = int(buffer[b.WIDTH])
-    row = width + 3
-    table = int(buffer[b.TABLE]) + 2 * action
-    groups, first = int(buffer[table]), int(buffer[table + 1])
-    counted = False
-    if buffer[b.ACTIVE] != 0.0 and buffer[b.STOCHASTIC] != 0.0:
-        for v in range(groups):
-            counted = counted or table_of(buffer, first + v * b.GROUP) != 0
-    if not counted:
-        return _one_outcome(state, action, buffer, dt, out, width)
-    before = flow_and_residual(buffer, action, state, dt, out)
-    if not before & APPLICABLE or not finite(out, width):
-        return _one_outcome(state, action, buffer, dt, out, width)
+    flags = flow_and_residual(buffer, action, state, dt, out)
+    if not flags & APPLICABLE or not finite(out, width):
+        return 0, flags
     out[width + 2] = 1.0
     count = 1
     flowed = advanced(room, room_for(width))
     for i in range(width):
         flowed[i] = out[i]
-    for v in range(groups):
-        group = first + v * b.GROUP
+    table = int(buffer[b.TABLE]) + 2 * action
+    for v in range(int(buffer[table])):
+        group = int(buffer[table + 1]) + v * b.GROUP
         if table_of(buffer, group) != 0:
             count = _branch(buffer, action, group, state, flowed, dt, out, count, room)
+    return count, flags
+
+
+@cached_njit(nogil=True)
+def branch_rows(buffer, action, state, dt, out):
+    """Write every outcome before events to `out`, flat `[OUTCOMES * (F + 3)]`; return the number.
+
+    Each is a state, the reward so far, 0 and its probability; all arguments are arrays.
+    """
+    width = state.shape[0]
+    scratch = np.empty(room_for(width) + width)
+    return _branches(
+        pointer_to(state, 0), action, pointer_to(buffer, 0), dt, pointer_to(out, 0), scratch
+    )[0]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _outcomes(state, action, buffer, dt, out):
+    width = int(buffer[b.WIDTH])
+    row = width + 3
+    count, before = 0, 0
+    if buffer[b.ACTIVE] != 0.0 and _counted(buffer, action):
+        scratch = np.empty(room_for(width) + width)
+        count, before = _branches(state, action, buffer, dt, out, scratch)
+    if count == 0:
+        return _one_outcome(state, action, buffer, dt, out, width)
     kept, total = 0, 0.0
     for k in range(count):
         source, target = advanced(out, k * row), advanced(out, kept * row)
@@ -346,13 +431,6 @@ def _outcomes_within(state, action, buffer, dt, out, scratch):
     return kept
 
 
-@cached_njit(nogil=True, forceinline=True)
-def _outcomes(state, action, buffer, dt, out):
-    width = int(buffer[b.WIDTH])
-    scratch = np.empty(room_for(width) + width)
-    return _outcomes_within(state, action, buffer, dt, out, scratch)
-
-
 def _step_of_outcome_branches(state, action, buffer, dt, out):
     return _outcomes(state, action, buffer, dt, out)
 
@@ -361,3 +439,62 @@ def _step_of_outcome_branches(state, action, buffer, dt, out):
 def adapted_outcomes() -> Any:
     """Return the compiled C callback; see `TransitionModel.native_outcomes`."""
     return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_step_of_outcome_branches)
+
+
+@cached_njit(nogil=True)
+def uncertainty_of(buffer, action, state):
+    """Return the largest leverage of what the file does not predict; all are pointers.
+
+    The file predicts what has typical errors of at most half of the change.
+    """
+    table = int(buffer[b.TABLE]) + 2 * action
+    group, unknown = int(buffer[table + 1]), 0.0
+    u = stack_room(STACK)
+    z = advanced(u, r.MAX_INPUTS)
+    for _ in range(int(buffer[table])):
+        shared = int(buffer[group + b.G_SHARED])
+        part = int(buffer[shared + b.S_REGRESSION])
+        if part != 0:
+            inputs, count = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_COUNT])
+            depth = int(buffer[group + b.G_DEPTH])
+            head = int(buffer[shared + b.S_HEAD])
+            known, kinds = int(buffer[part + r.R_KNOWN]), int(buffer[part + r.R_KINDS])
+            heads, typical = int(buffer[part + r.R_HEADS]), int(buffer[part + r.R_TYPICAL])
+            change = int(buffer[part + r.R_SCALE]) + count
+            most, written = 0.0, known > 0
+            for t in range(count):
+                most = max(most, buffer[kinds + t])
+                for each in range(heads):  # a head without samples says nothing of the file
+                    if buffer[typical + each * count + t] > 0.5 * buffer[change + t]:
+                        written = False
+            if not (written and most == r.FILE):
+                normalise(buffer, part, inputs, depth, state, u)
+                unknown = max(unknown, leverage_at(buffer, part, head, most, u, depth, z))
+        group += b.GROUP
+    return unknown
+
+
+@cached_njit(nogil=True)
+def uncertainty(buffer, action, state):
+    """Return how far a step is from the data, from 0 to 1.
+
+    It is about 1 over the number of samples like this one, 1 where there are none, and 0 where the
+    file alone predicts.
+
+    Args:
+        buffer: `AdaptedModel.data`.
+        action: Position of the ground action.
+        state: `[F]`.
+    """
+    return uncertainty_of(pointer_to(buffer, 0), action, pointer_to(state, 0))
+
+
+def _uncertainty(state, action, buffer, dt, out):
+    out[int(buffer[b.WIDTH])] = uncertainty_of(buffer, action, state)
+    return 0
+
+
+@functools.cache
+def native_uncertainty() -> Any:
+    """Return the compiled C callback, see `TransitionModel.native_uncertainty`."""
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_uncertainty)

@@ -1,9 +1,8 @@
 """Counts of the outcomes of an action, for predicates and whole numbers.
 
 An outcome is what the file predicts for the action or for another action with the same arguments,
-or a change of the state. Outcomes are counted by action schema
-over all states and in contexts: states with the same predicates, with the same whole numbers, and
-with both; see `serp.model.learned.outcome_table`.
+or a change of the state. Outcomes are counted by action schema, over all states and in contexts:
+states with the same predicates and whole numbers; see `serp.model.learned.outcome_table`.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from serp.model.learned import outcome_table as c
 from serp.model.learned import parameter_buffer as b
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
 from serp.model.learned.adoption import BETTER, TrackRecord
-from serp.model.learned.file_step import ObservedStep, observed_step, settle
 from serp.model.learned.outcome_table import (
     CHANGE,
     ENDS,
@@ -34,6 +32,7 @@ from serp.model.learned.outcome_table import (
     put,
     room_for,
 )
+from serp.model.learned.parameter_buffer import ObservedStep, observed_step, settle
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.learned.residual_features import FeatureGroup, Key, rate_of
 from serp.model.native import advanced, pointer_to
@@ -43,20 +42,6 @@ from serp.model.transition_model import TransitionModel, Vector
 
 IMPOSSIBLE, POSSIBLE, FITS = range(3)
 """How an outcome fits an observation; one without a prediction is impossible."""
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _extend(table, inputs, state):
-    """Extend the observed ranges by a state."""
-    columns, places, ranges = (
-        int(table[c.T_COLUMNS]),
-        int(table[c.T_PLACES]),
-        int(table[c.T_RANGES]),
-    )
-    for k in range(columns):
-        value = state[int(inputs[int(table[places + k])])]
-        table[ranges + 2 * k] = min(table[ranges + 2 * k], value)
-        table[ranges + 2 * k + 1] = max(table[ranges + 2 * k + 1], value)
 
 
 @cached_njit(nogil=True)
@@ -164,28 +149,16 @@ def _score(table, room, width):
 
 
 @cached_njit(nogil=True)
-def _judge(table, inputs, state, rows, room, known):
+def _judge(table, row, room, known):
     """Compute the probabilities of the outcomes; where `known`, weigh experts by what came."""
-    probabilities, fits = room, advanced(room, FIT * c.KINDS)
-    scratch = advanced(room, SCRATCH * c.KINDS)
-    c.fill_broadest(table, probabilities)
-    c.fill_broadest(table, scratch)
+    c.fill_broadest(table, room)
     if known:
-        c.weigh_experts(table, c.BY_PREDICATES, rows[0], probabilities, fits)
-        c.weigh_experts(table, c.BY_NUMBERS, rows[1], scratch, fits)
-    c.refine(table, c.BY_PREDICATES, rows[0], probabilities)
-    c.refine(table, c.BY_NUMBERS, rows[1], scratch)
-    by_predicates = c.share_of(table, probabilities, fits)
-    by_numbers = c.share_of(table, scratch, fits)
-    c.mix_paths(table, probabilities, scratch)
-    if known:
-        c.weigh_experts(table, c.BY_BOTH, rows[2], probabilities, fits)
-        c.weigh_paths(table, by_predicates, by_numbers)
-    c.refine(table, c.BY_BOTH, rows[2], probabilities)
+        c.weigh_experts(table, row, room, advanced(room, FIT * c.KINDS))
+    c.refine(table, row, room)
 
 
 @cached_njit(nogil=True)
-def _add(table, rows, room):
+def _add(table, row, room):
     """Divide a sample among the outcomes that fit, by their probabilities."""
     probabilities, fits = room, advanced(room, FIT * c.KINDS)
     total, members, kinds = 0.0, 0, int(table[c.T_KINDS])
@@ -195,33 +168,36 @@ def _add(table, rows, room):
             total += probabilities[kind]
             members |= 1 << kind
     for kind in range(kinds):
-        if fits[kind] == FITS:
-            for row in rows:
-                if row > 0:
-                    c.add_share(table, row, kind, probabilities[kind] / total)
+        if fits[kind] == FITS and row > 0:
+            c.add_share(table, row, kind, probabilities[kind] / total)
     c.share_sets(table, members, advanced(room, SCRATCH * c.KINDS))
 
 
 @cached_njit(nogil=True)
-def _count(buffer, group, table, sample, flow, dt, losses, rate, room):
-    # Pointers into an array keep it alive only where the array is an argument.
+def _count(buffer, position, table, sample, flow, dt, losses, rate, room):
+    """Update the losses with a new sample, and then count it; all arguments are arrays.
+
+    `position` is that of the group among those of the action. `sample` is (state `[F]`, action, the
+    observed next state, whether the episode is over), `flow` (state and reward after effects and
+    processes, the flags of these). `losses` `[2]` are moving averages of the
+    Brier scores (Monthly Weather Review 78, 1950) of the file and of the counts, `rate` the weight
+    of this sample in them. `room` is scratch memory: pointers into an array keep it alive only
+    where the array is an argument.
+
+    Returns:
+        False where it is no outcome, and there is no room for another.
+    """
     state, action, observed, over = sample
     flowed, flags = flow
     base, counts = pointer_to(buffer, 0), pointer_to(table, 0)
     source, target = pointer_to(state, 0), pointer_to(observed, 0)
     scratch, seen = pointer_to(room, 0), (pointer_to(flowed, 0), flags)
+    group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
     inputs, width = advanced(base, int(base[group + b.G_INPUTS])), state.shape[0]
-    _extend(counts, inputs, source)
-    if not over:
-        _extend(counts, inputs, target)
     fitting = _fit_all(base, action, counts, inputs, source, seen, target, over, dt, scratch)
     fits, before = advanced(scratch, FIT * c.KINDS), int(counts[c.T_KINDS])
-    rows = (
-        c.find_or_enter(counts, inputs, source, c.BY_PREDICATES),
-        c.find_or_enter(counts, inputs, source, c.BY_NUMBERS),
-        c.find_or_enter(counts, inputs, source, c.BY_BOTH),
-    )
-    _judge(counts, inputs, source, rows, scratch, fitting > 0)
+    row = c.find_or_enter(counts, inputs, source)
+    _judge(counts, row, scratch, fitting > 0)
     if fitting > 0 or not over:
         score = _score(counts, scratch, width)
         losses[0] += rate * ((0.0 if fits[0] == FITS else 2.0) - losses[0])
@@ -232,26 +208,8 @@ def _count(buffer, group, table, sample, flow, dt, losses, rate, room):
             return over
         for kind in range(before, before + found):
             scratch[kind] = 1.0
-    _add(counts, rows, scratch)
+    _add(counts, row, scratch)
     return True
-
-
-@cached_njit(nogil=True)
-def count(buffer, position, table, sample, flow, dt, losses, rate):
-    """Update the losses with a new sample, and then count it; all arguments are arrays.
-
-    `position` is that of the group among those of the action. `sample` is (state `[F]`, action, the
-    observed next state, whether the episode is over), `flow` (state and reward after effects and
-    processes, the flags of these). `losses` `[2]` are moving averages of the
-    Brier scores (Monthly Weather Review 78, 1950) of the file and of the counts, `rate` the weight
-    of this sample in them.
-
-    Returns:
-        False where it is no outcome, and there is no room for another.
-    """
-    group = int(buffer[int(buffer[b.TABLE]) + 2 * sample[1] + 1]) + position * b.GROUP
-    room = np.empty(room_for(sample[0].shape[0]))
-    return _count(buffer, group, table, sample, flow, dt, losses, rate, room)
 
 
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step
@@ -282,9 +240,9 @@ class OutcomeCounts:
         where = {column: place for place, column in enumerate(group.inputs)}
         self._predicates = np.array([where[column] for column in group.predicates], dtype=np.int64)
         self._numbers = np.array([where[column] for column in group.targets], dtype=np.int64)
-        self._context = np.array(group.predicate_inputs, dtype=np.int64)
+        self._bits = np.array(group.predicate_inputs, dtype=np.int64)
         self.table: Vector | None = None
-        self.places = self._others = np.zeros(0, dtype=np.int64)
+        self.places = self._context = np.zeros(0, dtype=np.int64)
         self._scores = np.zeros(2)
         self.samples = self._strays = 0
         self._given_up = False
@@ -311,11 +269,10 @@ class OutcomeCounts:
             return
         old, kinds = _parts(self.table), int(self.table[c.T_KINDS])
         self._begin(self.places)
-        self.table = new_table(self.places, self._context, self._others)
+        self.table = new_table(self.places, self._context)
         nothing = (old["schemas"] == CHANGE) & (old["changes"] == 0.0).all(axis=1)
         self.table[c.T_KINDS] = min(c.KINDS, kinds + (not nothing[1:].any()))
         new = _parts(self.table)
-        new["ranges"][:] = old["ranges"]
         for name in ("schemas", "changes"):
             new[name][:kinds] = old[name]
 
@@ -369,9 +326,8 @@ class OutcomeCounts:
             # While the file is right there is nothing to count.
             if (step.next_state[columns] == step.settled[columns]).all():
                 return True
-            self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
-            self.table = new_table(self.places, self._context, self._others)
-            _parts(self.table)["ranges"][:] = step.state[columns, None]
+            self._context = np.union1d(self._bits, np.flatnonzero(whole[inputs]))
+            self.table = new_table(self.places, self._context)
             # All samples so far were as in the file.
             sets, totals = int(self.table[c.T_ALTERNATIVES]), int(self.table[c.T_TOTALS])
             self.table[c.T_SETS], self.table[sets : sets + 2] = 1, (1, self.samples - 1)
@@ -389,8 +345,10 @@ class OutcomeCounts:
         buffer, position, dt = place
         assert self.table is not None
         rate = rate_of(self.samples - 1, _MEMORY)
-        flow = step.flowed, step.flags
-        return bool(count(buffer, position, self.table, step[:4], flow, dt, self._scores, rate))
+        flow, room = (step.flowed, step.flags), np.empty(room_for(len(step.state)))
+        return bool(
+            _count(buffer, position, self.table, step[:4], flow, dt, self._scores, rate, room)
+        )
 
     def _begin(self, places: NDArray[np.int64]) -> None:
         self.places = places
@@ -402,7 +360,7 @@ class OutcomeCounts:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: dict[str, NDArray[Any]] = {
             "places": self.places.copy(),
-            "others": self._others.copy(),
+            "context": self._context.copy(),
             "scores": self._scores.copy(),
         }
         if self.table is not None:
@@ -416,12 +374,12 @@ class OutcomeCounts:
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("outcome counts", arrays, meta)
-        places, others = (self._positions(saved, name) for name in ("places", "others"))
+        places, context = (self._positions(saved, name) for name in ("places", "context"))
         scores = saved.array("scores", np.float64, self._scores.shape)
         samples, given_up = saved.whole("samples"), saved.truth("given_up")
         strays = saved.whole("strays", 0, samples)
-        table = self._table_of(saved, places, others) if saved.has("codes") else None
-        self.places, self._others = places, others
+        table = self._table_of(saved, places, context) if saved.has("codes") else None
+        self.places, self._context = places, context
         self._scores[:] = scores
         self.table = table
         self.samples, self._strays, self._given_up = samples, strays, given_up
@@ -433,10 +391,10 @@ class OutcomeCounts:
         return positions.copy()
 
     def _table_of(
-        self, saved: Saved, places: NDArray[np.int64], others: NDArray[np.int64]
+        self, saved: Saved, places: NDArray[np.int64], context: NDArray[np.int64]
     ) -> Vector:
         """Return a new table with the saved counts."""
-        table = new_table(places, self._context, others)
+        table = new_table(places, context)
         codes = saved.array("codes", np.float64, (-1,), 0, MOST - 1)
         rows = len(codes)
         if not 1 <= rows <= c.ROWS or len(np.unique(codes[1:])) < rows - 1 or (codes % 1.0).any():
@@ -453,8 +411,8 @@ class OutcomeCounts:
             c.enter(table, codes[row], row)
         for name, part in _parts(table).items():
             # Probabilities are counts divided by totals, and shares of evidence and trust.
-            low = {"changes": -LARGEST, "ranges": -LARGEST, "schemas": CHANGE}.get(name, 0.0)
-            low = c.LEAST if name in ("evidence", "trust", "paths") else low
+            low = {"changes": -LARGEST, "schemas": CHANGE}.get(name, 0.0)
+            low = c.LEAST if name in ("evidence", "trust") else low
             high = MOST if name in ("counts", "totals", "codes", "trust") else LARGEST
             part[:] = saved.array(name, np.float64, part.shape, low, high)
         if not table[int(table[c.T_TOTALS])] > 0.0:
@@ -468,9 +426,7 @@ def _parts(table: Vector) -> dict[str, Vector]:
     shapes = {
         "schemas": (c.T_SCHEMAS, (kinds,)),
         "changes": (c.T_CHANGES, (kinds, columns)),
-        "ranges": (c.T_RANGES, (columns, 2)),
-        "trust": (c.T_TRUST, (c.LEVELS, c.EXPERTS)),
-        "paths": (c.T_PATHS, (2,)),
+        "trust": (c.T_TRUST, (c.EXPERTS,)),
         "sets": (c.T_ALTERNATIVES, (int(table[c.T_SETS]), 2)),
         "codes": (c.T_CODES, (rows,)),
         "counts": (c.T_COUNTS, (rows, c.KINDS)),
@@ -483,22 +439,17 @@ def _parts(table: Vector) -> dict[str, Vector]:
     }
 
 
-def new_table(
-    places: NDArray[np.int64], predicates: NDArray[np.int64], others: NDArray[np.int64]
-) -> Vector:
-    """Return an empty table for the counted fluents at some positions within the inputs.
+def new_table(places: NDArray[np.int64], context: NDArray[np.int64]) -> Vector:
+    """Return an empty table for the counted fluents, and those of a context.
 
-    `predicates` are the positions of a context, `others` those of the whole numbers of a narrower
-    one.
+    Both are positions within the inputs.
     """
     parts = {
         c.T_PLACES: len(places),
-        c.T_CONTEXT: len(predicates) + len(others),
+        c.T_CONTEXT: len(context),
         c.T_SCHEMAS: c.KINDS,
         c.T_CHANGES: c.KINDS * len(places),
-        c.T_RANGES: 2 * len(places),
-        c.T_TRUST: c.LEVELS * c.EXPERTS,
-        c.T_PATHS: 2,
+        c.T_TRUST: c.EXPERTS,
         c.T_ALTERNATIVES: 2 * c.SETS,
         c.T_CODES: c.ROWS,
         c.T_SLOTS: c.SLOTS,
@@ -507,21 +458,15 @@ def new_table(
         c.T_EVIDENCE: c.ROWS * c.EXPERTS,
     }
     table = np.zeros(c.TABLE + sum(parts.values()))
-    at = c.TABLE
-    for name, size in parts.items():
-        table[name] = at
-        at += size
+    starts = np.cumsum([c.TABLE, *parts.values()])[:-1]
+    table[list(parts)] = starts
     table[c.T_COLUMNS], table[c.T_KINDS], table[c.T_ROWS] = len(places), 1, 1
-    table[c.T_PREDICATES], table[c.T_COUNT] = len(predicates), len(predicates) + len(others)
-    for start, positions in ((c.T_PLACES, places), (c.T_CONTEXT, [*predicates, *others])):
-        table[int(table[start]) :][: len(positions)] = positions
-    for start, size in (
-        (c.T_TRUST, c.LEVELS * c.EXPERTS),
-        (c.T_PATHS, 2),
-        (c.T_EVIDENCE, c.EXPERTS),
-    ):
-        table[int(table[start]) :][:size] = 1.0
-    table[int(table[c.T_SCHEMAS]) :][: c.KINDS] = CHANGE
+    table[c.T_COUNT] = len(context)
+    at = dict(zip(parts, starts.tolist(), strict=True))
+    table[at[c.T_PLACES] :][: len(places)] = places
+    table[at[c.T_CONTEXT] :][: len(context)] = context
+    table[at[c.T_SCHEMAS] :][: c.KINDS] = CHANGE
+    table[at[c.T_TRUST] :][: c.EXPERTS] = table[at[c.T_EVIDENCE] :][: c.EXPERTS] = 1.0
     return table
 
 

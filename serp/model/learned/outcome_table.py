@@ -2,7 +2,7 @@
 
 An outcome is what the file predicts for the action, what it predicts for another action with the
 same arguments (a robot that slips; walls and conditions of the file hold then, too), or a change of
-the state, within the ranges in which fluents were observed.
+the state.
 
 `buffer` is the memory of `serp.model.learned.parameter_buffer`, `table` that of
 `serp.model.learned.outcome_table`, all as pointers. `room` is scratch memory, see `room_for`.
@@ -15,7 +15,7 @@ import numpy as np
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE
 from serp.model.learned import parameter_buffer as b
-from serp.model.learned.file_step import flow
+from serp.model.learned.parameter_buffer import flow
 from serp.model.native import advanced
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -27,13 +27,9 @@ ROWS = 2048
 SLOTS = 8192
 """Slots of the hash table of contexts; a power of two."""
 PRIORS = (0.1, 1.0, 10.0)
-"""Samples that the broader context is worth, of the experts that count."""
+"""Samples that the counts over all contexts are worth, of the experts that count in a context."""
 EXPERTS = 4
-"""The last expert is the broader context."""
-
-BY_PREDICATES, BY_NUMBERS, BY_BOTH = range(3)
-"""What defines a context: predicates, whole numbers, or both; the first two are broader."""
-LEVELS = 3
+"""The last expert counts over all contexts alone."""
 SETS = 64
 """Most sets of outcomes that explained an observation together; the rarest one makes room."""
 _ITERATIONS = 10
@@ -41,10 +37,10 @@ _ITERATIONS = 10
 
 # Header of a table.
 (
-    T_COLUMNS, T_KINDS, T_ROWS, T_COUNT, T_PREDICATES, T_CONTEXT, T_PLACES, T_SCHEMAS, T_CHANGES,
-    T_CODES, T_SLOTS, T_COUNTS, T_TOTALS, T_RANGES, T_EVIDENCE, T_TRUST, T_PATHS, T_SETS,
+    T_COLUMNS, T_KINDS, T_ROWS, T_COUNT, T_CONTEXT, T_PLACES, T_SCHEMAS, T_CHANGES,
+    T_CODES, T_SLOTS, T_COUNTS, T_TOTALS, T_EVIDENCE, T_TRUST, T_SETS,
     T_ALTERNATIVES, TABLE,
-) = range(20)  # fmt: skip
+) = range(17)  # fmt: skip
 
 _MEMORY = 0.995
 """Weight of the past in the evidence for an expert, per sample."""
@@ -59,21 +55,10 @@ _BASIS, _PRIME, _FOLD, _EXACT = (
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _code(table, inputs, state, level):
-    """Return a hash of a context, a whole number below 2^53; -1 where a broader one is the same."""
-    first, last = 0, int(table[T_COUNT])
-    predicates = int(table[T_PREDICATES])
-    if level == BY_PREDICATES:
-        last = predicates
-    elif level == BY_NUMBERS:
-        first = predicates
-    elif predicates in (0, last):
-        return -1.0
-    if first == last:
-        return -1.0
-    context = int(table[T_CONTEXT])
-    code = _BASIS ^ np.uint64(level)
-    for k in range(first, last):
+def _code(table, inputs, state):
+    """Return a hash of the context of a state, a whole number below 2^53."""
+    context, code = int(table[T_CONTEXT]), _BASIS
+    for k in range(int(table[T_COUNT])):
         value = np.int64(state[int(inputs[int(table[context + k])])])
         code = (code ^ np.uint64(value)) * _PRIME
         code ^= code >> _FOLD
@@ -93,12 +78,9 @@ def _find(table, code):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def row_of(table, inputs, state, level):
-    """Return the row of counts of a context; 0 for an unknown one, or one like a broader one."""
-    code = _code(table, inputs, state, level)
-    if code < 0.0:
-        return 0
-    return int(table[int(table[T_SLOTS]) + _find(table, code)])
+def row_of(table, inputs, state):
+    """Return the row of counts of a state's context; 0 for an unknown one."""
+    return int(table[int(table[T_SLOTS]) + _find(table, _code(table, inputs, state))])
 
 
 @cached_njit(nogil=True)
@@ -113,11 +95,9 @@ def enter(table, code, row):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def find_or_enter(table, inputs, state, level):
+def find_or_enter(table, inputs, state):
     """Return `row_of` a context, after adding a row for an unknown one while there is room."""
-    code = _code(table, inputs, state, level)
-    if code < 0.0:
-        return 0
+    code = _code(table, inputs, state)
     slot, rows = int(table[T_SLOTS]) + _find(table, code), int(table[T_ROWS])
     if table[slot] == 0.0 and rows < ROWS:
         enter(table, code, rows)
@@ -136,11 +116,11 @@ def fill_broadest(table, probabilities):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def refine(table, level, row, probabilities):
-    """Turn the probabilities of a broader context into those of a row; row 0 has the same."""
+def refine(table, row, probabilities):
+    """Turn the probabilities over all contexts into those of a row; row 0 has the same."""
     if row == 0:
         return
-    trust, evidence = int(table[T_TRUST]) + level * EXPERTS, int(table[T_EVIDENCE]) + row * EXPERTS
+    trust, evidence = int(table[T_TRUST]), int(table[T_EVIDENCE]) + row * EXPERTS
     total = table[int(table[T_TOTALS]) + row]
     weights = table[trust + EXPERTS - 1] * table[evidence + EXPERTS - 1]
     counted, broader = 0.0, weights
@@ -156,47 +136,23 @@ def refine(table, level, row, probabilities):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def mix_paths(table, probabilities, others):
-    """Mix what predicates say with what numbers say, into the first argument."""
-    paths = int(table[T_PATHS])
-    share = table[paths] / (table[paths] + table[paths + 1])
-    for kind in range(int(table[T_KINDS])):
-        probabilities[kind] = share * probabilities[kind] + (1.0 - share) * others[kind]
-
-
-@cached_njit(nogil=True, forceinline=True)
-def fill_probabilities(table, inputs, state, probabilities, scratch):
-    """Compute the probability of each outcome in a state; both arrays are `[KINDS]`."""
+def fill_probabilities(table, inputs, state, probabilities):
+    """Compute the probability of each outcome in a state, `[KINDS]`."""
     fill_broadest(table, probabilities)
-    fill_broadest(table, scratch)
-    refine(table, BY_PREDICATES, row_of(table, inputs, state, BY_PREDICATES), probabilities)
-    refine(table, BY_NUMBERS, row_of(table, inputs, state, BY_NUMBERS), scratch)
-    mix_paths(table, probabilities, scratch)
-    refine(table, BY_BOTH, row_of(table, inputs, state, BY_BOTH), probabilities)
-
-
-@cached_njit(nogil=True, forceinline=True)
-def share_of(table, probabilities, fits):
-    """Return the probability of the outcomes that fit, 2 in `fits`, among the possible, not 0."""
-    fitting, possible = 0.0, 0.0
-    for kind in range(int(table[T_KINDS])):
-        if fits[kind] != 0.0:
-            possible += probabilities[kind]
-            if fits[kind] == 2.0:
-                fitting += probabilities[kind]
-    return max(LEAST, fitting / possible) if possible > 0.0 else 1.0
+    refine(table, row_of(table, inputs, state), probabilities)
 
 
 @cached_njit(nogil=True)
-def weigh_experts(table, level, row, probabilities, fits):
-    """Update the evidence for the experts of a row by an observation, see `share_of`.
+def weigh_experts(table, row, probabilities, fits):
+    """Update the evidence for the experts of a row by an observation.
 
-    `probabilities` are those of the broader context.
+    `probabilities` are those over all contexts. `fits` is 0 for an impossible outcome, and 2 for
+    one that explains the observation.
     """
     if row == 0:
         return
     counts = int(table[T_COUNTS]) + row * KINDS
-    trust, evidence = int(table[T_TRUST]) + level * EXPERTS, int(table[T_EVIDENCE]) + row * EXPERTS
+    trust, evidence = int(table[T_TRUST]), int(table[T_EVIDENCE]) + row * EXPERTS
     fitting, possible, told, known = 0.0, 0.0, 0.0, 0.0
     for kind in range(int(table[T_KINDS])):
         if fits[kind] != 0.0:
@@ -220,16 +176,6 @@ def weigh_experts(table, level, row, probabilities, fits):
     for e in range(EXPERTS):
         believed = table[trust + e] * table[evidence + e] / total
         table[trust + e] = max(LEAST, _MEMORY * table[trust + e] + believed)
-
-
-@cached_njit(nogil=True, forceinline=True)
-def weigh_paths(table, by_predicates, by_numbers):
-    """Update the evidence for two ways of predicting by the probabilities that they had given."""
-    paths = int(table[T_PATHS])
-    first = table[paths] ** _MEMORY * by_predicates
-    second = table[paths + 1] ** _MEMORY * by_numbers
-    most = max(first, second)
-    table[paths], table[paths + 1] = max(LEAST, first / most), max(LEAST, second / most)
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -338,43 +284,20 @@ def _by_schema(buffer, action, schema, table, inputs, state, dt, values, step):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _by_change(table, kind, inputs, state, values):
-    """Write the counted fluents after a change.
-
-    Returns:
-        Whether those that change are within the ranges in which they were observed.
-    """
-    columns, places, ranges = (
-        int(table[T_COLUMNS]),
-        int(table[T_PLACES]),
-        int(table[T_RANGES]),
-    )
-    changes = int(table[T_CHANGES]) + kind * columns
-    within = True
-    for k in range(columns):
-        by = table[changes + k]
-        values[k] = state[int(inputs[int(table[places + k])])] + by
-        inside = table[ranges + 2 * k] <= values[k] <= table[ranges + 2 * k + 1]
-        within = within and (by == 0.0 or inside)
-    return within
-
-
-@cached_njit(nogil=True, forceinline=True)
 def predict(buffer, action, table, kind, inputs, state, flowed, dt, room):
     """Write what an outcome predicts, see `values_of`; return whether it is possible.
 
     `flowed` `[F]` is the state after effects, processes and residual.
     """
     width, columns = int(buffer[b.WIDTH]), int(table[T_COLUMNS])
-    values = values_of(room, width, columns, kind)
-    if kind == 0:
-        places = int(table[T_PLACES])
-        for k in range(columns):
-            values[k] = flowed[int(inputs[int(table[places + k])])]
-        return True
+    values, places = values_of(room, width, columns, kind), int(table[T_PLACES])
     schema = table[int(table[T_SCHEMAS]) + kind]
-    if schema == CHANGE:
-        return _by_change(table, kind, inputs, state, values)
+    if kind == 0 or schema == CHANGE:
+        changes = int(table[T_CHANGES]) + kind * columns
+        for k in range(columns):
+            column = int(inputs[int(table[places + k])])
+            values[k] = flowed[column] if kind == 0 else state[column] + table[changes + k]
+        return True
     step = advanced(room, STEP * KINDS)
     return _by_schema(buffer, action, int(schema), table, inputs, state, dt, values, step)
 
@@ -419,8 +342,8 @@ def likeliest(buffer, action, group, state, flowed, dt, room):
     """
     table = advanced(buffer, table_of(buffer, group))
     inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
-    probabilities, scratch = room, advanced(room, SCRATCH * KINDS)
-    fill_probabilities(table, inputs, state, probabilities, scratch)
+    probabilities = room
+    fill_probabilities(table, inputs, state, probabilities)
     kinds, left = int(table[T_KINDS]), 0.0
     for kind in range(kinds):
         usual = kind == 0 or probabilities[kind] >= RARE

@@ -12,13 +12,11 @@ import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp.model import ground as g
-from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change, Kind
 
@@ -227,24 +225,17 @@ def _plausible(values: Vector) -> NDArray[np.bool_]:
 
 
 class Flow:
-    """Effects and processes of a model, without its events.
-
-    Runs in CPython, about 3 µs per row, unless the model is compiled: candidate models need no
-    compilation.
-    """
+    """Effects and processes of a model, without its events; candidate models are not compiled."""
 
     def __init__(self, model: TransitionModel, *, processes: bool = True) -> None:
         self._whole = model
-        self._processes = processes
         bare = dataclasses.replace(model.ground, events=(), goal=None, metric=None)
         if not processes:
             bare = dataclasses.replace(bare, processes=())
-        self._bare = TransitionModel(bare, dt=model.dt)
+        self._bare = TransitionModel(bare, dt=model.dt, own_code=False)
 
     def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
         """Return the predictions with parameters `[P]`, `[N, F]`; NaN without a next state."""
-        if self._processes and self._whole.program.has_own_code and self._whole.program.compiled:
-            return _flowed(self._whole.replace(theta=theta), states, actions)
         return predictions(self._bare.replace(theta=theta), states, actions)
 
     def undisturbed(self, data: RegressionData, theta: Vector) -> NDArray[np.bool_]:
@@ -286,38 +277,12 @@ def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int6
 def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
     """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN without any.
 
-    A model that is not compiled yet runs in CPython, with the same results.
+    A model that is not compiled yet runs as bytecode, with the same results.
     """
-    if model.program.compiled:
-        predicted, flags = _run(model.native_step(), model, states, actions)
-    else:
-        steps = zip(states.tolist(), actions.tolist(), strict=True)
-        rows = [model.transition(state, action) for state, action in steps]
-        predicted = np.array([out for out, _ in rows]).reshape(len(rows), states.shape[1] + 1)
-        flags = np.array([flag for _, flag in rows], dtype=np.int64)
-    steps_ahead = np.column_stack((predicted, (flags & TERMINAL) != 0))
-    return np.where((flags & APPLICABLE != 0)[:, None], steps_ahead, np.nan)
-
-
-def _flowed(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return the predictions of a model without its events, `[N, F]`; NaN where none."""
-    predicted, flags = _run(model.program.native("flow"), model, states, actions)
-    # As in a whole step, there is no result where the reward is not finite.
-    fine = (flags & APPLICABLE != 0) & np.isfinite(predicted[:, -1])
-    return np.where(fine[:, None], predicted[:, :-1], np.nan)
-
-
-def _run(
-    callback: Any, model: TransitionModel, states: Vector, actions: NDArray[np.int64]
-) -> tuple[Vector, NDArray[np.int64]]:
-    """Run a compiled function on states; return its results `[N, F + 1]` and flags `[N]`."""
-    from serp.model.native import address_of, step_batch
-
-    batch, width = states.shape
-    out = np.empty((batch, width + 1))
-    flags = np.empty(batch, dtype=np.int64)
-    step_batch(
-        (address_of(callback), model.data, model.dt), np.ascontiguousarray(states).reshape(-1),
-        np.ascontiguousarray(actions), out.reshape(-1), flags,
-    )  # fmt: skip
-    return out, flags
+    if not model.program.compiled:
+        model = TransitionModel(model.ground, dt=model.dt, theta=model.theta, own_code=False)
+    finite = np.isfinite(states)
+    step = model.step(np.where(finite, states, 0.0), actions)
+    ahead = np.column_stack((step.state, step.reward, step.terminal))
+    ahead[~(finite.all(1) & step.applicable)] = np.nan
+    return ahead

@@ -2,7 +2,7 @@
 
 Each sample is first predicted, then learned from. By these predictions the predictor of each target
 is chosen, outliers lose weight (errors have Student's t distribution), and a lasting change of the
-world is noticed: then all but the newest samples are forgotten, until that proves wrong.
+world is noticed: then all but the newest samples are forgotten.
 """
 
 from __future__ import annotations
@@ -15,22 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
-from serp._util.saved_state import MOST, Saved, nested, part_of
+from serp._util.saved_state import MOST, Saved
 from serp.model.learned import residual_features as r
+from serp.model.learned.adapted_step import columns_in_use, leverage
 from serp.model.learned.adoption import BETTER, TrackRecord
 from serp.model.learned.residual_features import (
     FEW,
     SETTLED,
-    FeatureGroup,
     RegressionParameters,
     dot_chunk,
     features_of,
     linear_of,
-    predicted,
     rate_of,
 )
-from serp.model.learned.residual_fit import FIRST, REMEMBERED, FittedWeights, Mask, outliers
-from serp.model.learned.residual_prediction import columns_in_use, leverage
+from serp.model.learned.residual_fit import REMEMBERED, FittedWeights, Mask
 from serp.model.native import advanced, pointer_to
 from serp.model.transition_model import Vector
 
@@ -49,33 +47,21 @@ may have changed if this fraction of recent steps are surprises."""
 
 
 @cached_njit(nogil=True)
-def update_whole(state, next_state, numeric, whole):
-    """Update which fluents were always `whole` `[F]`; return whether none is NaN or huge."""
-    for i in range(state.shape[0]):
-        if not (abs(state[i]) < HUGE and abs(next_state[i]) < HUGE):
-            return False
-    for i in range(state.shape[0]):
-        if numeric[i] and next_state[i] != np.floor(next_state[i]):
-            whole[i] = False
-    return True
-
-
-@cached_njit(nogil=True)
-def account(sample, row, head, published, sizes, statistics):
+def account(sample, head, published, sizes, statistics):
     """Add a sample to the losses.
 
     A sample is the inputs `[d]`, `[T]` observed next values less those of effects and processes,
     `[T]` whether that is observed, and `[T]` the change. `published` are views of
-    `RegressionParameters`; `sizes` are its features, known columns, columns and heads.
+    `RegressionParameters`; `sizes` are its features, known columns and columns.
     `statistics` are `[4, T]` moving averages of errors by predictor, `[T]` samples in them,
-    `[T]` the mean change, `[R, T]` samples of each row, `[1]` the fraction of surprises.
+    `[T]` the mean change, `[H, T]` samples of each head, `[1]` the fraction of surprises.
 
     Returns:
         The weight of the sample in the regression, and whether the world may have changed.
     """
     x, y, valid, change = sample
     centre, shrink, frequency, phase, linear, amplitude, kinds, inverse, typical, scale = published
-    features, known, columns, heads = sizes
+    features, known, columns = sizes
     loss, seen, spread, samples, surprises = statistics
     depth, count = x.shape[0], y.shape[0]
     room = np.empty(depth + 2 * r.SMOOTH + 4 * count)
@@ -87,7 +73,7 @@ def account(sample, row, head, published, sizes, statistics):
     for t in range(count):
         errors[r.FILE, t] = y[t]
         for kind in range(3):
-            errors[1 + kind, t] = y[t] - linear_of(pointer_to(linear[row, kind, t], 0), u, depth)
+            errors[1 + kind, t] = y[t] - linear_of(pointer_to(linear[head, kind, t], 0), u, depth)
     share = 1.0
     known = columns_in_use(known, columns, kinds.max())
     for chunk in range(max(1, features // r.SMOOTH)):
@@ -100,19 +86,18 @@ def account(sample, row, head, published, sizes, statistics):
                     errors[r.CURVED + kind, t] -= dot_chunk(weights, z, scratch)
         if chunk == 0:
             share = leverage(
-                pointer_to(inverse, 0), inverse.shape[0], known, columns, heads, row, head, u,
-                depth, z,
+                pointer_to(inverse, 0), inverse.shape[0], known, columns, head, u, depth, z,
             )  # fmt: skip
     worst, surprise = 0.0, False
     for t in range(count):
-        if valid[t] and samples[row, t] >= FEW:
+        if valid[t] and samples[head, t] >= FEW:
             error = errors[int(kinds[t]), t]
             least = 1e-9 * (1.0 + abs(y[t] - error))
-            variance = typical[row, t] ** 2 + share * scale[0, t] ** 2 + least * least
+            variance = typical[head, t] ** 2 + share * scale[0, t] ** 2 + least * least
             ratio = error * error / variance
             worst = max(worst, ratio)
             if ratio > _ROBUST * _ROBUST and abs(error) > _NOTICED * spread[t]:
-                surprise = surprise or samples[row, t] >= SETTLED
+                surprise = surprise or samples[head, t] >= SETTLED
     weight = 1.0 if worst <= _ROBUST * _ROBUST else _ROBUST * _ROBUST / worst
     surprises[0] = _RECENT * surprises[0] + (1.0 - _RECENT if surprise else 0.0)
     for t in range(count):
@@ -120,12 +105,12 @@ def account(sample, row, head, published, sizes, statistics):
             continue
         error = errors[int(kinds[t]), t]
         size = abs(error)
-        samples[row, t] += 1.0
-        if samples[row, t] > SETTLED:
-            limited = min(size, 4.0 * typical[row, t] + 1e-12)
-            typical[row, t] += 0.02 * weight * (limited - typical[row, t])
+        samples[head, t] += 1.0
+        if samples[head, t] > SETTLED:
+            limited = min(size, 4.0 * typical[head, t] + 1e-12)
+            typical[head, t] += 0.02 * weight * (limited - typical[head, t])
         else:
-            typical[row, t] += (size * weight - typical[row, t]) / samples[row, t]
+            typical[head, t] += (size * weight - typical[head, t]) / samples[head, t]
         rate = rate_of(seen[t], _MEMORY) * weight  # hardly any for far outliers
         # Over all samples: where a robot keeps still, little changes, and noise is most of it.
         spread[t] += weight / (1.0 + seen[t]) * (abs(change[t]) - spread[t])
@@ -181,33 +166,23 @@ what a robot meets at the end of an episode only."""
 class ResidualRegression:
     """Learns the one-step error of the targets of alike groups; `parameters` receive the result."""
 
-    def __init__(
-        self,
-        group: FeatureGroup,
-        parameters: RegressionParameters,
-        seed: np.random.SeedSequence,
-    ) -> None:
+    def __init__(self, parameters: RegressionParameters, seed: np.random.SeedSequence) -> None:
         p = self._parameters = parameters
-        count, rows = p.count, p.rows
-        self._bits = group.bits
-        self._places = np.array([group.inputs.index(t) for t in group.targets], dtype=np.int64)
+        count = p.count
         self._published = (
             p.centre, p.shrink, p.frequency, p.phase, p.linear, p.amplitude, p.kinds, p.inverse,
             p.typical, p.scale,
         )  # fmt: skip
-        self._loss, self._samples = np.zeros((4, count)), np.zeros((rows, count))
+        self._loss, self._samples = np.zeros((4, count)), np.zeros((p.heads, count))
         self._seen, self._spread, self._surprises = np.zeros(count), np.zeros(count), np.zeros(1)
         self._statistics = (
             self._loss, self._seen, self._spread, self._samples, self._surprises,
         )  # fmt: skip
-        self._shelved = [np.zeros_like(array) for array in self._statistics]
         self._fit = FittedWeights(p, seed)
-        self._before = RegressionParameters(np.zeros(p.all.size), 0, group, p.heads)
-        self._firsts = np.zeros(p.heads, dtype=np.int64)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything but the number of first samples."""
+        """Forget everything."""
         self._parameters.clear()
         for array in self._statistics:
             array[:] = 0
@@ -228,10 +203,21 @@ class ResidualRegression:
             enabled: `[T]` whether a residual may predict the target.
         """
         valid = valid & (np.abs(y) < HUGE)
-        used = self._learn(head, x, y, valid, change, enabled)
-        self._firsts[head] += 1
-        if self._firsts[head] == FIRST:
-            return self._drop_outliers(head, enabled, used)
+        p, fit = self._parameters, self._fit
+        if not valid.any() or not fit.accepts(x):
+            return bool(p.kinds.any())
+        weight, changed = account(
+            (x, y, valid, change), head, self._published,
+            (p.features, p.known, p.columns), self._statistics,
+        )  # fmt: skip
+        fit.keep(x, y, valid, head, weight)
+        self._of_episode += 1
+        self._alarms = self._alarms + 1 if changed else 0
+        if changed and (self._of_episode < REMEMBERED or self._alarms > _LONG):
+            self._forget()
+        if fit.update(valid):
+            self._solve()
+        used: bool = choose(self._statistics, p.features > 0, p.kinds, enabled)
         return used
 
     def begin_episode(self) -> None:
@@ -241,88 +227,20 @@ class ResidualRegression:
     def track_records(self, schema: str, head: int) -> list[TrackRecord]:
         """Return what is known of the residual of each target, after actions of a schema."""
         p, loss = self._parameters, self._loss
-        steps = self._samples[p.head_of_rows == head].sum(axis=0)
+        steps = self._samples[head]
         learned = loss[r.LINEAR :].min(axis=0) if p.features else loss[r.LINEAR]
         errors = loss[r.FILE].tolist(), learned.tolist()
         columns = zip((p.kinds != r.FILE).tolist(), steps.tolist(), *errors, strict=True)
         return [TrackRecord(schema, use, int(seen), *both) for use, seen, *both in columns]
 
-    def _drop_outliers(self, head: int, enabled: Mask, used: bool) -> bool:
-        """Learn again without the outliers among the first samples of a head."""
-        kept = self._fit.kept
-        known, heads = kept.newest(len(kept)), self._parameters.head_of_rows
-        own = known[heads[kept.row[known]] == head]
-        if not len(own):
-            return used
-        dropped, usable = outliers(
-            kept.x[own], kept.x[known], kept.y[own], kept.valid[own], self._places
-        )
-        if not dropped.any() and (usable == kept.valid[own]).all():
-            return used
-        kept.valid[own] = usable
-        again = known[~np.isin(known, own[dropped])]
-        of = heads[kept.row[again]].tolist()
-        samples = [part[again] for part in (kept.x, kept.y, kept.valid, kept.change)]
-        self.reset()
-        for head, x, y, valid, change in zip(of, *samples, strict=True):
-            used = self._learn(head, x, y, valid, change, enabled)
-        return used
-
-    def _learn(
-        self, head: int, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask
-    ) -> bool:
-        p, fit = self._parameters, self._fit
-        if not valid.any() or not fit.accepts(x):
-            return bool(p.kinds.any())
-        row = self._row(head, x)
-        weight, changed = account(
-            (x, y, valid, change), row, head, self._published,
-            (p.features, p.known, p.columns, p.heads), self._statistics,
-        )  # fmt: skip
-        fit.keep(x, y, valid, change, row, weight)
-        self._of_episode += 1
-        recent = fit.recent
-        self._alarms = self._alarms + 1 if changed else 0
-        if changed and (self._of_episode < REMEMBERED or self._alarms > _LONG):
-            self._forget()
-        elif fit.start and recent in (32, 64, 128, 256, 512):
-            self._reconsider()
-        if fit.update(valid):
-            self._solve()
-        used: bool = choose(self._statistics, p.features > 0, p.kinds, enabled)
-        return used
-
-    def _row(self, head: int, x: Vector) -> int:
-        """Return the row of an input, adding a mode while there is room."""
-        if not self._bits:
-            return head
-        p = self._parameters
-        bits = sum(2**k for k, bit in enumerate(self._bits) if x[bit] != 0.0)
-        code = float(r.CODES * head + bits)
-        known: list[float] = p.codes[p.heads : p.heads + p.modes].tolist()
-        if code in known:
-            return p.heads + known.index(code)
-        if p.heads + p.modes == p.rows:
-            return head
-        row: int = p.heads + p.modes
-        p.modes += 1
-        p.codes[row] = code
-        p.linear[row] = p.linear[head]
-        return row
-
     def _forget(self) -> None:
         """Forget all but the newest samples, because the environment has changed."""
         p = self._parameters
-        self._before.restore(p.contents())
         p.features = p.known = 0
         p.typical[:] = 0.0
-        for array, shelved in zip(self._statistics, self._shelved, strict=True):
-            shelved[:] = array
+        for array in self._statistics:
             array[:] = 0.0
-        self._begin(self._fit.kept.seen - REMEMBERED)
-
-    def _begin(self, start: int) -> None:
-        self._fit.begin(start)
+        self._fit.forget()
         self._solve()
 
     def _solve(self) -> None:
@@ -331,27 +249,8 @@ class ResidualRegression:
         if self._fit.solve(bool(left.any())):
             self._loss[r.LINEAR + 1 :] = self._loss[r.LINEAR]
 
-    def _reconsider(self) -> None:
-        """Believe older samples again if what was learned from them predicts the new ones better.
-
-        The new errors are those of the samples when they were new, so both are predictions.
-        """
-        p, kept = self._parameters, self._fit.kept
-        new = kept.newest(self._fit.recent)
-        off = np.abs(kept.y[new] - predicted(self._before, kept.x[new], kept.row[new]))
-        now, balance = p.typical[kept.row[new]].mean(axis=0), 0.0
-        for t in np.flatnonzero((self._before.kinds > 0) & (p.scale[1] > 0)):
-            usual = off[kept.valid[new, t], t]
-            balance += (np.median(usual) - now[t]) / p.scale[1, t] if len(usual) else 0.0
-        if balance < 0.0:
-            p.restore(self._before.contents())
-            for array, shelved in zip(self._statistics, self._shelved, strict=True):
-                array[:] = shelved
-            self._surprises[:] = 0.0
-            self._begin(0)
-
     _RANGES: Final = {
-        "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST),
+        "seen": (0, MOST), "surprises": (0.0, 1.0),
         "loss": (0.0, np.inf), "spread": (0.0, np.inf), "samples": (0, MOST),
     }  # fmt: skip
 
@@ -359,8 +258,6 @@ class ResidualRegression:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays, meta = self._fit.state_dict()
         arrays |= {name: getattr(self, f"_{name}").copy() for name in self._RANGES}
-        arrays |= nested("before", self._before.contents())
-        arrays |= {f"shelved{k}": array.copy() for k, array in enumerate(self._shelved)}
         return arrays, meta | {"alarms": self._alarms, "of_episode": self._of_episode}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -368,9 +265,6 @@ class ResidualRegression:
         saved = Saved("residual", arrays, meta)
         self._fit.load_state_dict(arrays, meta)
         self._alarms, self._of_episode = saved.whole("alarms"), saved.whole("of_episode")
-        self._before.restore(part_of(arrays, "before"))
-        for k, array in enumerate(self._shelved):
-            array[:] = saved.array(f"shelved{k}", np.float64, array.shape, 0.0)
         for name, (low, high) in self._RANGES.items():
             own = getattr(self, f"_{name}")
             own[:] = saved.array(name, own.dtype, own.shape, low, high)

@@ -19,9 +19,6 @@ from serp.model.transition_model import Vector
 
 Key = tuple[str, ...]
 
-MAX_BITS = 6
-"""Most predicates of a group with modes."""
-
 
 @dataclass(frozen=True)
 class FeatureGroup:
@@ -43,11 +40,6 @@ class FeatureGroup:
     targets: tuple[int, ...]
     predicates: tuple[int, ...]
     predicate_inputs: tuple[int, ...]
-
-    @property
-    def bits(self) -> tuple[int, ...]:
-        """Positions within `inputs` of the predicates whose values distinguish modes."""
-        return self.predicate_inputs if len(self.predicate_inputs) <= MAX_BITS else ()
 
 
 def feature_groups_of(model: GroundModel, action: GroundSchema) -> tuple[FeatureGroup, ...]:
@@ -103,15 +95,11 @@ def _group(
     )
 
 
-MODES: Final = 8
-"""Most combinations of a head and values of the group's predicates with their own linear part."""
 RANGE: Final = 1.3
 """Normalised inputs larger than this are outside of the range of the data; if samples have them,
 all are normalised anew."""
 SMOOTH, FEATURES = 64, 256
 """Numbers of random Fourier features: of a smooth model and of a full one."""
-CODES: Final = 64
-"""Number of values of a group's predicates; the code of a mode is head · CODES + value."""
 MAX_INPUTS: Final = 96  # compiled code keeps them on the stack
 MAX_COLUMNS: Final = 640
 """Most columns of the linear part of a regression, which is solved often."""
@@ -125,10 +113,9 @@ FILE, LINEAR, CURVED, FULL = range(4)
 smoothest random features, or one with all of them."""
 
 (
-    R_HEADS, R_MODES, R_BITS, R_FEATURES, R_KNOWN, R_POSITIONS, R_CODES, R_KINDS, R_LINEAR,
-    R_AMPLITUDE, R_CENTRE, R_SHRINK, R_FREQUENCY, R_PHASE, R_INVERSE, R_TYPICAL,
-    R_SCALE, R_ROWS, HEADER,
-) = range(19)  # fmt: skip
+    R_HEADS, R_FEATURES, R_KNOWN, R_KINDS, R_LINEAR, R_AMPLITUDE, R_CENTRE, R_SHRINK, R_FREQUENCY,
+    R_PHASE, R_INVERSE, R_TYPICAL, R_SCALE, HEADER,
+) = range(14)  # fmt: skip
 
 
 def entry(index: int, kind: Callable[[float], int]) -> Any:
@@ -144,30 +131,28 @@ class RegressionParameters:
     """Views of the part of the buffer that belongs to one regression.
 
     Attributes:
-        heads, rows, depth, count: H, R, d and T.
-        modes: Number of modes with a separate linear part.
+        heads, depth, count: H (action schemas), d and T.
         features: Number of random features in use: 0 or `FEATURES`.
         known: Columns of `inverse` in use; 0 before the first solution.
         columns: Number of columns of the linear part of the design matrix.
-        codes: `[R]` codes of modes.
         kinds: `[T]` the predictor in use.
-        linear: `[R, 3, T, 1 + d]` weights of a constant and the normalised inputs, by kind.
+        linear: `[H, 3, T, 1 + d]` weights of a constant and the normalised inputs, by kind.
         amplitude: `[2, T, FEATURES]` weights of the random features, by kind.
         centre, shrink: `[d]` normalised inputs are (x - centre) · shrink.
         frequency: `[d, FEATURES]`.
         phase: `[FEATURES]`.
         inverse: `[columns + SMOOTH, same]` inverse of the Cholesky factor of the smooth model.
-        typical: `[R, T]` typical error of the predictor in use.
+        typical: `[H, T]` typical error of the predictor in use.
         scale: `[4, T]` typical error where nothing is known, typical change, and two sums that the
             first is computed from.
     """
 
-    modes, features, known = (entry(index, int) for index in (R_MODES, R_FEATURES, R_KNOWN))
+    features, known = (entry(index, int) for index in (R_FEATURES, R_KNOWN))
 
     def __init__(self, buffer: Vector, start: int, group: FeatureGroup, heads: int) -> None:
         self._header = buffer[start : start + HEADER]
-        self.heads, self.rows, self.depth = heads, rows_of(group, heads), len(group.inputs)
-        self.count, self.columns = len(group.targets), columns_of(group, heads)
+        self.heads, self.depth, self.count = heads, len(group.inputs), len(group.targets)
+        self.columns = columns_of(group, heads)
         at = start + HEADER
         parts: dict[int, Vector] = {}
         for name, shape in _shapes(group, heads).items():
@@ -175,22 +160,13 @@ class RegressionParameters:
             self._header[name] = at
             parts[name] = buffer[at : at + size].reshape(shape)
             at += size
-        self._header[R_HEADS], self._header[R_BITS] = heads, len(group.bits)
-        self._header[R_ROWS] = self.rows
-        parts[R_POSITIONS][:] = group.bits
-        self.codes, self.kinds, self.linear = parts[R_CODES], parts[R_KINDS], parts[R_LINEAR]
+        self._header[R_HEADS] = heads
+        self.kinds, self.linear = parts[R_KINDS], parts[R_LINEAR]
         self.amplitude, self.centre = parts[R_AMPLITUDE], parts[R_CENTRE]
         self.shrink, self.frequency = parts[R_SHRINK], parts[R_FREQUENCY]
         self.phase, self.inverse = parts[R_PHASE], parts[R_INVERSE]
         self.typical, self.scale = parts[R_TYPICAL], parts[R_SCALE]
-        self.all = buffer[start:at]
-        self._weights = buffer[int(self._header[R_CODES]) : at]
-
-    @property
-    def head_of_rows(self) -> NDArray[np.int64]:
-        """The head of each row, `[R]`."""
-        of_modes = self.codes[self.heads :].astype(np.int64) // CODES
-        return np.concatenate((np.arange(self.heads), of_modes))
+        self._weights = buffer[start + HEADER : at]
 
     def draw(self, seed: np.random.SeedSequence) -> None:
         """Draw random features, the smoothest first."""
@@ -205,43 +181,32 @@ class RegressionParameters:
     def clear(self) -> None:
         """Use the file alone."""
         self._weights[:] = 0.0
-        self.modes = self.features = self.known = 0
+        self.features = self.known = 0
 
     def contents(self) -> Arrays:
         """Return what is published."""
-        sizes = np.array([self.modes, self.features, self.known])
-        return {"sizes": sizes, "weights": self._weights.copy()}
+        return {"sizes": np.array([self.features, self.known]), "weights": self._weights.copy()}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Publish what `contents` returned; a `RunError` refuses what does not fit."""
         saved = Saved("adaptation", arrays, {})
-        sizes = saved.array("sizes", np.int64, (3,), 0, MAX_COLUMNS + SMOOTH)
+        features, known = saved.array("sizes", np.int64, (2,)).tolist()
         weights = saved.array("weights", np.float64, self._weights.shape)
-        modes, features, known = sizes.tolist()
-        first = self.codes.size
-        kinds = weights[first : first + self.kinds.size]
-        codes = weights[:first]
+        kinds = weights[: self.kinds.size]
         if (
-            modes > self.rows - self.heads
-            or features not in (0, FEATURES)
+            features not in (0, FEATURES)
             or known not in (0, self.columns, self.columns + SMOOTH)
             or (known > self.columns and not features)
             or not np.isin(kinds, range(1 + FULL)).all()
-            or not np.isin(codes, range(self.heads * CODES)).all()
         ):
-            raise saved.wrong("modes, random features or predictors are out of range")
+            raise saved.wrong("random features or predictors are out of range")
         self._weights[:] = weights
-        self.modes, self.features, self.known = modes, features, known
-
-
-def rows_of(group: FeatureGroup, heads: int) -> int:
-    """Return the number of rows of a regression."""
-    return heads + (min(MODES, heads * 2 ** len(group.bits)) if group.bits else 0)
+        self.features, self.known = features, known
 
 
 def columns_of(group: FeatureGroup, heads: int) -> int:
-    """Return the number of columns of the linear part: shared by all rows, and of each row."""
-    return (1 + rows_of(group, heads)) * (1 + len(group.inputs))
+    """Return the number of columns of the linear part: shared by all heads, and of each head."""
+    return (1 + heads) * (1 + len(group.inputs))
 
 
 def learnable(group: FeatureGroup, heads: int) -> bool:
@@ -255,41 +220,20 @@ def size_of(group: FeatureGroup, heads: int) -> int:
 
 
 def _shapes(group: FeatureGroup, heads: int) -> dict[int, tuple[int, ...]]:
-    depth, count, rows = len(group.inputs), len(group.targets), rows_of(group, heads)
+    depth, count = len(group.inputs), len(group.targets)
     size = columns_of(group, heads) + SMOOTH
     return {
-        R_POSITIONS: (len(group.bits),),
-        R_CODES: (rows,),
         R_KINDS: (count,),
-        R_LINEAR: (rows, 3, count, 1 + depth),
+        R_LINEAR: (heads, 3, count, 1 + depth),
         R_AMPLITUDE: (2, count, FEATURES),
         R_CENTRE: (depth,),
         R_SHRINK: (depth,),
         R_FREQUENCY: (depth, FEATURES),
         R_PHASE: (FEATURES,),
         R_INVERSE: (size, size),
-        R_TYPICAL: (rows, count),
+        R_TYPICAL: (heads, count),
         R_SCALE: (4, count),
     }
-
-
-@cached_njit(nogil=True, forceinline=True)
-def row_of(buffer, part, head, inputs, state):
-    """Return the row of a head in a state: that of its mode, or its own."""
-    bits = int(buffer[part + R_BITS])
-    if bits == 0:
-        return head
-    positions, codes = int(buffer[part + R_POSITIONS]), int(buffer[part + R_CODES])
-    heads = int(buffer[part + R_HEADS])
-    code, weight = float(CODES * head), 1.0
-    for k in range(bits):
-        if state[int(buffer[inputs + int(buffer[positions + k])])] != 0.0:
-            code += weight
-        weight *= 2.0
-    for row in range(heads, heads + int(buffer[part + R_MODES])):
-        if buffer[codes + row] == code:
-            return row
-    return head
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -405,23 +349,19 @@ class Ranges:
 
 
 @cached_njit(nogil=True)
-def _fill(x, rows, heads, weight, published, features, out):
+def _fill(x, heads, weight, published, columns, features, out):
     """Fill rows of the design matrix, each times its weight; `out` `[n, D]` begins with zeros.
 
-    `x` `[n, d]` are inputs, changed to normalised ones, `rows` `[n]` their rows, `heads` `[R]` the
-    head of each row; `published` are centre, shrink, frequency and phase.
+    `x` `[n, d]` are inputs, changed to normalised ones, `heads` `[n]` their heads; `published` are
+    centre, shrink, frequency and phase.
     """
     centre, shrink, frequency, phase = published
     depth = x.shape[1]
-    block, columns = 1 + depth, (1 + heads.shape[0]) * (1 + depth)
     for k in range(x.shape[0]):
-        u, row, w = x[k], rows[k], weight[k]
+        u, w = x[k], weight[k]
         for i in range(depth):
             u[i] = (u[i] - centre[i]) * shrink[i]
-        for which in range(3 if heads[row] != row else 2):
-            start = 0
-            if which > 0:
-                start = (1 + (heads[row] if which == 1 else row)) * block
+        for start in (0, (1 + heads[k]) * (1 + depth)):
             out[k, start] = w
             for i in range(depth):
                 out[k, start + 1 + i] = w * u[i]
@@ -435,22 +375,10 @@ def _fill(x, rows, heads, weight, published, features, out):
 
 
 def design_matrix(
-    p: RegressionParameters, x: Vector, rows: NDArray[np.int64], weight: Vector
+    p: RegressionParameters, x: Vector, heads: NDArray[np.int64], weight: Vector
 ) -> Vector:
     """Return rows of the design matrix, each times its weight; `x` `[n, d]` is normalised."""
     out = np.zeros((len(x), p.columns + p.features))
     published = p.centre, p.shrink, p.frequency, p.phase
-    _fill(x, rows, p.head_of_rows, weight, published, p.features, out)
-    return out
-
-
-def predicted(p: RegressionParameters, x: Vector, rows: NDArray[np.int64]) -> Vector:
-    """Return what the predictors in use say of inputs, `[n, T]`; `x` is normalised."""
-    out = np.zeros((len(x), p.count))
-    design = design_matrix(p, x, rows, np.ones(len(x)))
-    for t, kind in enumerate(p.kinds.astype(int)):
-        if kind != FILE:
-            out[:, t] = (p.linear[rows, kind - 1, t] * design[:, : 1 + p.depth]).sum(axis=1)
-        if kind > LINEAR and p.features:
-            out[:, t] += design[:, p.columns :] @ p.amplitude[kind - CURVED, t]
+    _fill(x, heads, weight, published, p.columns, p.features, out)
     return out

@@ -1,10 +1,9 @@
 """The weights of a residual: one Bayesian linear regression of all actions that share it.
 
-The design matrix has a constant and the inputs, the same for every row (action schema, or schema
-and values of predicates) and of each row, and random Fourier features that all rows share (Rahimi &
-Recht, NeurIPS 2007). The prior of all weights is normal about 0, so that a row differs from the
-others only as its samples say. Features are in order of smoothness: one Cholesky factor solves all
-sizes.
+The design matrix has a constant and the inputs, the same for every head (action schema) and of each
+head, and random Fourier features that all heads share (Rahimi & Recht, NeurIPS 2007). The prior of
+all weights is normal about 0, so that a head differs from the others only as its samples say.
+Features are in order of smoothness: one Cholesky factor solves all sizes.
 """
 
 from __future__ import annotations
@@ -88,32 +87,30 @@ _KEPT: Final = 4096
 
 
 class KeptSamples:
-    """A ring of samples; `d` inputs, `T` targets, rows of the regression below `rows`.
+    """A ring of samples; `d` inputs, `T` targets, of some heads of the regression.
 
     Attributes:
-        x, y, change, valid: Inputs, errors, changes and whether these are observed.
-        row, weight: Row and weight in the regression.
+        x, y, valid: Inputs, errors, and whether these are observed.
+        head, weight: Head and weight in the regression.
         seen: Number of samples ever added.
     """
 
-    def __init__(self, depth: int, count: int, rows: int) -> None:
+    def __init__(self, depth: int, count: int, heads: int) -> None:
         self.x = np.zeros((_KEPT, depth))
-        self.y, self.change = np.zeros((2, _KEPT, count))
+        self.y = np.zeros((_KEPT, count))
         self.valid = np.zeros((_KEPT, count), dtype=np.bool_)
-        self.row, self.weight = np.zeros(_KEPT, dtype=np.int64), np.zeros(_KEPT)
+        self.head, self.weight = np.zeros(_KEPT, dtype=np.int64), np.zeros(_KEPT)
         self.seen = 0
-        self._rows = rows
+        self._heads = heads
 
     def __len__(self) -> int:
         return min(self.seen, _KEPT)
 
-    def add(
-        self, x: Vector, y: Vector, valid: Mask, change: Vector, place: tuple[int, float]
-    ) -> None:
-        """Add a sample; `place` is its row and its weight."""
+    def add(self, *sample: Any) -> None:
+        """Add a sample: its inputs, errors, whether these are observed, its head and its weight."""
         at = self.seen % _KEPT
-        self.x[at], self.y[at], self.valid[at], self.change[at] = x, y, valid, change
-        self.row[at], self.weight[at] = place
+        for name, value in zip(self._SAVED, sample, strict=True):
+            getattr(self, name)[at] = value
         self.seen += 1
 
     def newest(self, count: int) -> NDArray[np.int64]:
@@ -131,64 +128,13 @@ class KeptSamples:
     def load_state_dict(self, saved: Saved, seen: int) -> None:
         """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         self.seen = seen
-        ranges = {"x": (-LARGEST, LARGEST), "row": (0, self._rows - 1), "weight": (0.0, 1.0)}
+        ranges = {"x": (-LARGEST, LARGEST), "head": (0, self._heads - 1), "weight": (0.0, 1.0)}
         for name in self._SAVED:
             own = getattr(self, name)[: len(self)]
             low, high = ranges.get(name, (None, LARGEST))  # not finite where it is not valid
             own[:] = saved.array(name, own.dtype, own.shape, low, high)
 
-    _SAVED = ("x", "y", "change", "valid", "row", "weight")
-
-
-FIRST: Final = 10
-"""Samples of a head after which outliers among them are dropped."""
-_SPARED: Final = 2  # most outliers; one wrong reading affects two steps
-
-
-def outliers(
-    x: Vector, seen: Vector, y: Vector, valid: Mask, places: NDArray[np.int64]
-) -> tuple[Mask, Mask]:
-    """Return which of n samples to drop `[n]`, and which targets of the others to use `[n, T]`.
-
-    The scale of a target is that of the other samples, or that of its fluent if larger. `seen` are
-    the inputs of all actions: a single one may have been executed in few states. `places` `[T]` are
-    the positions of the targets among the inputs.
-    """
-    dropped = np.zeros(len(x), dtype=np.bool_)
-    spreads = np.zeros(x.shape[1])
-    for i in range(x.shape[1]):
-        median, spreads[i] = _median_and_spread(seen[:, i])
-        dropped |= _outliers(x[:, i], median, spreads[i])
-    used = valid & ~dropped[:, None]
-    for t, place in enumerate(places):
-        rows = np.flatnonzero(used[:, t])
-        if len(rows) >= 6:
-            off = y[rows, t]
-            median, spread = _median_and_spread(off)
-            used[rows[_outliers(off, median, max(spread, spreads[place]))], t] = False
-    return dropped, used
-
-
-def _median_and_spread(values: Vector) -> tuple[float, float]:
-    """Return the median, and the largest distance from it of all but a few numbers."""
-    median = float(np.median(values))
-    return median, float(np.sort(np.abs(values - median))[-1 - min(_SPARED, len(values) - 1)])
-
-
-def _outliers(values: Vector, median: float, spread: float) -> Mask:
-    """Return which of successive numbers are outliers; never the last, where a change may begin.
-
-    Outliers are 30 times as far from the median as the farthest other number. Numbers that never
-    changed have a spread of 1.
-    """
-    if spread <= 1e-9 * max(1.0, abs(median)):
-        spread = 1.0
-    found: Mask = np.abs(values - median) > 30.0 * spread
-    last = len(values)
-    while last and found[last - 1]:
-        last -= 1
-    found[last:] = False
-    return found
+    _SAVED = ("x", "y", "valid", "head", "weight")
 
 
 REMEMBERED, _FADED = 8, 0.1
@@ -200,17 +146,17 @@ _EARLY, _LATER, _COST = 4, 30, 1e6
 """Weights are solved after every 30th part of the samples, or later where it takes long: after as
 many samples as this cost goes into the cube of the columns, but after a quarter of the samples."""
 _FEATURES_FROM: Final = 60  # samples after which random features may be used
-_RIDGE, _ROW_RIDGE, _CONSTANT_RIDGE, _FEATURE_RIDGE = 1e-3, 0.3, 1e-5, 1e-2
-"""Of slopes that all rows share, of those of a row, of constants, and of random features: how many
-observations the prior is worth. That actions differ in their constants is likely; that they differ
-in slopes has to be seen."""
+_RIDGE, _HEAD_RIDGE, _CONSTANT_RIDGE, _FEATURE_RIDGE = 1e-3, 0.3, 1e-5, 1e-2
+"""Of slopes that all heads share, of those of a head, of constants, and of random features: how
+many observations the prior is worth. That actions differ in their constants is likely; that they
+differ in slopes has to be seen."""
 
 
 class FittedWeights:
     """Fits weights to kept samples, and writes them into parameters.
 
     Attributes:
-        kept: The newest samples; the owner changes which of them are valid.
+        kept: The newest samples.
         start: Position of the first sample of the present world.
     """
 
@@ -219,7 +165,7 @@ class FittedWeights:
         self._seed = seed
         self._ranges = Ranges(p.depth)
         self._sums = NormalEquations(p.count)
-        self.kept = KeptSamples(p.depth, p.count, p.rows)
+        self.kept = KeptSamples(p.depth, p.count, p.heads)
         self.reset()
 
     def reset(self) -> None:
@@ -242,11 +188,9 @@ class FittedWeights:
         """Widen the ranges to inputs `[d]`, or return False for an outlier."""
         return self._ranges.accept(x, self.kept.seen)
 
-    def keep(
-        self, x: Vector, y: Vector, valid: Mask, change: Vector, row: int, weight: float
-    ) -> None:
-        """Keep a sample of a row, with its weight; `update` learns from it."""
-        self.kept.add(x, y, valid, change, (row, weight))
+    def keep(self, x: Vector, y: Vector, valid: Mask, head: int, weight: float) -> None:
+        """Keep a sample of a head, with its weight; `update` learns from it."""
+        self.kept.add(x, y, valid, head, weight)
         self._pending += 1
         self._since_solved += 1
 
@@ -260,9 +204,9 @@ class FittedWeights:
         cost = len(self._sums.gram) * self._size**3 / _COST
         return self._since_solved >= max(self.recent / _LATER, min(self.recent / _EARLY, cost))
 
-    def begin(self, start: int) -> None:
-        """Believe the samples since the start of the present world, a position."""
-        self.start = start
+    def forget(self) -> None:
+        """Believe the newest samples: the present world begins with them."""
+        self.start = self.kept.seen - REMEMBERED
         self._refit()
 
     def _add_pending(self) -> None:
@@ -279,7 +223,7 @@ class FittedWeights:
             weight = np.where(age >= 0, weight * (_FADED / len(kept)), weight)
             weight[(age < 0) & (age >= -REMEMBERED)] = 1.0
         weight = np.sqrt(weight)
-        design = design_matrix(p, kept.x[rows], kept.row[rows], weight)
+        design = design_matrix(p, kept.x[rows], kept.head[rows], weight)
         self._sums.add(design, kept.y[rows] * weight[:, None], kept.valid[rows])
 
     def _refit(self) -> None:
@@ -310,7 +254,7 @@ class FittedWeights:
         self._add_pending()
         linear, smooth = p.columns, p.columns + r.SMOOTH
         sizes = (linear, smooth, self._size) if p.features else (linear,)
-        ridge = np.full(self._size, _ROW_RIDGE)
+        ridge = np.full(self._size, _HEAD_RIDGE)
         ridge[: 1 + p.depth] = _RIDGE
         ridge[: linear : 1 + p.depth] = _CONSTANT_RIDGE
         ridge[linear:] = _FEATURE_RIDGE
@@ -324,13 +268,10 @@ class FittedWeights:
         return draws
 
     def _publish(self, kind: int, owned: NDArray[np.int64], weights: Vector) -> None:
-        """Publish a solution: weights of each row are the sum of those that it shares."""
+        """Publish a solution: weights of each head are those that all share, and its own."""
         p = self._parameters
-        blocks = weights[: p.columns].reshape(1 + p.rows, 1 + p.depth, len(owned))
-        heads = p.head_of_rows
-        by_row = blocks[0] + blocks[1 + heads]
-        by_row[p.heads :] += blocks[1 + p.heads :]
-        p.linear[:, kind, owned] = by_row.transpose(0, 2, 1)
+        blocks = weights[: p.columns].reshape(1 + p.heads, 1 + p.depth, len(owned))
+        p.linear[:, kind, owned] = (blocks[0] + blocks[1:]).transpose(0, 2, 1)
         features = weights[p.columns :].T
         if kind:
             p.amplitude[kind - 1, owned, : features.shape[1]] = features

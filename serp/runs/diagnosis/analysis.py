@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from serp.model import ground as g
 from serp.model.emit import Site
-from serp.model.learned.effect_fit import EffectFit, fit_jointly
+from serp.model.learned.effect_search import EffectFit, fit_jointly
 from serp.model.learned.outcome_counts import CountedGroup, count_outcomes
 from serp.model.learned.parameter_fit import (
     AddedEffect,

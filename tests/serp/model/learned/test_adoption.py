@@ -48,17 +48,6 @@ def test_nothing_is_said_to_be_in_use_where_the_model_is_as_written(steps: int) 
         assert str(of.adoption).startswith("as written")
 
 
-def test_what_cannot_be_foreseen_is_not_in_use_and_says_how_large_its_error_is() -> None:
-    of = adaptation(PLANE)
-    rng = np.random.default_rng(0)
-    for _ in range(150):
-        state = rng.normal(size=2)
-        change = np.array([0.1 * state[1], rng.normal()])
-        of.observe(state, 0, state + change, GOES_ON)
-    speed = of.adoption.fluents[1]
-    assert not speed.adapted and speed.why.endswith(" of that of the file in 150 steps")
-
-
 def test_counted_outcomes_are_named() -> None:
     of = adaptation(GRID)
     names = [fluent.name for fluent in of.model.fluents]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from serp.model.learned.online_parameters import ParameterEstimation
+from serp.model.learned.parameter_fit import ParameterEstimation
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import Vector
 from tests.serp.model.learned.rolls import from_text

@@ -14,7 +14,6 @@ from serp.model.learned.parameter_fit import (
     estimate_parameters,
     parameter_dependencies,
 )
-from serp.model.learned.regression_data import Flow, predictions
 from serp.model.transition_model import TransitionModel, Vector
 from tests.generated.profile import examples
 from tests.serp.model.learned.rolls import from_text, imagined
@@ -77,20 +76,6 @@ def test_only_parameters_that_change_fluents_are_estimated() -> None:
         ("roll", "x", 1.0),
         ("roll", "heat", 0.05),
     }
-
-
-def test_a_compiled_model_predicts_the_same() -> None:
-    model = from_text(CARTS).model.replace(dt=0.1)
-    rng = np.random.default_rng(2)
-    states, actions = carts_states(300, rng), rng.integers(len(model.actions), size=300)
-    states[0], states[1] = np.nan, -9.0  # no number; a precondition that fails
-    by_python = Flow(model).predict(states, actions, model.theta)
-    whole = predictions(model, states, actions)
-    assert not model.program.compiled
-    model.native_step()
-    native = Flow(model).predict(states, actions, model.theta)
-    assert native.tobytes() == by_python.tobytes()
-    assert predictions(model, states, actions).tobytes() == whole.tobytes()
 
 
 @given(

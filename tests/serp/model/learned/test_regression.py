@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.model.learned.robust_regression import Regression, independent, regress
+from serp.model.learned.robust_regression import Regression, regress
 
 TRUTH = np.array([0.5, -2.0])
 
@@ -15,12 +15,11 @@ def fitted(
     target: np.ndarray,
     *,
     blocks: np.ndarray | None = None,
-    width: float = 100.0,
     reject: bool = True,
 ) -> Regression:
     number, count = columns.shape
     return regress(
-        columns, target, centre=np.zeros(count), width=np.full(count, width),
+        columns, target, centre=np.zeros(count), width=np.full(count, 100.0),
         groups=np.zeros(number, dtype=np.int64),
         blocks=np.arange(number) if blocks is None else blocks, unit=1.0, reject=reject,
     )  # fmt: skip
@@ -66,22 +65,3 @@ def test_what_is_rare_is_no_outlier() -> None:
     rare = (np.arange(600) % 15 == 0).astype(float)
     target = 3.0 * rare + rng.normal(scale=0.01, size=600)
     assert fitted(rare[:, None], target).coefficients == pytest.approx([3.0], abs=0.01)
-
-
-def test_what_the_rows_do_not_speak_about_stays_where_it_was_believed() -> None:
-    rng = np.random.default_rng(3)
-    columns = np.stack([np.ones(100), np.zeros(100)], axis=1)
-    fit = fitted(columns, 2.0 + rng.normal(scale=0.1, size=100), width=5.0)
-    assert fit.coefficients == pytest.approx([2.0, 0.0], abs=0.05)
-    assert fit.errors[1] == pytest.approx(5.0)
-    assert np.isinf(fitted(columns[:2], np.ones(2)).errors).all()
-
-
-def test_columns_that_say_the_same_are_told_apart() -> None:
-    columns = drawn(np.random.default_rng(5), 50)
-    one, slope = columns.T
-    alike = np.stack([one, 2.0 * one, slope, one + slope, np.zeros(50)], axis=1)
-    assert len(independent(alike, np.ones(5))) == 2
-    assert independent(columns, np.ones(2)) == [0, 1]
-    assert independent(np.zeros((10, 3)), np.ones(3)) == []
-    assert independent(np.empty((10, 0)), np.ones(0)) == []

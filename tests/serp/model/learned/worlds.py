@@ -207,15 +207,13 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         places = np.array(sorted(where[c] for c in {*group.predicates, *group.targets}), np.int64)
         if not len(places) or rng.random() < 0.3:
             continue
-        table = new_table(places, np.zeros(0, np.int64), np.zeros(0, np.int64))
+        table = new_table(places, np.zeros(0, np.int64))
         kinds = int(rng.integers(2, 5))
         table[c.T_KINDS] = kinds
         changes = table[int(table[c.T_CHANGES]) :][: c.KINDS * len(places)].reshape(c.KINDS, -1)
         numeric = [model.fluents[group.inputs[place]].numeric for place in places]
         schemas = len({action.schema for action in model.actions})
         table[int(table[c.T_SCHEMAS]) :][1:kinds] = rng.integers(CHANGE, schemas, kinds - 1)
-        ranges = table[int(table[c.T_RANGES]) :][: 2 * len(places)].reshape(-1, 2)
-        ranges[:] = -5.0, 5.0
         changes[1:kinds] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
         counts = rng.choice((1.0, 3.0, 50.0), kinds)
         start = int(table[c.T_COUNTS])
@@ -227,8 +225,6 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
 def _publish(
     part: RegressionParameters, rng: np.random.Generator, numbers: tuple[float, ...]
 ) -> None:
-    part.modes = int(rng.integers(part.rows - part.heads + 1))
-    part.codes[part.heads :] = rng.permutation(part.rows - part.heads)
     part.features = FEATURES if rng.random() < 0.5 else 0
     kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
     part.kinds[:] = rng.choice(kinds, size=part.kinds.shape)
