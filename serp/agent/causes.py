@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from serp._util.text import plural, readable
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.emit import Passage
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.transition_model import Judgement, TransitionModel, Vector

@@ -29,7 +29,7 @@ from serp._util.compilation import cached_cfunc
 from serp.errors import SerpError
 from serp.model.codegen import statements_of
 from serp.model.flags import TERMINAL, UNSAFE
-from serp.model.ground import GroundModel
+from serp.model.ground_model import GroundModel
 from serp.model.native import STEP_SIGNATURE, advanced, stack_room
 
 Table = NDArray[np.int32]

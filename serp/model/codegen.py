@@ -40,7 +40,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.emit import EffectEmitter, Site, block, conjunction, joined
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 

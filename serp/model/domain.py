@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from serp.model.instantiate import instantiate
+from serp.model.grounder import instantiate
 from serp.model.reachability import MAX_GROUND_SCHEMAS
 from serp.model.transition_model import TransitionModel
 from serp.pddl import syntax as x

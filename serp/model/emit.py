@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.flags import UNDEFINED, UNSAFE
 from serp.pddl.syntax import Change
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from serp.model.codegen import Part, generate_code, load_function
 from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.ground import GroundModel, SetNumber, Test, Value, fluents_of
+from serp.model.ground_model import GroundModel, SetNumber, Test, Value, fluents_of
 
 if TYPE_CHECKING:
     from serp.model.bytecode import Machine

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from serp._util.text import did_you_mean, listed
 from serp.errors import SerpError
-from serp.model.ground import Fluent, GroundModel, GroundSchema, Parameter
+from serp.model.ground_model import Fluent, GroundModel, GroundSchema, Parameter
 
 Vector = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
-from serp.model.ground import REWARD_TARGET, GroundModel
-from serp.model.instantiate import GoalValue
+from serp.model.ground_model import REWARD_TARGET, GroundModel
+from serp.model.grounder import GoalValue
 from serp.model.program import Amendment, Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
 

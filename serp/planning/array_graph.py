@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.transition_model import TransitionModel
 from serp.pddl.syntax import Change
 from serp.planning.forecast import SAFE

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
-from serp.model import ground as g
-from serp.model.ground import Linear, linear
+from serp.model import ground_model as g
+from serp.model.ground_model import Linear, linear
 from serp.pddl.syntax import Change
 
 Item = TypeVar("Item")

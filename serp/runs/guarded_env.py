@@ -396,7 +396,7 @@ class GuardedEnv(ArbitratedEnv):
     def close(self) -> None:
         """Close the environment, and write the results of the run."""
         if self._folder is not None and self._log is not None:
-            from serp.runs.report import write_results
+            from serp.runs.results import write_results
 
             with self._folder, self._log:
                 self._log.flush()

@@ -1,4 +1,4 @@
-"""Rollouts: the only place where a task's environment is stepped."""
+"""Rollouts: episodes of an environment, one decision and one step after another."""
 
 from __future__ import annotations
 

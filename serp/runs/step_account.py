@@ -2,7 +2,7 @@
 
 Values are those that were recorded. Causes are those of the file as the run has it. What lies
 beyond one control period, and what would have had to differ, is computed by a planner that makes
-the same choice in this state, see `serp.runs.agreeing`. Where none does, it is left out.
+the same choice in this state, see `serp.runs.run_model`. Where none does, it is left out.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from serp.agent.explanation import Explanation, explain
 from serp.agent.sentences import lines_of_causes, lines_of_changes, who_decided, why_refused
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.runs.agreeing import RunModel, agreeing_planner, other_vetoes_of
 from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
+from serp.runs.run_model import RunModel, agreeing_planner, other_vetoes_of
 
 
 @dataclass(frozen=True)

@@ -270,7 +270,7 @@ def train(
                     due = save()
             if trainer.env_steps > before:
                 save()
-        from serp.runs.report import write_results
+        from serp.runs.results import write_results
 
         account = account_of(trainer.agent)
         vetoes = trainer.tally.vetoes_by_reason()

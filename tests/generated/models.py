@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from serp.model.domain import Domain
-from serp.model.instantiate import GoalValue
+from serp.model.grounder import GoalValue
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
 from tests.generated.oracle import Oracle, State

@@ -1,7 +1,7 @@
 """A slow, obvious reading of the domain language, to hold the compiled one against.
 
 It walks the syntax as written, with variables looked up when they are met, and a state is a
-dictionary from ground terms to values. Nothing here is shared with `serp.model.instantiate` or
+dictionary from ground terms to values. Nothing here is shared with `serp.model.grounder` or
 `serp.model.codegen`; only the parsed syntax is the same.
 """
 

@@ -15,8 +15,8 @@ from fractions import Fraction
 from typing import Final, NamedTuple
 
 from serp import DomainError
-from serp.model import ground as g
-from serp.model.ground import linear
+from serp.model import ground_model as g
+from serp.model.ground_model import linear
 from serp.model.transition_model import Vector
 from serp.pddl.source import Place
 

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change
 from serp.planning.array_graph import inert_fluents

@@ -20,8 +20,8 @@ from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from typing import Any, Final
 
-from serp.model import ground as g
-from serp.model.ground import Linear, linear
+from serp.model import ground_model as g
+from serp.model.ground_model import Linear, linear
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import DomainError, Place
 from serp.pddl.syntax import Change, Kind

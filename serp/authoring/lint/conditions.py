@@ -6,8 +6,8 @@ import operator as op
 from collections.abc import Hashable, Iterable, Sequence
 from fractions import Fraction
 
-from serp.model import ground as g
-from serp.model.ground import Linear, linear
+from serp.model import ground_model as g
+from serp.model.ground_model import Linear, linear
 
 Pair = tuple[g.Test, g.Test]
 _Limit = tuple[str, Fraction | int]

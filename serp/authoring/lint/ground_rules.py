@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from serp.authoring.lint.conditions import Pair, contradiction, threshold
 from serp.authoring.lint.subject import LintSubject, rule
-from serp.model import ground as g
-from serp.model.ground import UNSAFE_TARGET, linear
+from serp.model import ground_model as g
+from serp.model.ground_model import UNSAFE_TARGET, linear
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainWarning, Edit, Fix, Place
 from serp.pddl.syntax import Change, Kind

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from serp.model.domain import Domain
-from serp.model.ground import GroundModel, GroundSchema
+from serp.model.ground_model import GroundModel, GroundSchema
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError, DomainWarning, Place
 

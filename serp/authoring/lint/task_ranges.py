@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from serp._util.text import readable
 from serp.authoring.lint.conditions import threshold
 from serp.errors import SerpError
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.pddl.source import DomainWarning, Place
 from serp.pddl.syntax import Change, Kind
 from serp.tasks.grounding import FAR

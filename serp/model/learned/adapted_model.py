@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from serp.model.emit import Passage
 from serp.model.flags import UNSAFE, risk_of
-from serp.model.ground import UNSAFE_TARGET, GroundSchema
+from serp.model.ground_model import UNSAFE_TARGET, GroundSchema
 from serp.model.learned import adapted_step as kernels
 from serp.model.learned.parameter_buffer import ParameterBuffer
 from serp.model.learned.residual_features import FeatureGroup, feature_groups_of

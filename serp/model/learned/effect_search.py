@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.learned.parameter_fit import (
     AddedEffect,
     ParameterEstimator,

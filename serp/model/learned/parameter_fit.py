@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.learned.regression_data import (
     WORLD,
     Flow,

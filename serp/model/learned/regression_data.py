@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change, Kind
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp._util.saved_state import Arrays, Saved
-from serp.model.ground import Fluent, GroundModel, GroundSchema
+from serp.model.ground_model import Fluent, GroundModel, GroundSchema
 from serp.model.native import advanced, pointer_to
 from serp.model.transition_model import Vector
 

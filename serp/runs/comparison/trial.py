@@ -38,7 +38,7 @@ from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import Policy, outcome_of, play
 from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
-from serp.runs.report import write_results
+from serp.runs.results import write_results
 from serp.runs.rollout import (
     Rollout,
     evaluation_seed,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.emit import Site
 from serp.model.learned.effect_search import EffectFit, fit_jointly
 from serp.model.learned.outcome_counts import CountedGroup, count_outcomes

@@ -12,13 +12,12 @@ from serp._util.saved_state import Saved
 from serp._util.text import percent, plural
 from serp.errors import RunError
 from serp.model.domain import Domain
-from serp.model.ground import Parameter
+from serp.model.ground_model import Parameter
 from serp.model.learned.adoption import ModelAdoption
 from serp.model.learned.regression_data import RegressionData
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Place
-from serp.runs.agreeing import RunModel
 from serp.runs.diagnosis.accuracy import (
     WELL,
     Quantity,
@@ -29,6 +28,7 @@ from serp.runs.diagnosis.accuracy import (
 )
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.findings import Finding, Findings
+from serp.runs.run_model import RunModel
 
 
 @dataclass(frozen=True)

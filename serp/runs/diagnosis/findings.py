@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from serp._util.text import measured, percent_measured, plain, plural, readable
-from serp.model.ground import GroundModel, Parameter
+from serp.model.ground_model import GroundModel, Parameter
 from serp.model.learned.robust_regression import CERTAIN
 from serp.pddl.source import Place
 

@@ -194,7 +194,7 @@ def _load(
 
 def _summary(domain: Domain) -> Iterator[str]:
     named = 12  # actions, processes and events of one line
-    from serp.model.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET
+    from serp.model.ground_model import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET
 
     model = domain.model
     ground = model.ground

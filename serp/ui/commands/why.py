@@ -13,7 +13,7 @@ from serp.ui.output import examples, open_console, print_json
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.runs.agreeing import RunModel
+    from serp.runs.run_model import RunModel
     from serp.runs.step_account import StepAccount
 
 
@@ -50,7 +50,7 @@ def command(
     would have had to differ for it. Without a step, the last refused proposal that was applicable
     is explained, else the last unsafe step, else the last refused proposal, else the last step.
     """
-    from serp.runs.agreeing import RunModel
+    from serp.runs.run_model import RunModel
     from serp.runs.step_account import account_of_step, most_telling
 
     if episode is not None and step is None:

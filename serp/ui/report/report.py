@@ -20,11 +20,11 @@ from serp._util.terminal import bar, visible
 from serp._util.text import percent, plural, readable
 from serp.errors import Notice, needs_extra
 from serp.pddl.source import Source
-from serp.runs.agreeing import RunModel
 from serp.runs.recording import ACTORS, RECORDING, Recording
-from serp.runs.report import lead, title
+from serp.runs.results import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
 from serp.runs.run import Run
+from serp.runs.run_model import RunModel
 from serp.runs.summary import WINDOW, summarize
 from serp.ui.report import step_data
 from serp.ui.report.recorded_steps import (

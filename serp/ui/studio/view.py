@@ -19,7 +19,7 @@ from serp.authoring.lint.findings import Finding, examine
 from serp.authoring.scenarios.checking import Result
 from serp.authoring.scenarios.files import ScenarioFile
 from serp.errors import SerpError
-from serp.model import ground as g
+from serp.model import ground_model as g
 from serp.model.domain import Domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import DomainError, Source

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from serp.model.codegen import MATH, Generated, Part, generate_code, load_function
-from serp.model.ground import GroundModel
+from serp.model.ground_model import GroundModel
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts
 
 OWN_NAMES = re.compile(

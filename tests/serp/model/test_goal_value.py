@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 
-from serp.model.instantiate import GoalValue
+from serp.model.grounder import GoalValue
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.replanner import MonitorReplanner
 from tests.generated import Generated, Texts, examples, load_texts, models_with_states

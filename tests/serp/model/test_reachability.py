@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from serp.model.ground import writes
+from serp.model.ground_model import writes
 from serp.model.transition_model import Vector
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError

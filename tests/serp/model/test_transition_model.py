@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from serp.model.codegen import generate_code
 from serp.model.flags import UNDEFINED
-from serp.model.ground import REWARD_TARGET, UNSAFE_TARGET, SetBoolean, reads, writes
+from serp.model.ground_model import REWARD_TARGET, UNSAFE_TARGET, SetBoolean, reads, writes
 from serp.model.transition_model import Outcome, TransitionModel, Vector
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError

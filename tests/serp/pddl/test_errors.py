@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from serp.model.domain import load_domain
-from serp.model.instantiate import instantiate
+from serp.model.grounder import instantiate
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import DomainError, Source
 from tests.serp.pddl.rendering import caret_text, check_rendering

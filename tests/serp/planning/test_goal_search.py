@@ -13,7 +13,7 @@ import pytest
 from serp.agent.registry import far_sight
 from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.ground import comparisons_of
+from serp.model.ground_model import comparisons_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.array_graph import inert_fluents
 from serp.planning.edges import Bound

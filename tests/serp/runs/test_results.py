@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from serp.runs.folder import RunFolder
-from serp.runs.report import write_results
+from serp.runs.results import write_results
 
 CONFIG = {"domain": "cartpole", "preset": "default", "seed": 3}
 

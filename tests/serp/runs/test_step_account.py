@@ -10,7 +10,7 @@ import pytest
 
 from serp.agent.decision import Reason
 from serp.errors import RunError
-from serp.runs.agreeing import RunModel
+from serp.runs.run_model import RunModel
 from serp.runs.step_account import (
     account_of_step,
     clock,

@@ -14,10 +14,10 @@ from gymnasium.utils.env_checker import check_env
 import serp
 from serp.errors import Notice
 from serp.model.flags import APPLICABLE, UNSAFE
-from serp.runs.agreeing import RunModel
 from serp.runs.evaluation import evaluate
 from serp.runs.folder import DECISIONS, METRICS
 from serp.runs.recording import COLUMNS, open_recording
+from serp.runs.run_model import RunModel
 from serp.runs.step_account import account_of_step
 from tests.serp import lava
 from tests.serp.runs.runs import without_pictures

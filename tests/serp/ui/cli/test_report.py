@@ -17,10 +17,10 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from serp.errors import Notice, RunError
-from serp.runs.agreeing import RunModel
 from serp.runs.recording import Layout, blocks_in, decode, encode
 from serp.runs.rollout import training_seed
 from serp.runs.run import load_run
+from serp.runs.run_model import RunModel
 from serp.runs.tables import read_metrics
 from serp.ui.report.recorded_steps import chosen_steps, recorded_episodes
 from serp.ui.report.scene import drawn_scenes

@@ -13,8 +13,8 @@ from dataclasses import replace
 from fractions import Fraction
 
 from serp._util.text import listed
-from serp.model import ground as g
-from serp.model.ground import ELAPSED, linear
+from serp.model import ground_model as g
+from serp.model.ground_model import ELAPSED, linear
 from serp.model.reachability import (
     MAX_GROUND_SCHEMAS,
     Binding,

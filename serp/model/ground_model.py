@@ -227,7 +227,7 @@ class GroundModel:
         goal: The problem's goal; None where there is none.
         goal_rewarded: Whether reaching the goal is a reward: the files declare no `(reward)`.
         goal_parameter: The entry of θ that is that reward in a problem with a metric, see
-            `serp.model.instantiate`; None: it is 1.
+            `serp.model.grounder`; None: it is 1.
         metric: The problem's metric, where it is not `(reward)`.
         initial: The value of every fluent; None where the problem leaves a number out.
         static: Printable name → value of everything that the problem states and no effect changes.
