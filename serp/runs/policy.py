@@ -101,13 +101,13 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
 
 
 def _state(agent: Agent, task: BoundTask) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return the agent after a played episode, without its replay memory, and recorded pairs."""
+    """Return the agent without its replay memory, and pairs of a played episode."""
+    arrays, meta = agent.state_dict()
     pairs = []
     played = cast("Generator[Episode]", play(agent, task, episodes=1))
-    with contextlib.closing(played) as episodes:  # what the planner does for it is then undone
+    with contextlib.closing(played) as episodes:  # what it does to the agent is then undone
         for step in itertools.islice(next(episodes).steps, _STEPS):
             pairs.append((task.observation(step.observation), step.state.copy()))
-        arrays, meta = agent.state_dict()
     empty, fresh = Agent(task, agent.settings, 0).state_dict()
     replay = "learner.replay."
     arrays = {name: array for name, array in arrays.items() if not name.startswith(replay)}
@@ -186,6 +186,11 @@ class Policy:
             raise RunError(f"{folder}: {error}") from None
         self._pairs = list(zip(observations, states, strict=True))
         self._observation_size = size
+        self.begin_episode()
+
+    def begin_episode(self) -> None:
+        """Say that another episode begins, as after a reset of an environment."""
+        self.agent.arbiter.begin_episode()
 
     def decide(self, observation: ArrayLike, *, state: ArrayLike | None = None) -> Decision:
         """Decide as the trained policy does.
