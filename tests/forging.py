@@ -21,7 +21,7 @@ import numpy as np
 
 from serp import plan_and_learn
 from serp.errors import SerpError
-from serp.runs import report as results
+from serp.runs import results
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
 from serp.runs.folder import METRICS
 from serp.runs.tables import read_metrics
