@@ -64,7 +64,8 @@ def test_a_run_whose_terminal_is_closed_goes_on_as_if_nothing_had_been(
         terminal.read()
         time.sleep(0.005)
     os.close(terminal.master)
-    assert process.wait(timeout=60) == 129
+    # The signal of the terminal, or that of a write to it, whichever comes first.
+    assert process.wait(timeout=60) in (129, 141)
     serp("plan-and-learn", *QUICK, "--out=whole")
     done, whole = rows("closed", "metrics"), rows("whole", "metrics")
     assert 2 <= len(done) < 150

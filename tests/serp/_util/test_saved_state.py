@@ -59,7 +59,8 @@ def test_a_json_value_is_given_out_only_if_it_is_what_it_is_taken_for(value: Any
         (lambda s: s.reals("v", 1, least=0), isinstance(value, list) and len(value) < 2
             and all(type(v) in (int, float) and abs(v) <= 1.7976931348623157e308 for v in value)),
     ):  # fmt: skip
-        for saved in (Saved("part", {}, {"v": value}), Saved("part", {}, value)):
+        without_v = None if isinstance(value, dict) and "v" in value else value
+        for saved in (Saved("part", {}, {"v": value}), Saved("part", {}, without_v)):
             if fits and isinstance(saved._meta, dict) and saved.has("v"):
                 assert given_out(saved) == value
             else:
