@@ -1,0 +1,46 @@
+// NumPy arrays at the border between Python and C++.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstdint>
+#include <initializer_list>
+#include <utility>
+#include <vector>
+
+namespace serp {
+
+namespace nb = nanobind;
+
+/// A C-contiguous array in memory that the callee only reads. nanobind copies what is not.
+template <class T, class... Shape>
+using In = nb::ndarray<const T, nb::c_contig, nb::device::cpu, Shape...>;
+/// A C-contiguous array that the callee writes to; never a copy.
+template <class T, class... Shape>
+using Out = nb::ndarray<T, nb::c_contig, nb::device::cpu, Shape...>;
+/// A new NumPy array.
+template <class T>
+using Array = nb::ndarray<nb::numpy, T>;
+
+/// Returns a NumPy array of a shape that owns the numbers.
+template <class T>
+Array<T> array_of(std::vector<T>&& numbers, std::initializer_list<size_t> shape) {
+    auto* held = new std::vector<T>(std::move(numbers));
+    nb::capsule owner(held, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+    return Array<T>(held->data(), shape, owner);
+}
+
+/// Returns a NumPy view of numbers that `owner`, a bound object, keeps alive and never moves.
+template <class T>
+Array<T> view_of(T* numbers, std::initializer_list<size_t> shape, nb::handle owner) {
+    return Array<T>(numbers, shape, owner);
+}
+
+/// Returns a copy of an array as a vector.
+template <class T, class... Annotations>
+std::vector<T> vector_of(const nb::ndarray<const T, Annotations...>& array) {
+    return std::vector<T>(array.data(), array.data() + array.size());
+}
+
+}  // namespace serp

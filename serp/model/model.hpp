@@ -1,0 +1,51 @@
+// A model as planners see it.
+#pragma once
+
+#include <memory>
+
+#include "serp/model/flags.hpp"
+
+namespace serp {
+
+/// Most outcomes of one step, see `Stepper::outcomes`; callers make room for them.
+inline constexpr int OUTCOMES = 16;
+/// Uncertainty from which on nothing is known of a step: the data say less than the prior.
+inline constexpr double UNKNOWN = 0.5;
+
+/// Predicts steps of a model, with scratch memory of its own. Not thread-safe: one for each thread.
+class Stepper {
+public:
+    virtual ~Stepper() = default;
+
+    /// Sets the state [F] that the next calls start from. It is read at that address until the next
+    /// call of `from`, and must not change before that.
+    virtual void from(const double* state) = 0;
+
+    /// Predicts the step of an action. Writes the next state and the reward to `out` [F + 1], which
+    /// must not overlap the state; the numbers mean nothing where the step is not applicable.
+    virtual Flags step(int action, double* out) = 0;
+
+    /// Predicts all outcomes of an applicable action. Writes rows of F + 3 numbers: next state,
+    /// reward, flags and probability. Returns how many there are, at most OUTCOMES.
+    virtual int outcomes(int action, double* rows) = 0;
+
+    /// Returns how far a step is from the data, in [0, 1]; 0 where the file alone predicts.
+    virtual double uncertainty(int /*action*/) { return 0.0; }
+};
+
+/// A transition model. What it has learned may change between decisions; steppers see the change.
+class Model {
+public:
+    virtual ~Model() = default;
+
+    virtual int fluents() const = 0;
+    virtual int actions() const = 0;
+    virtual std::unique_ptr<Stepper> stepper() const = 0;
+
+    /// Returns whether a step may have several outcomes.
+    virtual bool branches() const { return false; }
+    /// Returns whether a step may be uncertain.
+    virtual bool doubts() const { return false; }
+};
+
+}  // namespace serp
