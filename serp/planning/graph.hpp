@@ -107,7 +107,9 @@ public:
 
     /// Returns the node with a state [F]; -1 if there is none.
     int find(const Graph& graph, const double* row) const {
-        return table_.find(digest_of_row(row, graph.width), equal_to(graph, row));
+        return table_.find(digest_of_row(row, graph.width), [&graph, row](int node) {
+            return equal(graph, row, node);
+        });
     }
 
     /// Returns the node with a state [F], which lies outside the graph, adding it where there is
@@ -124,15 +126,14 @@ public:
     }
 
 private:
-    static auto equal_to(const Graph& graph, const double* row) {
-        return [&graph, row](int node) {
-            return std::equal(row, row + graph.width, graph.state(node));
-        };
+    static bool equal(const Graph& graph, const double* row, int node) {
+        return std::equal(row, row + graph.width, graph.state(node));
     }
 
     int place(const Graph& graph, const double* row, int node) {
         return table_.find_or_add(
-            digest_of_row(row, graph.width), node, equal_to(graph, row),
+            digest_of_row(row, graph.width), node,
+            [&graph, row](int other) { return equal(graph, row, other); },
             [&graph](int other) { return digest_of_row(graph.state(other), graph.width); });
     }
 
