@@ -1,5 +1,6 @@
 #include "serp/planning/lookahead.hpp"
 
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
