@@ -169,7 +169,7 @@ def test_forecasts_that_threads_compute_are_those_of_one(
     states, leaves = states_of(model, Random(number), 20), leaves_of(model, number)
     alone, together = Lookahead(model), Lookahead(model)
     alone.leaves = together.leaves = leaves
-    with together.prefetch(states):
+    with together.prefetch(list(states)):
         for state in states:
             found = together.forecast(state)
             assert found is together.forecast(state)
