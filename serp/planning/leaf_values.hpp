@@ -10,9 +10,6 @@ public:
 
     /// Returns the value of a state [F].
     virtual double at(const double* state) const = 0;
-
-    /// Returns whether there are no values, so that every state is worth 0.
-    virtual bool empty() const = 0;
 };
 
 }  // namespace serp

@@ -26,7 +26,6 @@ LookaheadForecast LookaheadSearch::forecast(const double* state, const LeafValue
     LookaheadForecast found{FirstActions(actions_)};
     model_.tolerances(tolerances_.data());
     merges_ = std::any_of(tolerances_.begin(), tolerances_.end(), [](double t) { return t > 0.0; });
-    if (leaves && leaves->empty()) leaves = nullptr;
     states_.resize(width_ + 1);
     std::copy_n(state, width_, states_.data());
     stored_ = 1;
