@@ -13,6 +13,8 @@ constexpr double TINY = 1e-9;
 constexpr double EXACT = 1e-9;
 /// Most sweeps of value iteration, and of each of its parts.
 constexpr int SWEEPS = 3'000;
+/// Most sweeps over the best edges after a sweep over all edges.
+constexpr int EVALUATIONS = 10;
 /// In place of the node of an edge that is taken once: no outcome leads there.
 constexpr int ONCE = -2;
 
@@ -51,6 +53,7 @@ double lasting_risk(const Graph& graph, int edge, int node, double discount) {
 double lasting_value(const Graph& graph, int edge, int node, double discount) {
     const Following after = following(graph, graph.value, edge, node);
     const double total = graph.reward[edge] + discount * after.expected;
+    if (after.own == 0.0) return total;
     if (discount * after.own < 1.0 - TINY) return total / (1.0 - discount * after.own);
     return total != 0.0 ? total + graph.value[node] : 0.0;
 }
@@ -189,23 +192,38 @@ private:
         });
     }
 
+    /// Finds the values, by modified policy iteration (Puterman & Shin, "Modified policy iteration
+    /// algorithms for discounted Markov decision problems", 1978): between two sweeps over all edges,
+    /// some follow the best edges alone. Without a discount a policy may have several values, and all
+    /// sweeps are over all edges.
     void find_values() {
         const double discount = preferences_.discount;
         double largest = 0.0;
         for (int sweep = 0; sweep < SWEEPS; ++sweep) {
             double change = 0.0;
             largest = 0.0;
+            const auto update = [&](int node, double value) {
+                change = std::max(change, std::abs(value - graph_.value[node]));
+                largest = std::max(largest, std::abs(value));
+                graph_.value[node] = value;
+            };
             for_each_node(graph_, sweep % 2 == 0, [&](int node) {
                 if (is_leaf(node)) return;
                 double most = -INF;
                 for_each_allowed(node, [&](int edge) {
-                    most = std::max(most, lasting_value(graph_, edge, node, discount));
+                    const double value = lasting_value(graph_, edge, node, discount);
+                    if (value > most) most = value, graph_.best[node] = edge;
                 });
-                change = std::max(change, std::abs(most - graph_.value[node]));
-                largest = std::max(largest, std::abs(most));
-                graph_.value[node] = most;
+                update(node, most);
             });
             if (change <= EXACT * largest) break;
+            for (int k = 0; discount < 1.0 && k < EVALUATIONS && change > EXACT * largest; ++k) {
+                change = 0.0;
+                for_each_node(graph_, k % 2 == 1, [&](int node) {
+                    const int edge = graph_.best[node];
+                    if (edge >= 0) update(node, lasting_value(graph_, edge, node, discount));
+                });
+            }
         }
         const double unit = ALIKE * largest;
         for_each_node(graph_, false, [&](int node) {
