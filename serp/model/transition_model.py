@@ -18,7 +18,7 @@ from serp.model.grounder import GoalValue
 from serp.model.instructions import compile_program
 from serp.model.program import Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
-from serp.model.traced_step import Amendment, Passage, Site, Traced, traced_judgement, traced_step
+from serp.model.traced_step import Amendment, Passage, Site, Traced, TracedStep
 
 __all__ = ["Judgement", "Outcome", "StateError", "TransitionModel", "Vector"]
 
@@ -84,8 +84,9 @@ class TransitionModel(StateSpace):
     ) -> None:  # fmt: skip
         super().__init__(ground)
         self.program = Program(ground, own_code)
-        # Compiled when it is first used, and shared by all copies that `replace` makes.
+        # Made when they are first used, and shared by all copies that `replace` makes.
         self._compiled = functools.cache(functools.partial(compile_program, ground))
+        self._traced = functools.cache(functools.partial(TracedStep, ground))
         self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
         self.initial_state: Vector | None = None
         if ground.initial is not None:
@@ -297,10 +298,9 @@ class TransitionModel(StateSpace):
         `theta` are other parameters; `amend` changes the result before events are evaluated.
         """
         parameters = self._theta_list if theta is None else theta
-        return traced_step(self.ground, state, action, parameters, self.dt, amend)
+        return self._traced().step(state, action, parameters, self.dt, amend)
 
     def judged_passages(self, state: Vector, action: int, next_state: Vector) -> list[Passage]:
         """Return what the judgement of a transition passes."""
-        return traced_judgement(
-            self.ground, state.tolist(), action, next_state.tolist(), self._theta_list, self.dt
-        ).passages
+        values, after = state.tolist(), next_state.tolist()
+        return self._traced().judge(values, action, after, self._theta_list, self.dt).passages

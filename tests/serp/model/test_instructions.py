@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from serp import _core
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.instructions import compile_program
-from serp.model.traced_step import Traced, traced_judgement, traced_step
+from serp.model.traced_step import Traced, TracedStep
 from serp.model.transition_model import TransitionModel, Vector
 from tests.generated import (
     FULL,
@@ -49,14 +49,14 @@ def test_the_fast_step_gives_the_bits_of_the_traced_one(
     model = generated.model.replace(dt=dt, theta=generated.model.theta * factor)
     core = model.core
     assert isinstance(core, _core.WrittenModel)
-    ground, theta = model.ground, model.theta.tolist()
+    traced, theta = TracedStep(model.ground), model.theta.tolist()
     for k, state in enumerate(states):
         values, other = state.tolist(), states[k - 1]
         for action in range(-1, len(model.actions)):
             fast = core.step(state, action)
-            check_same(fast, traced_step(ground, values, action, theta, dt))
+            check_same(fast, traced.step(values, action, theta, dt))
             for after in (fast[0][:-1], other) if fast[1] & APPLICABLE else (other,):
-                judged = traced_judgement(ground, values, action, after.tolist(), theta, dt)
+                judged = traced.judge(values, action, after.tolist(), theta, dt)
                 check_same(core.judge(state, action, after), judged)
 
 
