@@ -7,9 +7,10 @@ step of `serp._core`, is its oracle, and is the source of explanations.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from serp.model import ground_model as g
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
@@ -374,10 +375,10 @@ class _Step:
     def _truth(self, test: g.Test, source: list[float]) -> bool | None:
         """Return the truth value of a condition; None where it is undefined (Kleene's logic)."""
         match test:
-            case g.Compare(operator, left, right):
+            case g.Compare(symbol, left, right):
                 one, other = self._value(left, source), self._value(right, source)
                 undefined = math.isnan(one) or math.isnan(other)
-                return None if undefined else _compare(operator, one, other)
+                return None if undefined else _COMPARISONS[symbol](one, other)
             case g.Holds(fluent) if fluent >= 0:
                 return source[fluent] != 0.0
             case g.Holds(flag):  # before the action, both are false
@@ -412,59 +413,36 @@ class _Step:
                 return self.theta[parameter]
             case g.Elapsed():
                 return self.dt if elapsed is None else elapsed
-            case g.Unary(operator, operand):
-                return _unary(operator, self._value(operand, source, elapsed))
-            case g.Operation(operator, left, right):
-                one, other = (self._value(side, source, elapsed) for side in (left, right))
-                return _operation(operator, one, other)
+            case g.Operation(symbol, left, right):
+                one = self._value(left, source, elapsed)
+                return _OPERATIONS[symbol](one, self._value(right, source, elapsed))
+            case g.Unary(symbol, operand):
+                return _UNARY[symbol](self._value(operand, source, elapsed))
 
 
-def _compare(operator: str, left: float, right: float) -> bool:
-    match operator:
-        case "<":
-            return left < right
-        case "<=":
-            return left <= right
-        case "=":
-            return left == right
-        case ">=":
-            return left >= right
-        case _:
-            return left > right
+# Arithmetic without an exception. What has no result is NaN, and NaN gives NaN.
 
 
 def _quotient(dividend: float, divisor: float) -> float:
     return dividend / divisor if divisor != 0.0 else math.nan
 
 
-def _unary(operator: str, operand: float) -> float:
-    match operator:
-        case "-":
-            return -operand
-        case "abs":
-            return operand if operand > 0.0 else 0.0 - operand
-        case "sqrt":
-            return math.sqrt(operand) if operand >= 0.0 else math.nan
-        case "sin":
-            return math.sin(operand) if math.isfinite(operand) else math.nan
-        case _:
-            return math.cos(operand) if math.isfinite(operand) else math.nan
-
-
-def _operation(operator: str, left: float, right: float) -> float:
-    """NaN gives NaN."""
-    match operator:
-        case "+":
-            return left + right
-        case "-":
-            return left - right
-        case "*":
-            return left * right
-        case "/":
-            return _quotient(left, right)
-        case "min":
-            return left if left < right or math.isnan(left) else right
-        case "max":
-            return left if left > right or math.isnan(left) else right
-        case _:
-            return math.atan2(left, right)
+_COMPARISONS: Final[dict[str, Callable[[float, float], bool]]] = {
+    "<": operator.lt, "<=": operator.le, "=": operator.eq, ">=": operator.ge, ">": operator.gt,
+}  # fmt: skip
+_OPERATIONS: Final[dict[str, Callable[[float, float], float]]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": _quotient,
+    "min": lambda one, other: one if one < other or math.isnan(one) else other,
+    "max": lambda one, other: one if one > other or math.isnan(one) else other,
+    "atan2": math.atan2,
+}
+_UNARY: Final[dict[str, Callable[[float], float]]] = {
+    "-": operator.neg,
+    "abs": lambda number: number if number > 0.0 else 0.0 - number,
+    "sqrt": lambda number: math.sqrt(number) if number >= 0.0 else math.nan,
+    "sin": lambda number: math.sin(number) if math.isfinite(number) else math.nan,
+    "cos": lambda number: math.cos(number) if math.isfinite(number) else math.nan,
+}
