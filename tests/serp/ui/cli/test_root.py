@@ -1,7 +1,5 @@
 """The command as a whole: its help, what it imports, how it ends, settings, and `serp list`."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -155,18 +153,6 @@ def test_every_setting_can_be_set_to_what_it_is() -> None:
     assert given == {
         "planner": {"name": None}, "learner": {"hidden": "[64"}, "arbiter": {"r_min": -0.001},
     }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("texts", "said"),
-    [
-        *(([text], "section.name=value") for text in ("planner.depth", "depth=3", ".depth=3", "")),
-        (["planner.depth=3", " planner.depth = 4"], "planner.depth is given twice"),
-    ],
-)
-def test_what_is_no_setting_is_a_usage_error(texts: list[str], said: str) -> None:
-    with pytest.raises(click.UsageError, match=said):
-        parse_settings(texts)
 
 
 def test_json_has_no_infinity(capsys: pytest.CaptureFixture[str]) -> None:
