@@ -37,8 +37,6 @@ _NONE_LEFT: Final = (
     "No checkpoint is left to continue from: restore a checkpoint from a copy, or train again with "
     "another --out. metrics.csv and decisions.csv can still be read."
 )
-_ENTRY: Final = "serp"
-_LENGTH_BYTES: Final = 8  # a safetensors file begins with the length of its header
 
 
 class CheckpointDamaged(RunError):
@@ -130,7 +128,7 @@ def encoded(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any])
     plain = {name: _plain(name, array) for name, array in arrays.items()}
     text = json.dumps(meta, default=_as_json)
     entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
-    return safetensors.numpy.save(plain, {_ENTRY: json.dumps(entry)})
+    return safetensors.numpy.save(plain, {"serp": json.dumps(entry)})
 
 
 def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -150,14 +148,15 @@ def _as_json(value: object) -> Any:
 
 def decoded(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
     """Read the content of a checkpoint; `path` names it in errors."""
+    length_bytes = 8  # a safetensors file begins with the length of its header
     damaged = f"the checkpoint {path} is damaged:"
     try:
         loaded = safetensors.numpy.load(data)
-        size = int.from_bytes(data[:_LENGTH_BYTES], "little")
-        header = json.loads(data[_LENGTH_BYTES : _LENGTH_BYTES + size])
+        size = int.from_bytes(data[:length_bytes], "little")
+        header = json.loads(data[length_bytes : length_bytes + size])
     except (SafetensorError, ValueError, KeyError, RecursionError) as error:
         raise CheckpointDamaged(f"{damaged} it is truncated or altered ({error}).") from error
-    text = (header.get("__metadata__") or {}).get(_ENTRY)
+    text = (header.get("__metadata__") or {}).get("serp")
     if text is None:
         raise RunError(f"{path} is a safetensors file, but not a checkpoint of serp.")
     try:

@@ -58,9 +58,7 @@ Columns = dict[str, NDArray[Any]]
 VETO_COLUMNS: Final = ("proposed_by", "reason")
 """What `vetoed` is told by."""
 
-_BLOCK_BYTES: Final = 1 << 20
 _BLOCK_STEPS: Final = 1024
-_LARGEST_FILE: Final = 1 << 28
 _NAME: Final = re.compile(r"block-(\d{6,9})\.npz")
 _AGAIN: Final = "Restore it from a copy; metrics.csv and decisions.csv can still be read."
 _KEPT = 8
@@ -200,11 +198,12 @@ class Layout(BaseModel):
     @property
     def block(self) -> int:
         """Number of steps of a block, which takes about `_BLOCK_BYTES`; the last may have fewer."""
+        block_bytes = 1 << 20
         size = sum(
             np.dtype(column.kind).itemsize * int(np.prod(self.shape(name, 1)))
             for name, column in _COLUMNS.items()
         )
-        return min(_BLOCK_STEPS, max(16, _BLOCK_BYTES // size))
+        return min(_BLOCK_STEPS, max(16, block_bytes // size))
 
     def shape(self, name: str, steps: int) -> tuple[int, ...]:
         """Return the shape of a column of so many steps."""
@@ -247,7 +246,7 @@ def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Column
     """
     found: Columns = {}
     try:
-        data = io.BytesIO(read_regular(file, _LARGEST_FILE))
+        data = io.BytesIO(read_regular(file, 1 << 28))
         with zipfile.ZipFile(data) as archive:
             for name in dict.fromkeys(("number", *names)):
                 steps = len(found["number"]) if found else layout.block

@@ -33,8 +33,6 @@ from serp.tasks.task import Task
 
 FIRST_SEED: Final = 1_000
 """Seeds from here on are for tuning, those from 0 on for the results that are reported."""
-_JOURNAL: Final = "study.log"
-_ASKED: Final = "serp"
 _FAILED: Final = "error"
 """Names of Optuna's attributes: the digest of what a study is for; why a trial failed."""
 
@@ -168,6 +166,8 @@ def tune(task: Task | str, **options: Any) -> Tuned:
         SerpError: Task, options, settings or folder are wrong, or no trial succeeded.
         Interrupted: Ctrl-C, SIGTERM or SIGHUP; the study can be continued.
     """
+    journal = "study.log"
+    asked = "serp"
     with needs_extra("tune", "tuning"):
         import optuna
     from serp.runs.tuning_space import changes_of
@@ -180,15 +180,15 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     search = _Search(find_task(task) if isinstance(task, str) else task, request)
     folder = request.out or default_path(f"tune-{search.name}")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    with locked(folder, _JOURNAL):
-        storage = optuna.storages.journal.JournalFileBackend(str(folder / _JOURNAL))
+    with locked(folder, journal):
+        storage = optuna.storages.journal.JournalFileBackend(str(folder / journal))
         study = optuna.create_study(
             study_name=search.name, storage=optuna.storages.JournalStorage(storage),
             direction="maximize", load_if_exists=True,
         )  # fmt: skip
         if not study.user_attrs:
-            study.set_user_attr(_ASKED, search.digest)
-        if study.user_attrs.get(_ASKED) != search.digest:
+            study.set_user_attr(asked, search.digest)
+        if study.user_attrs.get(asked) != search.digest:
             raise RunError(
                 f"{folder} holds a study of another task, or with other settings, values, seeds or "
                 "budget. Give another folder (--out)."

@@ -44,9 +44,6 @@ from serp.runs.diagnosis.findings import (
 )
 
 _MOST_ROWS = 4_000  # of a regression and of a count
-_MOST_PAIRS = 20_000  # rows over all objects: each object adds a row per transition
-_RARE = 0.02  # least probability of other outcomes that is worth mentioning
-_FEW = 5  # fewest steps of an action whose outcomes are counted
 
 
 def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
@@ -60,7 +57,8 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
     if not len(sample):
         return Findings()
     objects = max(Counter(f.symbol for f in model.fluents if f.numeric).values(), default=1)
-    part = sample.part(max(500, min(_MOST_ROWS, _MOST_PAIRS // objects)))
+    # Each object adds a row per transition.
+    part = sample.part(max(500, min(_MOST_ROWS, 20_000 // objects)))
     fit = fit_jointly(model, part)
     costs = _Costs(model, fit, sample.part(_MOST_ROWS // 2), steps.units)
     return Findings(
@@ -181,7 +179,7 @@ def _stochastic_effect(
 ) -> StochasticEffect | None:
     """Return the stochastic effect of a group of fluents; None where the file is right."""
     action, group, counts, _ = counted
-    if counts.samples < _FEW:
+    if counts.samples < 5:
         return None
     shares, _, changes = counts.outcomes()
     sets, number = counts.explanations()
@@ -199,7 +197,8 @@ def _stochastic_effect(
     shares = np.array([shares[kinds].sum() for kinds in merged.values()])
     sets = np.stack([sets[:, kinds].any(axis=1) for kinds in merged.values()], axis=1)
     errors = _standard_errors(sets, number, shares)
-    if 1.0 - shares[0] < max(_RARE, 3.0 * errors[0]):
+    # Other outcomes that are rarer than 2 % are not worth mentioning.
+    if 1.0 - shares[0] < max(0.02, 3.0 * errors[0]):
         return None
     outcomes = [
         ObservedOutcome(text, p, e, k == 0, like[text])

@@ -33,7 +33,6 @@ HOLD: Final = 1.5
 """Time that a mark is shown, unless another one follows, s."""
 END: Final = 1.0
 """Additional duration of the last picture of an episode, s."""
-_TICK, _FEWEST_TICKS = 0.01, 2  # unit of durations in a GIF, s; browsers slow down shorter frames
 _SAMPLES, _TRANSPARENT = 60, 255  # frames of which the palette is made; an index in it
 _BACKGROUND, _INK = "#16191F", "#F2F4F7"
 Picture = NDArray[np.uint8]
@@ -387,8 +386,8 @@ def write_gif(path: Path, frames: Iterator[Frame]) -> None:
     def images() -> Iterator[Image.Image]:
         due, spent = 0.0, 0
         for frame in itertools.chain(first, frames):
-            due += frame.seconds / _TICK
-            ticks = max(round(due) - spent, _FEWEST_TICKS)
+            due += frame.seconds / 0.01  # the unit in a GIF; browsers slow down shorter frames
+            ticks = max(round(due) - spent, 2)
             spent += ticks
             image = frame.image.quantize(palette=palette, dither=Image.Dither.NONE)
             image.info["duration"] = 10 * ticks

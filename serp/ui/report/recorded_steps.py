@@ -30,7 +30,6 @@ _SHOWN: Final = (
     "state", "action", "executed_by", "reason", "proposed", "proposed_by", "ground", "value",
     "path_risk", "safe_steps", "reward", "flags", "indifferent", "bound", "unsafe",
 )  # fmt: skip
-_MOST, _POINTS = 3_000, 600  # episodes and points of the mean in the curve; more are thinned out
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,7 @@ def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[
     known = min(len(ended), len(numbers))
     numbers[:known] = [each.number for each in ended[:known]]
     steps, returns = metrics["env_steps"], metrics["return"]
-    drawn, points = _spread(len(returns), _MOST), _spread(len(returns), _POINTS)
+    drawn, points = _spread(len(returns), 3_000), _spread(len(returns), 600)
     mean, (low, high) = moving_mean(returns), moving_interval(returns)
     at, shares = binned_shares(metrics)
     return {
