@@ -49,7 +49,6 @@ _MATH = {
     ),
 }
 """Function of other languages → what to write in its stead."""
-_SUPPORTED = f"`+`, `-`, `*`, `/` and, with `{MATH_REQUIREMENT}`, `{'`, `'.join(MATH_FUNCTIONS)}`"
 Declared = Mapping[str, Declaration]
 
 
@@ -112,7 +111,9 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
     if head in declared:
         return None
     if head in _MATH:
-        problem = f"`{head}` is not supported; numbers have {_SUPPORTED}"
+        more = "`, `".join(MATH_FUNCTIONS)
+        problem = f"`{head}` is not supported; numbers have `+`, `-`, `*`, `/` and, with "
+        problem += f"`{MATH_REQUIREMENT}`, `{more}`"
         return DomainError(problem, group.items[0].place, _MATH[head], code="math-functions")
     if len(group.items) == 1 and head[:1].isdigit():
         return _foreign("a number has no parentheses", group.place, head)

@@ -75,8 +75,6 @@ def newline_of(text: str) -> str:
 
 
 _LINE_END = re.compile(r"\r\n|\n|\r")
-_LARGEST: Final = 1 << 28
-"""Bytes of a file that is read."""
 _WINDOW = 160
 """Most characters of a line that a message shows."""
 _OPENING = re.compile(r"\([^\s();]+(?:[ \t]+[^\s();]+)?")
@@ -112,15 +110,15 @@ class Source:
             raise DomainError(
                 f"a file is given by its path, not by {path!r}", code="unreadable-file"
             )
-        path, advice = Path(path), ""
+        path, advice, most = Path(path), "", 1 << 28
         try:
             status = path.stat()
             if path.is_dir():
                 reason = "it is a folder"
             elif not stat.S_ISREG(status.st_mode):
                 reason = "it is not a regular file"
-            elif status.st_size > _LARGEST:
-                reason = f"it has {status.st_size:,} bytes, and a PDDL file at most {_LARGEST:,}"
+            elif status.st_size > most:
+                reason = f"it has {status.st_size:,} bytes, and a PDDL file at most {most:,}"
             else:  # some editors put a byte order mark first; it is not part of the text
                 return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
             problem = f"{path}: cannot be read ({reason})"

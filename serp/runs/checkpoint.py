@@ -32,12 +32,6 @@ NEWEST: Final = "checkpoint.safetensors"
 PREVIOUS: Final = "checkpoint-previous.safetensors"
 DAMAGED: Final = "checkpoint-damaged.safetensors"
 
-_BEGUN: Final = "A run can be continued or evaluated once it has written its first checkpoint."
-_NONE_LEFT: Final = (
-    "No checkpoint is left to continue from: restore a checkpoint from a copy, or train again with "
-    "another --out. metrics.csv and decisions.csv can still be read."
-)
-
 
 class CheckpointDamaged(RunError):
     """A checkpoint is truncated or altered."""
@@ -109,16 +103,21 @@ def load_newest(folder: Path) -> Checkpoint:
     says so.
     """
     newest, previous = folder / NEWEST, folder / PREVIOUS
+    none_left = (
+        "No checkpoint is left to continue from: restore a checkpoint from a copy, or train again "
+        "with another --out. metrics.csv and decisions.csv can still be read."
+    )
     try:
         return Checkpoint(*load(newest), newest)
     except CheckpointDamaged as error:
-        fallback, advice = str(error), _NONE_LEFT
+        fallback, advice = str(error), none_left
     except FileNotFoundError:
-        fallback, advice = f"there is no checkpoint {newest}.", _BEGUN
+        fallback = f"there is no checkpoint {newest}."
+        advice = "A run can be continued or evaluated once it has written its first checkpoint."
     try:
         return Checkpoint(*load(previous), previous, fallback)
     except CheckpointDamaged as error:
-        raise RunError(f"{fallback} The one before it: {error} {_NONE_LEFT}") from error
+        raise RunError(f"{fallback} The one before it: {error} {none_left}") from error
     except FileNotFoundError:
         raise RunError(f"{fallback} {advice}") from None
 

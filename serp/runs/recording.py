@@ -61,8 +61,6 @@ VETO_COLUMNS: Final = ("proposed_by", "reason")
 _BLOCK_STEPS: Final = 1024
 _NAME: Final = re.compile(r"block-(\d{6,9})\.npz")
 _AGAIN: Final = "Restore it from a copy; metrics.csv and decisions.csv can still be read."
-_KEPT = 8
-"""Blocks that are kept in memory."""
 
 _HUGE: Final = float(np.finfo(np.float64).max)
 _SUMMED: Final = 1e280
@@ -341,7 +339,7 @@ class Recording:
                 raise RunError(f"{folder} has no block {number}. Restore it from a copy.")
         last = len(self._read_block(len(blocks) - 1, ("number",))["number"]) if blocks else 0
         self._steps = max(0, len(blocks) - 1) * self.layout.block + last
-        self._block = functools.lru_cache(_KEPT)(self._read_block)
+        self._block = functools.lru_cache(8)(self._read_block)
 
     def __len__(self) -> int:
         """Return the number of steps."""

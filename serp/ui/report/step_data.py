@@ -95,7 +95,7 @@ def step_arrays(
         "executedBy": steps["executed_by"],
         "reason": steps["reason"],
         "state": steps["state"].T,
-        "last": steps.next_states[ends].T,
+        "last": steps["next_state"][ends].T,
         "predicted": errors.predicted.T,
         "errors": errors.errors.T,
         "value": steps["value"].T,

@@ -71,8 +71,8 @@ def test_the_line_that_is_to_blame_is_quoted_with_the_values_it_reads(
     state = lab.state({f.name: given.get(f.name, 0.0) for f in lab.fluents})
     actions = ActionMap(lab, len(lab.actions))
     arbiter = Arbiter(Lookahead(lab, PlannerSettings(depth=1)), actions)
-    remark = arbiter.remark(arbiter.forecast(state), state, lab.action_index(action))
-    assert remark.removeprefix("not applicable: ") == says
+    shown = arbiter.alternatives(arbiter.forecast(state), state)[lab.action_index(action)]
+    assert shown.remark.removeprefix("not applicable: ") == says
 
 
 STEPS = st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans()), max_size=200)

@@ -69,6 +69,30 @@ def test_an_unknown_command_or_option_says_what_there_is(run: Run) -> None:
     assert "No such option" in run("--nonsense", expect=2).stderr
 
 
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("compare", "give --domain"),
+        ("compare --domain=cartpole --seeds=many", "expected a number, or seeds such as 0-9"),
+        ("compare --out=c --max-ground-schemas=9", "--max-ground-schemas cannot change"),
+        ("plan-and-learn", "give --domain"),
+        ("plan-and-learn --resume", "give the run to continue"),
+        ("plan-and-learn --resume=a --out=b", "which run: --resume a or --out b?"),
+        ("plan-and-learn --resume=a --seed=1", "--seed cannot change"),
+        ("plan-and-learn --domain=cartpole --num-envs=2 --set=training.num_envs=3",
+         "give --num-envs or --set training.num_envs, not both"),
+        ("plan --domain=cartpole --depth=0", "is not in the range"),
+        ("plan --domain=cartpole --svg=walk.pddl", "ends in .svg"),
+        ("why a --episode=1", "give --step"),
+    ],
+)  # fmt: skip
+def test_a_wrong_command_line_is_refused_before_anything_is_written(
+    line: str, message: str, run: Run, folder: Path
+) -> None:
+    assert message in run(*line.split(), expect=2).stderr
+    assert list(folder.iterdir()) == []
+
+
 def test_a_mistake_keeps_its_traceback_when_debugging(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
