@@ -18,7 +18,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
@@ -52,7 +52,6 @@ EVALUATIONS: Final = "evaluations"
 HEADER: Final = "recording.json"
 ACTORS: Final = tuple(Actor)
 REASONS: Final = tuple(Reason)
-_BOUNDS: Final = tuple(Bound)
 Columns = dict[str, NDArray[Any]]
 """Name of a column → values `[n]`, `[n, F]` or `[n, E]` of n steps."""
 VETO_COLUMNS: Final = ("proposed_by", "reason")
@@ -117,7 +116,7 @@ _COLUMNS: Final[Mapping[str, _Column]] = {
 }
 _ENTERED: Final = [name for name, column in _COLUMNS.items() if column.of]
 _entries: Final = attrgetter(*(_COLUMNS[name].of for name in _ENTERED))  # in one call, so fast
-_LISTED: Final = {"actors": ACTORS, "reasons": REASONS, "bounds": _BOUNDS}
+_LISTED: Final = {"actors": ACTORS, "reasons": REASONS, "bounds": tuple(Bound)}
 _POSITIONS: Final = [
     {value: k for k, value in enumerate(_LISTED.get(str(_COLUMNS[name].high), ()))}
     for name in _ENTERED
@@ -412,44 +411,18 @@ class Recording:
         columns = self._block(block)
 
         def at(name: str) -> Any:
-            value = columns[name][row]
-            return value.copy() if isinstance(value, np.ndarray) else value.item()
+            value, known = columns[name][row], _LISTED.get(str(_COLUMNS[name].high))
+            if known is not None:
+                return known[value]
+            if isinstance(value, np.ndarray):  # a copy
+                return value.astype(np.int64 if value.dtype.kind == "i" else value.dtype)
+            return value.item()
 
-        forecast = ActionForecast(
-            choice=at("choice"),
-            ground=at("ground").astype(np.int64),
-            value=at("value"),
-            path_risk=at("path_risk"),
-            safe_steps=at("safe_steps").astype(np.int64),
-            reward=at("reward"),
-            flags=at("flags"),
-            depth=at("depth"),
-            bound=_BOUNDS[at("bound")],
-            indifferent=at("indifferent"),
-        )
-        decision = Decision(
-            action=at("action"),
-            executed_by=ACTORS[at("executed_by")],
-            reason=REASONS[at("reason")],
-            proposed=at("proposed"),
-            proposed_by=ACTORS[at("proposed_by")],
-            rho=at("rho"),
-            forecast=forecast,
-            admissible=at("admissible"),
-        )
-        return StoredStep(
-            step=step,
-            episode=at("episode"),
-            number=at("number"),
-            state=at("state"),
-            next_state=at("next_state"),
-            decision=decision,
-            env_reward=at("env_reward"),
-            domain_reward=at("domain_reward"),
-            unsafe=at("unsafe"),
-            terminated=at("terminated"),
-            truncated=at("truncated"),
-        )
+        forecast = ActionForecast(**{name: at(name) for name in ActionForecast._fields})
+        of_decision = [name for name in Decision._fields if name != "forecast"]
+        decision = Decision(forecast=forecast, **{name: at(name) for name in of_decision})
+        own = [each.name for each in fields(StoredStep) if each.name in _COLUMNS]
+        return StoredStep(step=step, decision=decision, **{name: at(name) for name in own})
 
     def find(self, episode: int, number: int) -> int:
         """Return the position of a step of an episode, both from 1.
