@@ -75,8 +75,6 @@ def newline_of(text: str) -> str:
 
 
 _LINE_END = re.compile(r"\r\n|\n|\r")
-_WINDOW = 160
-"""Most characters of a line that a message shows."""
 _OPENING = re.compile(r"\([^\s();]+(?:[ \t]+[^\s();]+)?")
 _LONG_QUOTE = re.compile(r"`([^`]{160,})`")
 
@@ -370,10 +368,11 @@ def _visible(text: str) -> str:
 
 def _window(line: str, at: int) -> tuple[str, int]:
     """Return what of a line is around a column (from 0), and where that column is in it."""
-    if len(line) <= _WINDOW:
+    most = 160  # characters that a message shows
+    if len(line) <= most:
         return _visible(line), at
-    begin = max(0, min(at - _WINDOW // 2, len(line) - _WINDOW))
-    end = begin + _WINDOW
+    begin = max(0, min(at - most // 2, len(line) - most))
+    end = begin + most
     before, after = ("... " if begin else ""), (" ..." if end < len(line) else "")
     return before + _visible(line[begin:end]) + after, at - begin + len(before)
 

@@ -30,10 +30,9 @@ from serp.model.learned.regression_data import (
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import Place
+from serp.pddl.syntax import REWARD, TERMINAL
 from serp.runs.diagnosis.accuracy import Steps, forecast_with
 from serp.runs.diagnosis.findings import (
-    END,
-    REWARD,
     EffectTerm,
     Findings,
     MissingEffect,
@@ -286,7 +285,7 @@ class _Case(NamedTuple):
 def _rules(model: TransitionModel, steps: Steps) -> tuple[RuleFinding, ...]:
     """Return the lines whose rewards or ends differ from the observed ones, the worst first."""
     sample, lines = steps.sample, _Lines(model)
-    cases: dict[str, dict[_Line, list[_Case]]] = {REWARD: {}, END: {}}
+    cases: dict[str, dict[_Line, list[_Case]]] = {REWARD: {}, TERMINAL: {}}
     pairs = np.stack((steps.predicted[:, -2:], steps.after[:, -2:]), axis=1)
     for row in np.flatnonzero((pairs != 0.0).any(axis=(1, 2)) & np.isfinite(pairs).all((1, 2))):
         state, action = sample.states[row], int(sample.actions[row])
@@ -359,7 +358,7 @@ class _Lines:
 
     def _applied(self, sites: Iterable[Site], reward: float, end: float) -> dict[str, set[_Line]]:
         """Return the lines among the sites; goal or metric where there are none."""
-        found: dict[str, set[_Line]] = {REWARD: set(), END: set()}
+        found: dict[str, set[_Line]] = {REWARD: set(), TERMINAL: set()}
         for site in sites:
             effect = site.item
             if site.schema is None or site.what not in ("effect", "rate"):
@@ -368,9 +367,9 @@ class _Lines:
             if isinstance(effect, g.SetNumber) and effect.target == g.REWARD_TARGET:
                 found[REWARD].add(line)
             elif isinstance(effect, g.SetBoolean) and effect.target == g.TERMINAL_TARGET:
-                found[END] |= {line} if effect.value else set()
-        if end and not found[END] and self._goal is not None:
-            found[END].add(self._goal)
+                found[TERMINAL] |= {line} if effect.value else set()
+        if end and not found[TERMINAL] and self._goal is not None:
+            found[TERMINAL].add(self._goal)
         if reward and not found[REWARD] and (unwritten := self._metric or self._goal) is not None:
             found[REWARD].add(unwritten)
         return found

@@ -39,7 +39,7 @@ _ENDS: Final = {
     "elsewhere": "same state as another one here",
     "collapsed": "goes on, not drawn",
 }
-_CHARACTER, _SIZE = 7.4, 13  # average width and size of letters, pixels
+_CHARACTER = 7.4  # average width of letters, pixels
 _TURN, _MARGIN = 34.0, 14.0
 _LINE, _EDGE, _SAMPLE = 19.0, 16.0, 40.0
 
@@ -323,7 +323,7 @@ def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Plannin
     width = max(560.0, drawing.width)
     wide = int(width / _CHARACTER)
     y = _LINE
-    lines = [_text(0, y, title, "ink", f' font-weight="600" font-size="{_SIZE + 4}"')]
+    lines = [_text(0, y, title, "ink", ' font-weight="600" font-size="17"')]
     for text in _head(plan, planner, wide):
         y += _LINE
         lines.append(_text(0, y, text))
@@ -356,7 +356,7 @@ def _svg(width: float, height: float, lines: list[str], label: str) -> str:
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(label)}" '
-        f'font-family="system-ui, sans-serif" font-size="{_SIZE}">'
+        f'font-family="system-ui, sans-serif" font-size="13">'
     )
     return "\n".join([head, *lines, "</svg>"])
 
