@@ -1,7 +1,5 @@
 """What the pages say of the domain language and of scenarios is what these do."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Engines of unified-planning as planners."""
 
-from __future__ import annotations
-
 import functools
 import json
 import random

@@ -1,7 +1,5 @@
 """The picture of a decision: everything in its place, nothing on top of something else."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import subprocess
@@ -34,7 +32,6 @@ ROOT = Path(__file__).resolve().parents[4]
 CARTPOLE = ROOT / "domains" / "cartpole.pddl"
 UPRIGHT = [0.01, -0.02, -0.04, -0.05]
 LEANING = [0.01, -0.02, 0.21, 0.6]
-FALLING = [0.01, -0.02, 0.25, 1.6]
 SVG = "{http://www.w3.org/2000/svg}"
 GRID = """
 (define (domain grid)
