@@ -12,6 +12,7 @@ struct SameArguments {
     int schemas = 0;
     std::vector<int> action;  ///< [A * S], -1 where there is none and for the action itself
 
+    int actions() const { return schemas > 0 ? static_cast<int>(action.size()) / schemas : 0; }
     int of(int ground_action, int schema) const { return action[ground_action * schemas + schema]; }
 };
 

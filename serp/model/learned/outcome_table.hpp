@@ -56,8 +56,8 @@ public:
     static constexpr int CHANGE = -1;   ///< in place of an action schema: the outcome is a change
     static constexpr int ROWS = 2048;   ///< most contexts, plus one
     static constexpr int SETS = 64;     ///< most sets of outcomes; the rarest one makes room
+    /// Probability that an observation is taken to have had at least; least trust in an expert.
     static constexpr double LEAST = 1e-6;
-    ///< Probability that an observation is taken to have had at least, and least trust in an expert.
 
     /// Counts over all states (row 0), or in one context.
     struct Row {
@@ -137,6 +137,8 @@ private:
     bool alike(const OutcomeRoom& room, int kind, int other) const;
     void merge(OutcomeRoom& room) const;
 
+    void compare(FileStep& file, int kind, const std::vector<int>& inputs,
+                 const ObservedTransition& seen, OutcomeRoom& room) const;
     int fit_all(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
                 OutcomeRoom& room) const;
     int find_new(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
@@ -145,7 +147,7 @@ private:
     void add(int row, OutcomeRoom& room);
     void add_share(int row, int kind, double share);
     void count_set(int members);
-    void share_sets(int members);
+    void share_sets();
 
     std::vector<int> places_, context_;
     Contents contents_;
