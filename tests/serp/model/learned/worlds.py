@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from serp._core import OutcomeTable
 from serp.model.domain import load_domain
-from serp.model.learned import outcome_table as c
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.model.learned.outcome_counts import new_table
-from serp.model.learned.outcome_table import CHANGE
 from serp.model.learned.residual_features import (
     CURVED,
     FEATURES,
@@ -207,18 +205,19 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         places = np.array(sorted(where[c] for c in {*group.predicates, *group.targets}), np.int64)
         if not len(places) or rng.random() < 0.3:
             continue
-        table = new_table(places, np.zeros(0, np.int64))
-        kinds = int(rng.integers(2, 5))
-        table[c.T_KINDS] = kinds
-        changes = table[int(table[c.T_CHANGES]) :][: c.KINDS * len(places)].reshape(c.KINDS, -1)
+        table = OutcomeTable(places, np.zeros(0, np.int64))
+        contents, kinds = table.contents(), int(rng.integers(2, 5))
         numeric = [model.fluents[group.inputs[place]].numeric for place in places]
         schemas = len({action.schema for action in model.actions})
-        table[int(table[c.T_SCHEMAS]) :][1:kinds] = rng.integers(CHANGE, schemas, kinds - 1)
-        changes[1:kinds] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
+        changes = np.zeros((kinds, len(places)))
+        contents["schemas"] = np.array([-1.0, *rng.integers(-1, schemas, kinds - 1)])
+        changes[1:] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
+        contents["changes"] = changes
         counts = rng.choice((1.0, 3.0, 50.0), kinds)
-        start = int(table[c.T_COUNTS])
-        table[start : start + kinds] = counts
-        table[int(table[c.T_TOTALS])] = counts.sum()
+        contents["counts"][0, :kinds] = counts
+        contents["totals"][:] = counts.sum()
+        contents["sets"] = np.array([[1.0, counts.sum()]])
+        table.restore(**contents)
         model.buffer.shared[key].outcomes = table
 
 
