@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import math
 from numbers import Real
 from typing import Any, Final, NamedTuple
@@ -10,10 +11,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from serp import _core
 from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.ground_model import REWARD_TARGET, GroundModel
 from serp.model.grounder import GoalValue
+from serp.model.instructions import compile_program
 from serp.model.program import Amendment, Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
 
@@ -82,6 +85,8 @@ class TransitionModel(StateSpace):
     ) -> None:  # fmt: skip
         super().__init__(ground)
         self.program = Program(ground, own_code)
+        # Shared by all copies that `replace` makes.
+        self._compiled = functools.cache(functools.partial(compile_program, ground))
         self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
         self.initial_state: Vector | None = None
         if ground.initial is not None:
@@ -101,6 +106,7 @@ class TransitionModel(StateSpace):
         vector.flags.writeable = False
         self.theta: Vector = vector
         self._bytecode: Vector | None = None
+        self._core: _core.WrittenModel | None = None
         self.dt: float = float(dt)
         self._theta_list: list[float] = vector.tolist()
 
@@ -188,6 +194,16 @@ class TransitionModel(StateSpace):
             applicable=applicable,
             risk=np.where(applicable, risks_of(flags), 0.0),
         )
+
+    @property
+    def core(self) -> _core.Model:
+        """The compiled model, as planners take it."""
+        return self._written_core()
+
+    def _written_core(self) -> _core.WrittenModel:
+        if self._core is None:
+            self._core = _core.WrittenModel(self._compiled(), self.theta, self.dt)
+        return self._core
 
     # Machine code ------------------------------------------------------------------------------
 

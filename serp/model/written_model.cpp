@@ -1,7 +1,247 @@
+#include "serp/model/written_model.hpp"
+
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/shared_ptr.h>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
 #include "serp/_util/arrays.hpp"
 
 namespace serp {
 
-void bind_model(nb::module_&) {}
+namespace {
+
+class WrittenStepper : public Stepper {
+public:
+    explicit WrittenStepper(const WrittenModel& model)
+        : program_(model.program()),
+          theta_(model.theta()),
+          dt_(model.dt()),
+          registers_(program_->registers()) {}
+
+    void from(const double* state) override { state_ = state; }
+
+    Flags step(int action, double* out) override {
+        return program_->step(state_, action, theta_.data(), dt_, out, registers_.data());
+    }
+
+    int outcomes(int action, double* rows) override {
+        const int fluents = program_->fluents();
+        const Flags flags = step(action, rows);
+        rows[fluents + 1] = static_cast<double>(flags);
+        rows[fluents + 2] = 1.0;
+        return 1;
+    }
+
+private:
+    const std::shared_ptr<const Program> program_;
+    const std::vector<double> theta_;
+    const double dt_;
+    std::vector<double> registers_;
+    const double* state_ = nullptr;
+};
+
+}  // namespace
+
+WrittenModel::WrittenModel(std::shared_ptr<const Program> program, std::vector<double> theta,
+                           double dt)
+    : program_(std::move(program)), theta_(std::move(theta)), dt_(dt) {
+    if (theta_.size() != static_cast<size_t>(program_->parameters()))
+        throw std::invalid_argument("theta must be " + std::to_string(program_->parameters()) +
+                                    " numbers");
+    if (!(dt > 0.0) || !std::isfinite(dt))
+        throw std::invalid_argument("the control period must be a positive number");
+}
+
+std::unique_ptr<Stepper> WrittenModel::stepper() const {
+    return std::make_unique<WrittenStepper>(*this);
+}
+
+// For Python ---------------------------------------------------------------------------------------
+
+namespace {
+
+using State = In<double, nb::ndim<1>>;
+using States = In<double, nb::ndim<2>>;
+using Integers = In<std::int32_t, nb::ndim<1>>;
+/// Next state and reward [F + 1], and flags.
+using Result = std::pair<Array<double>, Flags>;
+
+const double* state_of(const Model& model, const State& state) {
+    if (state.size() != static_cast<size_t>(model.fluents()))
+        throw std::invalid_argument("a state of this model has " +
+                                    std::to_string(model.fluents()) + " numbers");
+    return state.data();
+}
+
+int action_of(const Model& model, std::int64_t action, int least = 0) {
+    if (action < least || action >= model.actions())
+        throw std::invalid_argument("there is no action " + std::to_string(action));
+    return static_cast<int>(action);
+}
+
+Result result_of(std::vector<double>&& out, Flags flags) {
+    const size_t size = out.size();
+    return {array_of(std::move(out), {size}), flags};
+}
+
+Result step_of(const Model& model, const State& state, std::int64_t action, int least) {
+    std::vector<double> out(model.fluents() + 1);
+    const auto stepper = model.stepper();
+    stepper->from(state_of(model, state));
+    const Flags flags = stepper->step(action_of(model, action, least), out.data());
+    return result_of(std::move(out), flags);
+}
+
+/// Steps of a batch: next states and rewards [B, F + 1], and flags [B].
+std::pair<Array<double>, Array<Flags>> step_batch(const Model& model, const States& states,
+                                                  const In<std::int64_t, nb::ndim<1>>& actions) {
+    const size_t batch = states.shape(0), width = static_cast<size_t>(model.fluents());
+    if (states.shape(1) != width || actions.size() != batch)
+        throw std::invalid_argument("the shapes of states and actions do not fit the model");
+    for (size_t k = 0; k < batch; ++k) action_of(model, actions.data()[k]);
+    std::vector<double> out(batch * (width + 1));
+    std::vector<Flags> flags(batch);
+    {
+        nb::gil_scoped_release released;
+        const auto stepper = model.stepper();
+        for (size_t k = 0; k < batch; ++k) {
+            stepper->from(states.data() + k * width);
+            flags[k] = stepper->step(static_cast<int>(actions.data()[k]),
+                                     out.data() + k * (width + 1));
+        }
+    }
+    return {array_of(std::move(out), {batch, width + 1}), array_of(std::move(flags), {batch})};
+}
+
+Array<double> outcomes_of(const Model& model, const State& state, std::int64_t action) {
+    const size_t width = static_cast<size_t>(model.fluents()) + 3;
+    std::vector<double> rows(OUTCOMES * width);
+    const auto stepper = model.stepper();
+    stepper->from(state_of(model, state));
+    const auto count = static_cast<size_t>(stepper->outcomes(action_of(model, action), rows.data()));
+    rows.resize(count * width);
+    return array_of(std::move(rows), {count, width});
+}
+
+Array<double> uncertainty_of(const Model& model, const State& state) {
+    std::vector<double> found(model.actions());
+    const auto stepper = model.stepper();
+    stepper->from(state_of(model, state));
+    for (int action = 0; action < model.actions(); ++action)
+        found[action] = stepper->uncertainty(action);
+    const size_t count = found.size();
+    return array_of(std::move(found), {count});
+}
+
+constexpr size_t PARTS = 4;
+
+std::shared_ptr<Program> program_of(const In<std::int32_t, nb::shape<-1, 4>>& code,
+                                    const State& constants, const Integers& entries, int fluents,
+                                    int parameters, int registers) {
+    static_assert(sizeof(Instruction) == 4 * sizeof(std::int32_t));
+    if (entries.size() < PARTS || entries.size() % 2)
+        throw std::invalid_argument("an instruction table is damaged: the number of parts");
+    const size_t actions = (entries.size() - PARTS) / 2;
+    const std::int32_t* of = entries.data();
+    Entries parts{{of + PARTS, of + PARTS + actions},
+                  {of + PARTS + actions, of + PARTS + 2 * actions},
+                  of[0], of[1], of[2], of[3]};
+    std::vector<Instruction> table;
+    table.reserve(code.shape(0));
+    for (size_t k = 0; k < code.shape(0); ++k) {
+        const std::int32_t* row = code.data() + 4 * k;
+        table.push_back({row[0], row[1], row[2], row[3]});
+    }
+    return std::make_shared<Program>(std::move(table), vector_of(constants), std::move(parts),
+                                     fluents, parameters, registers);
+}
+
+Array<std::int32_t> code_of(const Program& program) {
+    std::vector<std::int32_t> numbers;
+    for (const Instruction& of : program.code())
+        numbers.insert(numbers.end(), {of.code, of.a, of.b, of.c});
+    return array_of(std::move(numbers), {program.code().size(), 4});
+}
+
+Array<std::int32_t> entries_of(const Program& program) {
+    const Entries& of = program.entries();
+    std::vector<std::int32_t> numbers{of.drift, of.settle, of.aftermath, of.goal};
+    numbers.insert(numbers.end(), of.action.begin(), of.action.end());
+    numbers.insert(numbers.end(), of.judged_action.begin(), of.judged_action.end());
+    const size_t count = numbers.size();
+    return array_of(std::move(numbers), {count});
+}
+
+Array<double> constants_of(const Program& program) {
+    std::vector<double> numbers = program.constants();
+    const size_t count = numbers.size();
+    return array_of(std::move(numbers), {count});
+}
+
+Result judgement_of(const WrittenModel& model, const State& state, std::int64_t action,
+                    const State& next_state) {
+    const Program& program = *model.program();
+    std::vector<double> out(model.fluents() + 1), registers(program.registers());
+    const Flags flags = program.judge(
+        state_of(model, state), action_of(model, action, -1), state_of(model, next_state),
+        model.theta().data(), model.dt(), out.data(), registers.data());
+    return result_of(std::move(out), flags);
+}
+
+bool is_at_goal(const WrittenModel& model, const State& state) {
+    std::vector<double> registers(model.program()->registers());
+    return model.program()->at_goal(state_of(model, state), model.theta().data(), model.dt(),
+                                    registers.data());
+}
+
+}  // namespace
+
+void bind_model(nb::module_& module) {
+    nb::class_<Program>(module, "Program", "The instruction table of a ground model.")
+        .def(nb::new_(&program_of), nb::arg("code"), nb::arg("constants"), nb::arg("entries"),
+             nb::arg("fluents"), nb::arg("parameters"), nb::arg("registers"),
+             "Check a table: instructions [n, 4], the numbers that they use, and where the parts "
+             "begin [4 + 2A]: drift, settle, aftermath, goal, the actions, the judged actions.")
+        .def_prop_ro("fluents", &Program::fluents)
+        .def_prop_ro("actions", &Program::actions)
+        .def_prop_ro("parameters", &Program::parameters)
+        .def_prop_ro("registers", &Program::registers)
+        .def_prop_ro("code", &code_of, "A copy of the instructions [n, 4].")
+        .def_prop_ro("constants", &constants_of, "A copy of the constants.")
+        .def_prop_ro("entries", &entries_of, "A copy of the positions of the parts [4 + 2A].");
+
+    nb::class_<Model>(module, "Model", "A transition model as planners take it.")
+        .def_prop_ro("fluents", &Model::fluents)
+        .def_prop_ro("actions", &Model::actions)
+        .def_prop_ro("branches", &Model::branches, "Whether a step may have several outcomes.")
+        .def_prop_ro("doubts", &Model::doubts, "Whether a step may be uncertain.")
+        .def("step", [](const Model& model, const State& state, std::int64_t action) {
+                return step_of(model, state, action, 0);
+            }, nb::arg("state"), nb::arg("action"),
+            "Return next state and reward [F + 1], and the flags.")
+        .def("step_batch", &step_batch, nb::arg("states"), nb::arg("actions"),
+             "Return next states and rewards [B, F + 1], and the flags [B].")
+        .def("outcomes", &outcomes_of, nb::arg("state"), nb::arg("action"),
+             "Return the outcomes of a step: next state, reward, flags and probability [n, F + 3].")
+        .def("uncertainty", &uncertainty_of, nb::arg("state"),
+             "Return how far each action is from the data [A].");
+
+    nb::class_<WrittenModel, Model>(module, "WrittenModel", "The model as the file has it.")
+        .def(nb::new_([](std::shared_ptr<Program> program, const State& theta, double dt) {
+                 return std::make_shared<WrittenModel>(std::move(program), vector_of(theta), dt);
+             }), nb::arg("program"), nb::arg("theta"), nb::arg("dt"))
+        .def("step", [](const WrittenModel& model, const State& state, std::int64_t action) {
+                return step_of(model, state, action, -1);
+            }, nb::arg("state"), nb::arg("action"),
+            "Return next state and reward [F + 1], and the flags; action -1 is none.")
+        .def("judge", &judgement_of, nb::arg("state"), nb::arg("action"), nb::arg("next_state"),
+             "Return the observed next state after events, then its reward [F + 1], and the flags.")
+        .def("at_goal", &is_at_goal, nb::arg("state"), "Return whether the goal holds in a state.");
+}
 
 }  // namespace serp
