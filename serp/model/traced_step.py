@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 from serp.model import ground_model as g
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
-from serp.model.instructions import contested, need_sweeps
+from serp.model.instructions import contested, enabling_earlier
 from serp.pddl.syntax import Change
 
 
@@ -236,7 +236,7 @@ class _Step:
     def _events(self) -> None:
         """Carry out events in file order, and again while one has fired; each fires once."""
         events = self.ground.events
-        sweeps = need_sweeps(events)
+        sweeps = bool(enabling_earlier(events))
         fired: set[int] = set()
         again = True
         while again:
@@ -374,7 +374,9 @@ class _Step:
                 return source[fluent] != 0.0
             case g.Compare(operator, left, right):
                 one, other = self._value(left, source), self._value(right, source)
-                return None if math.isnan(one) or math.isnan(other) else _compare(operator, one, other)
+                return (
+                    None if math.isnan(one) or math.isnan(other) else _compare(operator, one, other)
+                )
             case g.Not(operand):
                 truth = self._truth(operand, source)
                 return None if truth is None else not truth
