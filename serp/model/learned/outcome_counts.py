@@ -16,9 +16,13 @@ from numpy.typing import NDArray
 
 from serp._core import FileStep, OutcomeTable
 from serp._util.saved_state import MOST, Saved
-from serp.model.learned.adapted_model import AdaptedModel, same_arguments
+from serp.model.learned.adapted_model import (
+    AdaptedModel,
+    ObservedStep,
+    observed_step,
+    same_arguments,
+)
 from serp.model.learned.adoption import BETTER, TrackRecord
-from serp.model.learned.parameter_buffer import ObservedStep, observed_step
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.learned.residual_features import FeatureGroup, Key, rate_of
 from serp.model.transition_model import TransitionModel, Vector
@@ -324,7 +328,7 @@ def _learn(
     whole = whole.copy()
     file = adapted.core.file_step()
     for state, action, after, over in zip(*transitions, strict=True):
-        step = observed_step(adapted.data, adapted.dt, state, int(action), after, bool(over))
+        step = observed_step(adapted, state, int(action), after, bool(over))
         if step is None:
             continue
         for group in groups[action]:

@@ -175,7 +175,7 @@ bool OutcomeTable::predict(FileStep& file, int action, int kind, int schema,
         return true;
     }
     const int other = file.others().of(action, schema);
-    if (other < 0 || !(file.flow(state, other, room.step.data()) & APPLICABLE)) return false;
+    if (other < 0 || !(file.flow(other, room.step.data()) & APPLICABLE)) return false;
     for (int k = 0; k < columns(); ++k) values[k] = room.step[inputs[places_[k]]];
     return true;
 }
@@ -239,7 +239,7 @@ void OutcomeTable::compare(FileStep& file, int kind, const std::vector<int>& inp
     double* out = room.step.data();
     std::copy(seen.flowed, seen.flowed + file.width() + 1, out);
     put(kind, inputs, room, out);
-    const Flags settled = file.settle(seen.state, seen.flags, out);
+    const Flags settled = file.settle(seen.flags, out);
     room.ends[kind] = (settled & APPLICABLE) && (settled & TERMINAL);
     bool same = (settled & APPLICABLE) && (room.ends[kind] || !seen.over);
     for (int k = 0; k < columns() && same; ++k) {
@@ -403,6 +403,7 @@ void OutcomeTable::share_sets() {
 bool OutcomeTable::count(FileStep& file, const std::vector<int>& inputs,
                          const ObservedTransition& seen, double* losses, double rate,
                          OutcomeRoom& room) {
+    file.from(seen.state);
     const int fitting = fit_all(file, inputs, seen, room);
     const int row = find_or_enter(inputs, seen.state), before = kinds();
     fill_broadest(room.probabilities.data());

@@ -96,7 +96,7 @@ public:
     /// Computes the probabilities of the outcomes of an action in a state [F], no two of which
     /// predict the same, and returns the likeliest; `put` applies one.
     ///
-    /// `flowed` [F] is the state after effects, processes and residual.
+    /// `file` starts from that state; `flowed` [F] is it after effects, processes and residual.
     int likeliest(FileStep& file, int action, const std::vector<int>& inputs, const double* state,
                   const double* flowed, OutcomeRoom& room) const;
 

@@ -275,6 +275,9 @@ void bind_regression(nb::module_& module) {
         .def("design_matrix", &design_matrix, nb::arg("x"), nb::arg("heads"), nb::arg("weight"),
              "Return rows of the design matrix `[n, D + features]` of inputs `[n, d]` and their "
              "heads `[n]`, each times its weight `[n]`.");
+    bound.attr("SMOOTH") = Regression::SMOOTH;
+    bound.attr("FEATURES") = Regression::FEATURES;
+    bound.attr("RANGE") = Regression::RANGE;
     using Of = Regression;
     const auto sizes = [](auto... numbers) {
         return std::vector<size_t>{static_cast<size_t>(numbers)...};
@@ -293,7 +296,7 @@ void bind_regression(nb::module_& module) {
     bind_view(bound, "phase", &Of::phase, [=](const Of&) { return sizes(Of::FEATURES); },
               "`[FEATURES]`.");
     bind_view(bound, "inverse", &Of::inverse,
-              [=](const Of& of) { return sizes(of.columns + SMOOTH, of.columns + SMOOTH); },
+              [=](const Of& of) { return sizes(of.columns + Of::SMOOTH, of.columns + Of::SMOOTH); },
               "`[D + SMOOTH, same]` transposed inverse of the Cholesky factor of the smooth model.");
     bind_view(bound, "typical", &Of::typical,
               [=](const Of& of) { return sizes(of.heads, of.count); },
