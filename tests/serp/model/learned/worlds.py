@@ -9,18 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from serp._core import OutcomeTable
+from serp._core import OutcomeTable, Regression
 from serp.model.domain import load_domain
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.model.learned.residual_features import (
-    CURVED,
-    FEATURES,
-    FILE,
-    FULL,
-    LINEAR,
-    RegressionParameters,
-)
+from serp.model.learned.residual_features import CURVED, FEATURES, FILE, FULL, LINEAR
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from tests.generated import PLANNABLE, generate
@@ -188,17 +181,14 @@ WILD = (*MILD, 1e6, -1e30, 1e200, -1e308, np.inf, -np.inf, np.nan, 5e-324)
 
 def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
     """Put arbitrary weights wherever an adaptation could put some: normal, or of these numbers."""
-    buffer = model.buffer
-    buffer.active = True
     if rng.random() < 0.5:
-        buffer.adopt(_weights(buffer.parameters.shape, rng, numbers))
-    for regression in buffer.regressions.values():
+        model.core.adopt(_weights(model.theta.shape, rng, numbers))
+    for regression in model.regressions.values():
         _publish(regression, rng, numbers)
 
 
 def count(model: AdaptedModel, rng: np.random.Generator) -> None:
     """Put arbitrary counts of outcomes wherever some could be: of one in all, or by context."""
-    model.buffer.active = model.buffer.stochastic = True
     groups = {group.key: group for groups in model.feature_groups for group in groups}
     for key, group in groups.items():
         where = {column: place for place, column in enumerate(group.inputs)}
@@ -218,15 +208,15 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         contents["totals"][:] = counts.sum()
         contents["sets"] = np.array([[1.0, counts.sum()]])
         table.restore(**contents)
-        model.buffer.shared[key].outcomes = table
+        model.shared[key].outcomes = table
 
 
 def _publish(
-    part: RegressionParameters, rng: np.random.Generator, numbers: tuple[float, ...]
+    part: Regression, rng: np.random.Generator, numbers: tuple[float, ...]
 ) -> None:
     part.features = FEATURES if rng.random() < 0.5 else 0
     kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
-    part.kinds[:] = rng.choice(kinds, size=part.kinds.shape)
+    part.kinds = rng.choice(kinds, size=part.kinds.shape)
     for weights in (
         part.linear, part.amplitude, part.centre, part.shrink, part.frequency, part.phase
     ):  # fmt: skip

@@ -41,7 +41,7 @@ def prediction(
 
 def shared(adaptation: ModelAdaptation) -> list[OutcomeTable]:
     """The tables that are in use."""
-    groups = adapted(adaptation).buffer.shared.values()
+    groups = adapted(adaptation).shared.values()
     return [group.outcomes for group in groups if group.outcomes is not None]
 
 
