@@ -12,11 +12,11 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
 
 from serp.model import ground_model as g
 from serp.model.flags import UNDEFINED, UNSAFE
+from serp.model.traced_step import Passage as Passage
+from serp.model.traced_step import Site
 from serp.pddl.syntax import Change
 
 FLAG_NAMES = {g.UNSAFE_TARGET: "unsafe", g.TERMINAL_TARGET: "terminal"}
@@ -38,46 +38,6 @@ _APPLIED = {
     "atan2": "atan2({0}, {1})",
 }
 """Operator → an expression of its operands, which are variables or entries of arrays."""
-
-
-@dataclass(frozen=True, slots=True)
-class Site:
-    """A place in the generated code that a traced run reports when it is reached.
-
-    Attributes:
-        what: `failed` (a precondition), `effect` (of an action or event, applied), `rate` (of a
-            process, applied), `conflict` (of effects) or `undefined` (a result that is not a
-            finite number, or a condition that is neither true nor false).
-        schema: The ground action, process or event; None for the goal and the reward as a whole.
-        item: The condition or effect; None where the schema as a whole is meant.
-    """
-
-    what: Literal["failed", "effect", "rate", "conflict", "undefined"]
-    schema: g.GroundSchema | None
-    item: g.Test | g.GroundEffect | None
-
-    @property
-    def without_result(self) -> str:
-        """Say where a step ended here without a result, and why."""
-        if self.what == "conflict":
-            why = "contradicts another effect"
-        elif isinstance(self.item, g.SetBoolean | g.SetNumber) or self.item is None:
-            why = "gives no finite number"
-        else:
-            why = "is neither true nor false, it divides by zero"
-        item = self.schema if self.item is None or isinstance(self.item, g.Constant) else self.item
-        if item is None:
-            return f"the reward {why}"
-        place = item.place
-        return f"{place.source.name}:{place.line}:{place.column}: `{place.text}` {why}"
-
-
-class Passage(NamedTuple):
-    """A site that a traced step passed; reward, and next state `[F + 1]`, right after it."""
-
-    site: Site
-    gained: float
-    values: list[float]
 
 
 def joined(operator: str, tests: Sequence[str]) -> str:

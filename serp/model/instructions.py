@@ -27,9 +27,9 @@ from serp.pddl.syntax import Change
 
 # The codes of program.hpp, and the beginning of the frame; the constants 0 to 3 follow the flags.
 (
-    _RETURN, _COPY, _CLEAR, _MOVE, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MIN, _MAX, _ATAN2, _NEGATE, _ABS,
-    _SQRT, _SIN, _COS, _JUMP, _JUMP_IF, _JUMP_UNLESS, _IF_LESS, _IF_LESS_OR_EQUAL, _IF_EQUAL,
-    _UNLESS_LESS, _UNLESS_LESS_OR_EQUAL, _UNLESS_EQUAL, _UNLESS_FINITE, _REPEAT,
+    _RETURN, _COPY, _CLEAR, _MOVE, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MIN, _MAX, _ATAN2,
+    _NEGATE, _ABS, _SQRT, _SIN, _COS, _JUMP, _JUMP_IF, _JUMP_UNLESS, _IF_LESS, _IF_LESS_OR_EQUAL,
+    _IF_EQUAL, _UNLESS_LESS, _UNLESS_LESS_OR_EQUAL, _UNLESS_EQUAL, _UNLESS_FINITE, _REPEAT,
 ) = range(27)  # fmt: skip
 _ELAPSED, _UNSAFE, _TERMINAL, _ZERO, _ONE, _TWO, _THREE, _THETA = range(8)
 
@@ -223,10 +223,10 @@ class _Compiler:
             conditions = self._conditions(ordered, source, keep)
             values: dict[int, int] = {}
             if keep:
-                for effect in numbers:
-                    fixed = isinstance(effect.value, g.ParameterRef)
+                for number in numbers:
+                    fixed = isinstance(number.value, g.ParameterRef)
                     register = None if fixed else self._register()
-                    values[id(effect)] = self._value(effect.value, source, register)
+                    values[id(number)] = self._value(number.value, source, register)
             groups = {target: self._register() for target in contested(numbers)}
             for register in groups.values():
                 self._emit(_MOVE, register, _ZERO)

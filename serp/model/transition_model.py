@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from serp import _core
-from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.ground_model import REWARD_TARGET, GroundModel
 from serp.model.grounder import GoalValue
 from serp.model.instructions import compile_program
-from serp.model.program import Amendment, Program
+from serp.model.program import Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
+from serp.model.traced_step import Amendment, Passage, Site, Traced, TracedStep
 
 __all__ = ["Judgement", "Outcome", "StateError", "TransitionModel", "Vector"]
 
@@ -60,7 +60,7 @@ class TransitionModel(StateSpace):
     """A compiled domain: a pure function of state, action, parameters θ and control period Δt.
 
     A step is precondition, effects together, processes (explicit Euler over Δt), events, reward
-    and flags. CPython (single states) and machine code (batches) give the same bits.
+    and flags. The fast step and the traced one give the same bits.
 
     Args:
         ground: The model.
@@ -72,7 +72,6 @@ class TransitionModel(StateSpace):
         ground: The model.
         theta: θ, float64 `[P]`; the reward for reaching the goal follows from the other entries.
         dt: Control period.
-        program: The functions and the machine code of the step, which `replace` shares.
         initial_state: `[F]` where the problem gives a value to every fluent, else None.
         revision: A number that changes whenever predictions may have changed noticeably.
     """
@@ -85,8 +84,9 @@ class TransitionModel(StateSpace):
     ) -> None:  # fmt: skip
         super().__init__(ground)
         self.program = Program(ground, own_code)
-        # Shared by all copies that `replace` makes.
+        # Made when they are first used, and shared by all copies that `replace` makes.
         self._compiled = functools.cache(functools.partial(compile_program, ground))
+        self._traced = functools.cache(functools.partial(TracedStep, ground))
         self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
         self.initial_state: Vector | None = None
         if ground.initial is not None:
@@ -170,21 +170,16 @@ class TransitionModel(StateSpace):
         Action -1 is none, in a model that is not adapted. Returned are the next state and the
         reward (meaningless where not applicable), and the flags of `serp.model.flags`.
         """
-        out = [*state, 0.0]
-        return out, self.program.step(state, action, self._theta_list, self.dt, out)
+        out, flags = self._written_core().step(np.array(state, dtype=np.float64), action)
+        return out.tolist(), flags
 
     def at_goal(self, state: Vector) -> bool:
         """Return whether the problem's goal holds in a state `[F]`; False where there is none."""
-        values: list[float] = state.tolist()
-        return self.program.at_goal(values, self._theta_list, self.dt)
+        return self._written_core().at_goal(state)
 
     def _step_batch(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
-        from serp.model.native import step_batch
-
-        batch, width = states.shape
-        table, flags = np.empty((batch, width + 1)), np.empty(batch, dtype=np.int64)
-        flat = np.ascontiguousarray(states).reshape(-1)
-        step_batch(self.machine_code, flat, np.ascontiguousarray(actions), table.reshape(-1), flags)
+        width = states.shape[1]
+        table, flags = self.core.step_batch(states, actions)
         applicable = (flags & APPLICABLE) != 0
         return Outcome(
             state=np.where(applicable[:, None], table[:, :width], states),
@@ -194,6 +189,10 @@ class TransitionModel(StateSpace):
             applicable=applicable,
             risk=np.where(applicable, risks_of(flags), 0.0),
         )
+
+    def uncertainty(self, state: Vector) -> Vector:
+        """Return how far the step of each action `[A]` is from the data, see `UNKNOWN`."""
+        return np.zeros(len(self.actions))
 
     @property
     def core(self) -> _core.Model:
@@ -205,7 +204,7 @@ class TransitionModel(StateSpace):
             self._core = _core.WrittenModel(self._compiled(), self.theta, self.dt)
         return self._core
 
-    # Machine code ------------------------------------------------------------------------------
+    # Machine code, for what does not take `core` yet -------------------------------------------
 
     @property
     def data(self) -> Vector:
@@ -236,10 +235,6 @@ class TransitionModel(StateSpace):
         """
         return None
 
-    def uncertainty(self, state: Vector) -> Vector:
-        """Return how little is known `[A]` of each action in a state, see `native_uncertainty`."""
-        return np.zeros(len(self.actions))
-
     def native_uncertainty(self) -> Any:
         """Return the compiled C callback that says what is known of a step; None: everything.
 
@@ -263,24 +258,14 @@ class TransitionModel(StateSpace):
                 condition has no truth value, or an event's effects contradict each other.
         """
         self.check_action(action, -1)
-        reward, flags = self._judge(state, action, next_state)
+        out, flags = self._written_core().judge(state, action, next_state)
         if not flags & APPLICABLE:
             site = self.judged_passages(state, action, next_state)[-1].site
             raise StateError(
                 f"an observed transition cannot be judged: {site.without_result}; "
                 f"observed state: {self.values(next_state)}"
             )
-        return Judgement(reward, bool(flags & UNSAFE), bool(flags & TERMINAL))
-
-    def _judge(
-        self, state: Vector, action: int, next_state: Vector, passages: list[Passage] | None = None
-    ) -> tuple[float, int]:
-        after: list[float] = next_state.tolist()
-        out = [*after, 0.0]
-        flags = self.program.judge(
-            state.tolist(), action, after, self._theta_list, self.dt, out, passages=passages
-        )
-        return out[-1], flags
+        return Judgement(float(out[-1]), bool(flags & UNSAFE), bool(flags & TERMINAL))
 
     # Explanations ------------------------------------------------------------------------------
 
@@ -307,21 +292,15 @@ class TransitionModel(StateSpace):
         *,
         theta: list[float] | None = None,
         amend: Amendment | None = None,
-    ) -> tuple[list[float], int, list[Passage]]:
+    ) -> Traced:
         """Return what `transition` returns by the file, and what was passed, in order.
 
         `theta` are other parameters; `amend` changes the result before events are evaluated.
         """
-        passages: list[Passage] = []
-        out = [*state, 0.0]
-        flags = self.program.step(
-            state, action, self._theta_list if theta is None else theta, self.dt, out,
-            passages=passages, amend=amend,
-        )  # fmt: skip
-        return out, flags, passages
+        parameters = self._theta_list if theta is None else theta
+        return self._traced().step(state, action, parameters, self.dt, amend)
 
     def judged_passages(self, state: Vector, action: int, next_state: Vector) -> list[Passage]:
         """Return what the judgement of a transition passes."""
-        passages: list[Passage] = []
-        self._judge(state, action, next_state, passages)
-        return passages
+        values, after = state.tolist(), next_state.tolist()
+        return self._traced().judge(values, action, after, self._theta_list, self.dt).passages

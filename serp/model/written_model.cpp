@@ -46,9 +46,11 @@ private:
 WrittenModel::WrittenModel(std::shared_ptr<const Program> program, std::vector<double> theta,
                            double dt)
     : program_(std::move(program)), theta_(std::move(theta)), dt_(dt) {
-    if (theta_.size() != static_cast<size_t>(program_->parameters()))
+    const auto finite = [](double number) { return std::isfinite(number); };
+    if (theta_.size() != static_cast<size_t>(program_->parameters()) ||
+        !std::all_of(theta_.begin(), theta_.end(), finite))
         throw std::invalid_argument("theta must be " + std::to_string(program_->parameters()) +
-                                    " numbers");
+                                    " finite numbers");
     if (!(dt > 0.0) || !std::isfinite(dt))
         throw std::invalid_argument("the control period must be a positive number");
 }

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model import ground_model as g
-from serp.model.emit import Site
 from serp.model.learned.effect_search import EffectFit, fit_jointly
 from serp.model.learned.outcome_counts import CountedGroup, count_outcomes
 from serp.model.learned.parameter_fit import (
@@ -28,6 +27,7 @@ from serp.model.learned.regression_data import (
     predictions,
 )
 from serp.model.learned.transitions import TransitionMemory
+from serp.model.traced_step import Site
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import Place
 from serp.runs.diagnosis.accuracy import Steps, forecast_with
