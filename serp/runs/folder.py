@@ -125,7 +125,6 @@ _PACKAGES = (
     "numpy",
     "torch",
     "gymnasium",
-    "numba",
     "scipy",
     "unified-planning",
     "networkx",
