@@ -15,10 +15,10 @@ from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground_model import comparisons_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.array_graph import inert_fluents
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.goal_search import GoalSearch
+from serp.planning.inert import inert_fluents
 from serp.planning.relaxation import RelaxedCosts, relaxed, relaxed_cost
 from serp.settings import PlannerSettings
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
