@@ -164,7 +164,7 @@ def _stochastic_effects(model: TransitionModel, steps: Steps) -> tuple[Stochasti
     numbers = np.array([fluent.symbol in whole for fluent in fluents])
     counted = numbers | [not f.numeric and f.index in written for f in fluents]
     wrong = (steps.predicted != steps.after)[:, :-2]
-    if not wrong[:, counted].any() or not model.program.has_own_code:
+    if not wrong[:, counted].any():
         return ()
     sample = steps.sample.part(_MOST_ROWS)
     over = steps.after[np.isin(steps.sample.positions, sample.positions), -1] != 0.0
