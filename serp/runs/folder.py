@@ -193,7 +193,6 @@ def versions() -> Mapping[str, str | None]:
         "numpy",
         "torch",
         "gymnasium",
-        "numba",
         "scipy",
         "unified-planning",
         "networkx",
