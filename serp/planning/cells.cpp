@@ -1,6 +1,7 @@
 #include "serp/planning/cells.hpp"
 
 #include <nanobind/stl/map.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
@@ -69,9 +70,8 @@ double Cells::nearness(const double* state, const double* other) const {
 }
 
 CellValues::CellValues(Cells cells, std::vector<double> states, std::vector<double> value,
-                       std::vector<double> area_value)
-    : cells_(std::move(cells)), states_(std::move(states)), value_(std::move(value)),
-      area_value_(std::move(area_value)) {
+                       std::optional<std::vector<double>> area_value)
+    : cells_(std::move(cells)), states_(std::move(states)), value_(std::move(value)) {
     if (value_.empty() || states_.size() != (value_.size() - 1) * cells_.width())
         throw std::invalid_argument(std::to_string(states_.size()) + " numbers of states for " +
                                     std::to_string(value_.size()) + " values");
@@ -88,7 +88,7 @@ CellValues::CellValues(Cells cells, std::vector<double> states, std::vector<doub
         least_of_all = std::min(least_of_all, value_[k]);
     }
     least.push_back(count ? least_of_all : 0.0);
-    if (area_value_.empty()) area_value_ = std::move(least);
+    area_value_ = area_value ? std::move(*area_value) : std::move(least);
     if (area_value_.size() != static_cast<std::size_t>(area_index_.size()) + 1)
         throw std::invalid_argument("area_value has " + std::to_string(area_value_.size()) +
                                     " numbers, not " + std::to_string(area_index_.size() + 1));
@@ -153,14 +153,16 @@ void bind_cells(nb::module_& module) {
     nb::class_<CellValues, LeafValues>(module, "CellValues", "The values of N cells.")
         .def("__init__", [](CellValues* self, const Numbers& low, const Numbers& scale,
                             const Numbers& area, const Numbers& states, const Numbers& value,
-                            const Numbers& area_value) {
+                            const std::optional<Numbers>& area_value) {
+                std::optional<std::vector<double>> least;
+                if (area_value) least = vector_of(*area_value);
                 new (self) CellValues({vector_of(low), vector_of(scale), vector_of(area)},
-                                      vector_of(states), vector_of(value), vector_of(area_value));
+                                      vector_of(states), vector_of(value), std::move(least));
             }, nb::arg("low"), nb::arg("scale"), nb::arg("area"), nb::arg("states"),
-            nb::arg("value"), nb::arg("area_value"),
+            nb::arg("value"), nb::arg("area_value") = nb::none(),
             "Take a division of the state space: low ends, bins per unit of cells and of areas [F]; "
             "a state of every cell [N * F]; the values [N + 1] of the cells and of what is not "
-            "known; those of the areas [A + 1], or none.")
+            "known; those of the areas [A + 1], the least of their cells where they are not given.")
         .def("at", [](const CellValues& values, const Numbers& state) {
                 return values.at(state_of(values, state));
             }, nb::arg("state"), "Return the value of a state [F].")

@@ -1,6 +1,7 @@
 // Cells of the state space, and their values.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "serp/planning/hash_table.hpp"
@@ -67,11 +68,11 @@ private:
 class CellValues : public LeafValues {
 public:
     /// Takes a state of every cell [N * F], and the values [N + 1] of the cells, then of states that
-    /// are not known. `area_value` [A + 1] has the least value in each area, then of all; where it
-    /// is empty, it is made from the others.
+    /// are not known. `area_value` [A + 1] has the least value in each area, then of all; without it
+    /// it is made from the others.
     /// Throws std::invalid_argument where lengths do not fit, or two states lie in one cell.
     CellValues(Cells cells, std::vector<double> states, std::vector<double> value,
-               std::vector<double> area_value = {});
+               std::optional<std::vector<double>> area_value = std::nullopt);
 
     /// Returns the value of a state [F], interpolated between its cell and those beside it.
     ///

@@ -15,11 +15,11 @@ from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground_model import comparisons_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.array_graph import inert_fluents
+from serp.planning.inert import inert_fluents
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.goal_search import GoalSearch
-from serp.planning.relaxation import RelaxedCosts, relaxed, relaxed_cost
+from serp.planning.relaxation import relaxed
 from serp.settings import PlannerSettings
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
 from tests.generated.classical import gripper
@@ -119,13 +119,13 @@ def test_a_way_is_safe_and_a_domain_without_a_goal_has_none() -> None:
 def test_nothing_is_left_of_the_goal_where_it_holds(seed: int) -> None:
     random = Random(f"left {seed}")
     model = generate(random, PLANNABLE if seed % 2 else FULL).model
-    goal, tables = model.ground.goal, relaxed(model.ground, model.theta.tolist())
+    goal, relaxation = model.ground.goal, relaxed(model.ground, model.theta.tolist())
     if goal is None:
         return
-    assert tables is not None
+    assert relaxation is not None
     exact = not any(comparisons_of(goal))  # a comparison may be more than the relaxation can say
     for state in random_states(random, model, 6, exact=True):
-        cost, left = relaxed_cost(tuple(tables), tuple(RelaxedCosts.allocate(tables)), state)
+        cost, left = relaxation.estimate(state)
         assert (cost == 0.0) == (left == 0)
         assert left == 0 if model.at_goal(state) else left > 0 or not exact
 
