@@ -26,6 +26,12 @@ std::int64_t bin_of(double number, double low, double scale) {
     return static_cast<std::int64_t>(place > -FAR ? std::min(place, FAR) : -FAR);
 }
 
+/// Returns what a fluent, whose scale is not negative, contributes to the digest of a cell.
+std::uint64_t bits_in_cell(const Cells& cells, const double* state, int i) {
+    return cells.scale[i] > 0.0 ? bin_of(state[i], cells.low[i], cells.scale[i])
+                                : bits_of(state[i]);
+}
+
 }  // namespace
 
 Cells::Cells(std::vector<double> low, std::vector<double> scale, std::vector<double> area)
@@ -34,14 +40,10 @@ Cells::Cells(std::vector<double> low, std::vector<double> scale, std::vector<dou
         throw std::invalid_argument("low, scale and area differ in length");
 }
 
-Digest Cells::cell_of(const double* state, int moved, int by) const {
+Digest Cells::cell_of(const double* state) const {
     Digest digest = START;
-    for (int i = 0; i < width(); ++i) {
-        if (scale[i] > 0.0)
-            digest = mixed(digest, bin_of(state[i], low[i], scale[i]) + (i == moved ? by : 0));
-        else if (scale[i] == 0.0)
-            digest = mixed(digest, bits_of(state[i]));
-    }
+    for (int i = 0; i < width(); ++i)
+        if (scale[i] >= 0.0) digest = mixed(digest, bits_in_cell(*this, state, i));
     return finished(digest);
 }
 
@@ -67,6 +69,23 @@ double Cells::nearness(const double* state, const double* other) const {
         total += off * off;
     }
     return std::exp(-2.0 * total) + 1e-9;
+}
+
+void CellsBeside::from(const double* state) {
+    Digest digest = START;
+    for (int i = 0; i < cells_.width(); ++i) {
+        before_[i] = digest;
+        if (!(cells_.scale[i] >= 0.0)) continue;
+        bits_[i] = bits_in_cell(cells_, state, i);
+        digest = mixed(digest, bits_[i]);
+    }
+}
+
+Digest CellsBeside::digest_of(int fluent, int by) const {
+    Digest digest = mixed(before_[fluent], bits_[fluent] + by);
+    for (int i = fluent + 1; i < cells_.width(); ++i)
+        if (cells_.scale[i] >= 0.0) digest = mixed(digest, bits_[i]);
+    return finished(digest);
 }
 
 CellValues::CellValues(Cells cells, std::vector<double> states, std::vector<double> value,
@@ -105,10 +124,12 @@ double CellValues::at(const double* state) const {
     };
     if (const int own = cell_index_.find(cells_.cell_of(state)); own >= 0) {
         add(own);
+        CellsBeside beside(cells_);
+        beside.from(state);
         for (int i = 0; i < width; ++i) {
             if (!(cells_.scale[i] > 0.0)) continue;
             for (const int by : {-1, 1})
-                if (const int cell = cell_index_.find(cells_.cell_of(state, i, by)); cell >= 0)
+                if (const int cell = cell_index_.find(beside.digest_of(i, by)); cell >= 0)
                     add(cell);
         }
     }
