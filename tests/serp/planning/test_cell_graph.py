@@ -149,6 +149,30 @@ def test_a_graph_keeps_within_its_budget(most: int) -> None:
         assert graph.values is None
 
 
+def test_states_and_former_values_of_other_fluents_are_refused() -> None:
+    graph, one, two = CellGraph(track(), SETTINGS), np.ones(1), np.ones(2)
+    core, model = graph._core, track().core
+    for low, scale, area, roots in (
+        (one, one, one, np.zeros((3, 2))),
+        (two, two, two, np.zeros((3, 2))),
+        (one, two, one, np.zeros((3, 1))),
+        (one, one, two, np.zeros((3, 1))),
+    ):
+        with pytest.raises(ValueError, match=r"\w"):
+            core.expand(model, low, scale, area, roots, 100)
+    assert core.expand(model, 0 * one, one, one, np.zeros((1, 1)), 900)[1]
+    with pytest.raises(ValueError, match="no values"):
+        core.solve(0.0, 0.0)
+    with pytest.raises(ValueError, match="other fluents"):
+        core.begin(CellValues(two, two, two, two, np.ones(2)), 0.0)
+    values = CellValues(two, two, two, two, np.ones(2))
+    for state in (np.ones(1), np.ones(3)):
+        with pytest.raises(ValueError, match="2 numbers"):
+            values.at(state)
+        with pytest.raises(ValueError, match="2 numbers"):
+            values.set(state, 1.0)
+
+
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=20), st.floats(-9, 9))
 @settings(max_examples=50, deadline=None)
 def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the_unknown(
