@@ -23,6 +23,10 @@ void require(bool fits, const char* message) {
     if (!fits) throw std::invalid_argument(message);
 }
 
+bool finite(const double* values, int count) {
+    return std::all_of(values, values + count, [](double value) { return std::isfinite(value); });
+}
+
 bool inside(const std::vector<int>& positions, int least, int size) {
     return std::all_of(positions.begin(), positions.end(),
                        [=](int position) { return least <= position && position < size; });
@@ -104,6 +108,8 @@ bool AdaptedModel::corrected(int action) const {
 
 void AdaptedModel::adopt(const std::vector<double>& parameters) {
     require(parameters.size() == parameters_.size(), "there are not as many parameters");
+    require(finite(parameters.data(), static_cast<int>(parameters.size())),
+            "parameters must be finite numbers");
     revised_ = parameters != written_->theta();
     parameters_ = revised_ ? parameters : written_->theta();
     ++adoptions_;
@@ -191,10 +197,6 @@ private:
     int chunks_ = 0, waves_known_ = 0;
     bool inside_ = false;
 };
-
-bool finite(const double* values, int count) {
-    return std::all_of(values, values + count, [](double value) { return std::isfinite(value); });
-}
 
 class AdaptedStepper : public Stepper {
 public:

@@ -179,18 +179,6 @@ def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
     assert of.visits.tolist() == [60, 0]
 
 
-# What is not adapted -------------------------------------------------------------------------
-
-
-def test_a_model_too_large_to_compile_is_used_as_written_and_that_is_said(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
-    of = adaptation(PLANE, "full")
-    assert type(of.model) is TransitionModel and of.notice is not None
-    observe(of, steps_of(of, 100, 0))
-
-
 # In a training ---------------------------------------------------------------------------------
 
 

@@ -49,7 +49,7 @@ def states_and_actions(model: TransitionModel, count: int, seed: int) -> tuple[V
 
 
 def everything(model: TransitionModel, states: Vector, actions: list[int]) -> list[object]:
-    """Bits of what a model says of steps, machine code and CPython, flags included."""
+    """Bits of what a model says of steps, of a batch and of single ones, flags included."""
     batch = model.step(states, actions)
     told: list[object] = [np.asarray(column).tobytes() for column in batch]
     for state, action in zip(states, actions, strict=True):
@@ -71,7 +71,7 @@ def test_with_nothing_learned_it_is_the_written_model(name: str) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("numbers", [MILD, WILD, None], ids=["mild", "wild", "counts"])
-def test_machine_code_and_cpython_give_the_same_bits(
+def test_single_steps_batches_and_traces_agree(
     name: str, numbers: tuple[float, ...] | None
 ) -> None:
     model = AdaptedModel(model_of(name))

@@ -181,7 +181,8 @@ WILD = (*MILD, 1e6, -1e30, 1e200, -1e308, np.inf, -np.inf, np.nan, 5e-324)
 def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
     """Put arbitrary weights wherever an adaptation could put some: normal, or of these numbers."""
     if rng.random() < 0.5:
-        model.core.adopt(_weights(model.theta.shape, rng, numbers))
+        drawn = _weights(model.theta.shape, rng, numbers)
+        model.core.adopt(np.where(np.isfinite(drawn), drawn, model.theta))
     for regression in model.regressions.values():
         _publish(regression, rng, numbers)
 
