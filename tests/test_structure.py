@@ -1,6 +1,7 @@
 """The shape of the code: imports go one way, files are small, names are unique."""
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -71,6 +72,20 @@ def test_imports_inside_serp_go_one_way() -> None:
             other = inner.partition(".")[0]
             if top == "serp" and other not in ("", part) and height[other] >= height[part]:
                 wrong.append(f"{path.relative_to(ROOT)} imports {name}")
+    assert wrong == []
+
+
+def test_includes_of_compiled_code_go_one_way() -> None:
+    height = {room: i for i, room in enumerate(ROOMS)}
+    wrong = []
+    for path in sorted(PACKAGES["serp"].rglob("*.?pp")):
+        part = path.relative_to(PACKAGES["serp"]).parts[0]
+        if part not in height:
+            continue  # serp/_core.cpp, which binds all rooms
+        for name in re.findall(r'^\s*#\s*include\s+"([^"]+)"', path.read_text(), flags=re.M):
+            top, other, *_ = (*name.split("/"), "")
+            if top != "serp" or height.get(other, len(ROOMS)) > height[part]:
+                wrong.append(f"{path.relative_to(ROOT)} includes {name}")
     assert wrong == []
 
 
