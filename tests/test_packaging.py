@@ -23,7 +23,7 @@ PACKAGES = {
     "serp_adapters": ROOT / "adapters" / "serp_adapters",
     "serp_envs": ROOT / "envs" / "serp_envs",
 }
-HEAVY = {"gymnasium", "matplotlib", "networkx", "numba", "pydantic", "torch", "unified_planning"}
+HEAVY = {"gymnasium", "matplotlib", "networkx", "pydantic", "torch", "unified_planning"}
 
 
 def run(command: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:

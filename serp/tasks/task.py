@@ -318,7 +318,7 @@ class BoundTask(Closing):
         if isinstance(sample, Mapping):  # observed fluents are not constant, even if in :init
             self.domain = self.domain.observed(map(str, sample))
             self.model = self.domain.model.replace(dt=self.model.dt)
-        from serp.tasks.action_map import ActionMap  # imports numba
+        from serp.tasks.action_map import ActionMap
 
         try:
             self.actions = ActionMap(self.model, self._action_space.size, self._numbered_actions())

@@ -245,7 +245,6 @@ def rows_of(training: Training, points: Sequence[int]) -> list[Row]:
         find_task(training.task).bind() as arena,
         Trainer(bound, settings, training.seed) as trainer,
     ):
-        trainer.prepare()  # loading compiled code does not count as training
         trainer.on_step = on_step
         begun = time.process_time()
         try:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model import ground_model as g
-from serp.model.emit import Site
 from serp.model.learned.effect_search import EffectFit, fit_jointly
 from serp.model.learned.outcome_counts import CountedGroup, count_outcomes
 from serp.model.learned.parameter_fit import (
@@ -28,6 +27,7 @@ from serp.model.learned.regression_data import (
     predictions,
 )
 from serp.model.learned.transitions import TransitionMemory
+from serp.model.traced_step import Site
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import Place
 from serp.pddl.syntax import REWARD, TERMINAL
@@ -161,7 +161,7 @@ def _stochastic_effects(model: TransitionModel, steps: Steps) -> tuple[Stochasti
     numbers = np.array([fluent.symbol in whole for fluent in fluents])
     counted = numbers | [not f.numeric and f.index in written for f in fluents]
     wrong = (steps.predicted != steps.after)[:, :-2]
-    if not wrong[:, counted].any() or not model.program.has_own_code:
+    if not wrong[:, counted].any():
         return ()
     sample = steps.sample.part(_MOST_ROWS)
     over = steps.after[np.isin(steps.sample.positions, sample.positions), -1] != 0.0

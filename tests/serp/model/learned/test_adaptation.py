@@ -116,12 +116,12 @@ def test_steps_that_end_an_episode_teach_no_residual_and_equal_seeds_give_equal_
         return of
 
     one = learned(1, GOES_ON)
-    assert adapted(one).buffer.active
+    assert not adapted(one).as_written
     assert bits(learned(1, GOES_ON).state_dict()) == bits(one.state_dict())
     state = np.array([0.1, 0.2])
     expected = one.model.step(state, 0).state
     assert learned(1, CUT_OFF).model.step(state, 0).state.tobytes() == expected.tobytes()
-    assert not adapted(learned(1, OVER)).buffer.active
+    assert adapted(learned(1, OVER)).as_written
     assert learned(2, GOES_ON).model.step(state, 0).state.tobytes() != expected.tobytes()
 
 

@@ -27,7 +27,7 @@ from serp.ui.root import COMMANDS, exit_with
 from serp.ui.root import serp as group
 from tests.serp.ui.cli.conftest import Run
 
-HEAVY = {"gymnasium", "matplotlib", "networkx", "numba", "numpy", "rich", "torch"}
+HEAVY = {"gymnasium", "matplotlib", "networkx", "numpy", "rich", "torch"}
 
 
 def subcommand(name: str) -> Any:

@@ -156,9 +156,7 @@ def dashed(picture: ET.Element) -> int:
 @given(models_with_states(PLANNABLE, count=1))
 def test_any_decision_can_be_drawn(drawn: tuple[Generated, Any]) -> None:
     generated, (state,) = drawn
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)  # compiling takes seconds
-        planner = MonitorReplanner(generated.model, depth=3, discount=0.9)
-        plan = planner.plan(state)
+    planner = MonitorReplanner(generated.model, depth=3, discount=0.9)
+    plan = planner.plan(state)
     layout_of(plan, planner)
     svg(plan, planner)
