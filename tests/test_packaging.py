@@ -140,10 +140,10 @@ def test_the_citation_is_of_this_version() -> None:
 
 def test_the_types_of_the_compiled_part_are_those_that_it_has(tmp_path: Path) -> None:
     fresh = tmp_path / "_core.pyi"
-    command = [sys.executable, "-m", "nanobind.stubgen", "-m", "serp._core", "-o"]
+    command = [sys.executable, "-m", "nanobind.stubgen", "-D", "-m", "serp._core", "-o"]
     subprocess.run([*command, str(fresh)], check=True, cwd=ROOT, timeout=120)
     written = STUB.read_text(encoding="utf-8") if STUB.exists() else ""
-    advice = "run: python -m nanobind.stubgen -m serp._core -o serp/_core.pyi"
+    advice = "run: python -m nanobind.stubgen -D -m serp._core -o serp/_core.pyi"
     assert written == fresh.read_text(encoding="utf-8"), advice
 
 

@@ -98,12 +98,7 @@ def generated(seed: int) -> TransitionModel:
         schemas = (*ground.actions, *ground.processes, *ground.events)
         effects = sum(len(schema.effects) for schema in schemas)
         flagged = any(e.target < 0 for schema in schemas for e in schema.effects)
-        if (
-            ground.actions
-            and ground.fluents
-            and flagged
-            and effects < 40
-        ):
+        if ground.actions and ground.fluents and flagged and effects < 40:
             return model.replace(dt=random.choice((1.0, 0.25)))
 
 
@@ -211,9 +206,7 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         model.shared[key].outcomes = table
 
 
-def _publish(
-    part: Regression, rng: np.random.Generator, numbers: tuple[float, ...]
-) -> None:
+def _publish(part: Regression, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
     part.features = FEATURES if rng.random() < 0.5 else 0
     kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
     part.kinds = rng.choice(kinds, size=part.kinds.shape)
