@@ -6,8 +6,6 @@ and decides. It says on every line what it is about to do, so that a process tha
 raises anything but a `SerpError` is known by its seed.
 """
 
-from __future__ import annotations
-
 import copy
 import faulthandler
 import hashlib

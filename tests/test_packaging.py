@@ -25,7 +25,7 @@ PACKAGES = {
     "serp_envs": ROOT / "envs" / "serp_envs",
 }
 STUB = ROOT / "serp" / "_core.pyi"
-HEAVY = {"gymnasium", "matplotlib", "networkx", "numba", "pydantic", "torch", "unified_planning"}
+HEAVY = {"gymnasium", "matplotlib", "networkx", "pydantic", "torch", "unified_planning"}
 
 
 def run(command: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:

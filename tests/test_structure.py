@@ -1,7 +1,5 @@
 """The shape of the code: imports go one way, files are small, names are unique."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator
@@ -18,6 +16,7 @@ PACKAGES = {
     "serp_envs": ROOT / "envs" / "serp_envs",
 }
 ROOMS = (
+    "_core",  # compiled of the C++ files of all rooms
     "errors",
     "_util",
     "settings",
@@ -32,9 +31,6 @@ ROOMS = (
     "ui",
 )
 """Rooms of `serp` from the bottom up: a room imports from itself and from the rooms before it."""
-MOST_PARAMETERS = 11
-CIRCLES = [{"serp.tasks.task"}]
-"""Files that import one another and are known: `Task.bind` returns a `BoundTask`."""
 
 
 @cache
@@ -131,23 +127,3 @@ def test_no_class_name_occurs_twice_in_serp() -> None:
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(f"{path.relative_to(ROOT)}:{node.lineno}")
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
-
-
-def decorators(node: ast.FunctionDef) -> str:
-    return " ".join(ast.unparse(each) for each in node.decorator_list)
-
-
-def test_no_function_has_too_many_parameters() -> None:
-    """Compiled kernels excepted."""
-    wrong = []
-    for package in PACKAGES:
-        for path in modules(package):
-            for node in ast.walk(tree(path)):
-                if not isinstance(node, ast.FunctionDef):
-                    continue
-                given = node.args
-                count = len(given.posonlyargs) + len(given.args) + len(given.kwonlyargs)
-                excepted = any(word in decorators(node) for word in ("compiled", "njit"))
-                if count > MOST_PARAMETERS and not excepted:
-                    wrong.append(f"{path.relative_to(ROOT)} {node.name}")
-    assert wrong == []

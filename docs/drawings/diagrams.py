@@ -140,8 +140,8 @@ def line() -> str:
                 ("nested lists", "serp.pddl.reader"),
                 ("syntax", "pddl.domain_parser"),
                 ("ground model", "model.instantiate"),
-                ("program text", "model.codegen"),
-                ("step function", "model.native"),
+                ("instructions", "model.instructions"),
+                ("step", "serp._core"),
             ),
             "before",
         )

@@ -1,7 +1,7 @@
 """What of a file is behind the prediction for an action: rewards, ends, flags, failed conditions.
 
-A cause comes from a site that the traced step passes (`serp.model.emit`). Its amount is what the
-reward of the step changed by there, so that the amounts of a step add up to its reward.
+A cause comes from a site that the traced step passes (`serp.model.traced_step`). Its amount is what
+the reward of the step changed by there, so that the amounts of a step add up to its reward.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 
 from serp._util.text import plural, readable
 from serp.model import ground_model as g
-from serp.model.emit import Passage
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
+from serp.model.traced_step import Passage
 from serp.model.transition_model import Judgement, TransitionModel, Vector
 from serp.pddl.source import Place, comment_of
 from serp.pddl.syntax import Kind
@@ -96,11 +96,11 @@ class Cause:
         return f"{quote} is neither true nor false, it has no value"
 
 
-def listed_values(values: Mapping[str, float | bool], most: int = 6) -> str:
-    """Return values as `x = 1.2, open = true`, and how many more there are."""
+def listed_values(values: Mapping[str, float | bool]) -> str:
+    """Return at most 6 values as `x = 1.2, open = true`, and how many more there are."""
     shown = [f"{name} = {readable(value)}" for name, value in values.items()]
-    more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
-    return ", ".join(shown[:most]) + more
+    more = f" and {plural(len(shown) - 6, 'more value')}" if len(shown) > 6 else ""
+    return ", ".join(shown[:6]) + more
 
 
 def why_not_applicable(causes: Iterable[Cause]) -> str:

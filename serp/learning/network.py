@@ -2,7 +2,7 @@
 
 All parameters are stored in one flat float32 array, so that the optimiser, the copy to a target
 network and a checkpoint are single operations. The arithmetic is NumPy's matrix products and the
-compiled loops of `serp.learning.kernels`, in preallocated buffers. For networks of this size that
+compiled loops of `loops.cpp`, in preallocated buffers. For networks of this size that
 is several times faster than automatic differentiation, in which calls cost more than arithmetic.
 
 Determinism: equal parameters, inputs of equal shape and an equal number of BLAS threads give equal
@@ -19,9 +19,16 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from serp.learning import kernels
-from serp.learning.kernels import aligned_zeros
+from serp import _core
 from serp.learning.replay import type_F32
+
+
+def aligned_zeros(*shape: int) -> type_F32:
+    """Return zeros aligned to 64 bytes, so that results do not depend on addresses."""
+    count = math.prod(shape)
+    memory = np.zeros(count + 16, np.float32)
+    start = -memory.ctypes.data % 64 // 4
+    return memory[start : start + count].reshape(shape)
 
 
 class _DenseLayer:
@@ -148,28 +155,28 @@ class QNetwork:
         for layer, here in zip(self.layers, work._layers, strict=True):
             np.matmul(below, layer.weight, out=here.flat_z)
             if layer.normalized:
-                kernels.normalize(here.z, here.h, here.inverse, self.parameters, layer.bias)
+                _core.normalize(here.z, here.h, here.inverse, self.parameters, layer.bias)
             else:
                 floor = -math.inf if layer is self.layers[-1] else 0.0
-                kernels.add_bias(here.z, self.parameters, layer.bias, np.float32(floor))
+                _core.add_bias(here.z, self.parameters, layer.bias, floor)
             below = here.flat_h
         return work.q
 
     def backward(self, work: Workspace) -> None:
         """Write the gradient of a loss into `gradient`; `work` is that of the last `forward`."""
         flat = self.gradient
-        kernels.add_bias_backward(work.q_gradient, flat, self.layers[-1].bias)
+        _core.add_bias_backward(work.q_gradient, flat, self.layers[-1].bias)
         for i in range(len(self.layers) - 1, 0, -1):
             layer, here = self.layers[i], work._layers[i]
             lower, below = self.layers[i - 1], work._layers[i - 1]
             np.matmul(below.transposed_h, here.flat_d, out=layer.weight_gradient)
             np.matmul(here.flat_d, layer.transposed, out=below.flat_d)
             if lower.normalized:
-                kernels.normalize_backward(
+                _core.normalize_backward(
                     below.d, below.h, below.z, below.inverse, self.parameters, flat, lower.bias
                 )
             else:
-                kernels.relu_backward(below.d, below.h, flat, lower.bias)
+                _core.relu_backward(below.d, below.h, flat, lower.bias)
         transposed_input = work._input.swapaxes(-1, -2)
         np.matmul(transposed_input, work._layers[0].flat_d, out=self.layers[0].weight_gradient)
 

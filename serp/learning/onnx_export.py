@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from serp.errors import needs_extra
-from serp.learning import kernels
+from serp import _core
 from serp.learning.network import QNetwork
 from serp.learning.reflection import Reflection
 
@@ -54,7 +54,7 @@ def network_as_onnx(network: QNetwork, reflection: Reflection | None = None) -> 
         h = node("Add", h, constant(f"bias{k}", vectors[:, 0]))
         if layer.normalized:
             ones = constant(f"ones{k}", np.ones(layer.outputs, np.float32))
-            h = node("LayerNormalization", h, ones, epsilon=kernels.NORM_EPSILON)
+            h = node("LayerNormalization", h, ones, epsilon=_core.NORM_EPSILON)
             h = node("Mul", h, constant(f"gain{k}", vectors[:, 1]))
             h = node("Add", h, constant(f"shift{k}", vectors[:, 2]))
         if layer is not network.layers[-1]:

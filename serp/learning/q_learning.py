@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+from serp import _core
 from serp.errors import LearningFailure
-from serp.learning.kernels import aligned_zeros, compiled
-from serp.learning.network import QNetwork, Workspace
+from serp.learning.network import QNetwork, Workspace, aligned_zeros
 from serp.learning.replay import Samples, type_F32
 from serp.settings import LearnerSettings
 
 _BETA1, _BETA2, _EPSILON = 0.9, 0.999, 1e-8
-_ZERO, _ONE, _TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
 
 class Adam:
@@ -48,8 +46,8 @@ class Adam:
         self._parameters, self._gradient = parameters, gradient
         self.first, self.second = (aligned_zeros(*parameters.shape) for _ in range(2))
         self._learning_rate = learning_rate
-        self._largest_norm = np.float32(math.inf if largest_norm is None else largest_norm)
-        self._average, self._share = average, np.float32(share)
+        self._largest_norm = math.inf if largest_norm is None else largest_norm
+        self._average, self._share = average, share
         self.steps = 0
 
     def step(self) -> None:
@@ -57,119 +55,10 @@ class Adam:
         self.steps += 1
         spread = math.sqrt((1.0 - _BETA2) / (1.0 - _BETA2**self.steps))
         rate = self._learning_rate * (1.0 - _BETA1) / (1.0 - _BETA1**self.steps) / spread
-        _adam(
-            self._parameters, self._gradient, self.first, self.second,
-            np.float32(rate), np.float32(_EPSILON / spread), self._largest_norm,
-            self._average, self._share,
+        _core.adam(
+            self._parameters, self._gradient, self.first, self.second, rate, _EPSILON / spread,
+            self._largest_norm, self._average, self._share,
         )  # fmt: skip
-
-
-@compiled
-def _adam(
-    parameters: Any, gradient: Any, first: Any, second: Any,
-    rate: Any, epsilon: Any, largest_norm: Any, average: Any, share: Any,
-) -> None:  # fmt: skip
-    """Do one step in place; all arrays are ``[E, P]``, `average` may be ``[E, 0]``."""
-    members, count = parameters.shape
-    decay1, decay2 = np.float32(_BETA1), np.float32(_BETA2)
-    for e in range(members):
-        p, g, m, v = parameters[e], gradient[e], first[e], second[e]
-        square = _ZERO
-        for i in range(count):
-            square += g[i] * g[i]
-        norm = np.sqrt(square)
-        factor = largest_norm / norm if norm > largest_norm else np.float32(1.0)
-        for i in range(count):
-            slope = g[i] * factor
-            m[i] = decay1 * m[i] + slope
-            v[i] = decay2 * v[i] + slope * slope
-            p[i] -= rate * m[i] / (np.sqrt(v[i]) + epsilon)
-        slow = average[e]
-        for i in range(len(slow)):
-            slow[i] += share * (p[i] - slow[i])
-
-
-@compiled
-def _spread(q: Any) -> float:
-    """Return the standard deviation of q ``[E, B, A]``."""
-    members, batch, actions = q.shape
-    mean = squares = 0.0
-    for e in range(members):
-        for i in range(batch):
-            for k in range(actions):
-                mean += q[e, i, k]
-    mean /= members * batch * actions
-    for e in range(members):
-        for i in range(batch):
-            for k in range(actions):
-                squares += (q[e, i, k] - mean) ** 2
-    spread: float = np.sqrt(squares / (members * batch * actions))
-    return spread
-
-
-@compiled
-def _within(value: Any, lower: Any, upper: Any) -> Any:
-    """Clip a value to bounds; NaN stays NaN."""
-    if value < lower:
-        return lower
-    return upper if value > upper else value
-
-
-@compiled
-def td_gradient(values: Any, batch: Any, bounds: Any, imitation: Any, q_gradient: Any) -> float:
-    """Write the gradient of each member's mean loss; return the mean loss over members and batch.
-
-    The target of a sample is reward + discount × next_q[best], with best the action of largest
-    choice_q among those not forbidden (the lowest index in a tie), and next_q[best] clipped to
-    the bounds. With an action g to be imitated, weight × (max over a of (q[a] + margin·[a ≠ g]) −
-    q[g]) is added to the loss of the sample.
-
-    Args:
-        values: ``[E, B, A]`` each: q of the current states; next_q, the values of the next states;
-            choice_q, which selects the next action.
-        batch: Action, reward, discount and forbidden of `Samples`.
-        bounds: Smallest and largest possible value of a state.
-        imitation: Imitated of `Samples`, margin and weight; None: the loop is compiled without it.
-        q_gradient: ``[E, B, A]``, written.
-    """
-    q, next_q, choice_q = values
-    action, reward, discount, forbidden = batch
-    lower, upper = bounds
-    if imitation is not None:
-        imitated, margin, weight = imitation
-    members, batch_size, actions = q.shape
-    share = _ONE / np.float32(batch_size)
-    loss = 0.0
-    for e in range(members):
-        for i in range(batch_size):
-            best = -1
-            largest = _ZERO
-            for k in range(actions):
-                if not forbidden[e, i, k]:
-                    choice = choice_q[e, i, k]
-                    if best < 0 or choice > largest:
-                        best, largest = k, choice
-            value = _within(next_q[e, i, best], lower, upper)
-            chosen = action[e, i]
-            error = q[e, i, chosen] - (reward[e, i] + discount[e, i] * value)
-            q_gradient[e, i, :] = _ZERO
-            loss += error * error
-            q_gradient[e, i, chosen] = _TWO * error * share
-            if imitation is not None:
-                said = imitated[e, i]
-                if weight <= _ZERO or said < 0:
-                    continue
-                # In a tie that action is first: there the gradient of the loss is 0.
-                rival, above = said, q[e, i, said]
-                for k in range(actions):
-                    if k != said and q[e, i, k] + margin > above:
-                        rival, above = k, q[e, i, k] + margin
-                if rival != said:
-                    loss += weight * (above - q[e, i, said])
-                    q_gradient[e, i, rival] += weight * share
-                    q_gradient[e, i, said] -= weight * share
-    mean: float = loss / (members * batch_size)
-    return mean
 
 
 class QLearning:
@@ -223,14 +112,13 @@ class QLearning:
         if self.target is not self.online:
             self.online.forward(batch.next_observation, self._choice_work)
         self.online.forward(batch.observation, self._work)
-        imitation = None
+        imitated, unit = None, 0.0
         if batch.imitated.size:
-            unit = _spread(self._work.q)
-            imitation = batch.imitated, np.float32(unit), np.float32(imitation_weight * unit)
-        loss: float = td_gradient(
-            (self._work.q, self._next_work.q, self._choice_work.q),
-            (batch.action, batch.reward, batch.discount, batch.forbidden),
-            (np.float32(bounds[0]), np.float32(bounds[1])), imitation, self._work.q_gradient,
+            imitated, unit = batch.imitated, _core.deviation(self._work.q)
+        loss = _core.td_gradient(
+            self._work.q, self._next_work.q, self._choice_work.q,
+            batch.action, batch.reward, batch.discount, batch.forbidden, *bounds,
+            imitated, unit, imitation_weight * unit, self._work.q_gradient,
         )  # fmt: skip
         self.online.backward(self._work)
         if not math.isfinite(loss):

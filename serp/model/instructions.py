@@ -5,8 +5,10 @@ Conditions are three-valued (Kleene's strong logic). A comparison with a side th
 truth depends on it. The step then has no result: an action must not count as safe because NaN
 compares as false. `traced_step.py` is the same semantics in readable form, and the oracle of this.
 
-An operand of an instruction is `memory << 24 | position`, see `program.hpp`. A condition becomes
-jumps. A jump is written before its target is known: a label is the list of the places to fill in.
+An operand of an instruction is a position in the frame: the memory that holds the control period,
+flags, constants, θ, the state, its successor and intermediate results, see `program.hpp`. A
+condition becomes jumps. A jump is written before its target is known: a label is the list of the
+places to fill in.
 """
 
 from __future__ import annotations
@@ -23,14 +25,13 @@ from serp.model import ground_model as g
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.pddl.syntax import Change
 
-# The codes, memories and fixed registers of program.hpp.
+# The codes of program.hpp, and the beginning of the frame; the constants 0 to 3 follow the flags.
 (
-    _RETURN, _COPY, _MOVE, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MIN, _MAX, _ATAN2, _NEGATE, _ABS,
-    _SQRT, _SIN, _COS, _JUMP, _JUMP_IF, _JUMP_UNLESS, _IF_LESS, _IF_LESS_OR_EQUAL, _IF_EQUAL,
-    _UNLESS_LESS, _UNLESS_LESS_OR_EQUAL, _UNLESS_EQUAL, _UNLESS_FINITE, _REPEAT,
-) = range(26)  # fmt: skip
-_STATE, _OUT, _THETA, _CONSTANTS, _NEXT_STATE = (memory << 24 for memory in range(1, 6))
-_ELAPSED, _UNSAFE, _TERMINAL, _VARIABLES = range(4)
+    _RETURN, _COPY, _CLEAR, _MOVE, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MIN, _MAX, _ATAN2,
+    _NEGATE, _ABS, _SQRT, _SIN, _COS, _JUMP, _JUMP_IF, _JUMP_UNLESS, _IF_LESS, _IF_LESS_OR_EQUAL,
+    _IF_EQUAL, _UNLESS_LESS, _UNLESS_LESS_OR_EQUAL, _UNLESS_EQUAL, _UNLESS_FINITE, _REPEAT,
+) = range(27)  # fmt: skip
+_ELAPSED, _UNSAFE, _TERMINAL, _ZERO, _ONE, _TWO, _THREE, _THETA = range(8)
 
 _FLAGS: Final = {g.UNSAFE_TARGET: _UNSAFE, g.TERMINAL_TARGET: _TERMINAL}
 _OPERATIONS: Final = {
@@ -51,7 +52,7 @@ _NEGATED: Final = _UNLESS_LESS - _IF_LESS
 # Operator → those that refute it. Where none of them holds, it holds or a side is NaN.
 _REFUTATIONS: Final = {"<": (">=",), "<=": (">",), "=": ("<", ">"), ">=": ("<",), ">": ("<=",)}
 # Changes of one group commute; 0 is the group of a number that has not changed yet.
-_GROUPS: Final = {"assign": 1, "add": 2, "scale": 3}
+_GROUPS: Final = {"assign": _ONE, "add": _TWO, "scale": _THREE}
 
 Label = list[int]
 
@@ -66,10 +67,12 @@ class _Compiler:
 
     def __init__(self, ground: g.GroundModel) -> None:
         self.ground = ground
-        self.reward = _OUT | len(ground.fluents)
+        self.next_state = _THETA + len(ground.parameters)
+        self.out = self.next_state + len(ground.fluents)
+        self.reward = self.out + len(ground.fluents)
+        self.state = self.reward + 1  # differs from the others even where there is no fluent
+        self.first = self.used = self.most = self.state + len(ground.fluents)
         self.rows: list[int] = []
-        self.constants: dict[float, int] = {}
-        self.used = self.most = _VARIABLES
         # Registers of both sides of a comparison that may be undefined, by its id.
         self.sides: dict[int, tuple[int, int]] = {}
         # Where these jumps lead, the step ends without a result.
@@ -95,10 +98,10 @@ class _Compiler:
         self._place(self.undefined)
         self._emit(_RETURN, UNDEFINED, UNSAFE)
         return _core.Program(
-            code=np.array(self.rows, dtype=np.int32).reshape(-1, 4),
-            constants=np.array(list(self.constants), dtype=np.float64),
-            entries=np.array([drift, settle, aftermath, goal, *actions, *judged], dtype=np.int32),
-            fluents=len(ground.fluents), parameters=len(ground.parameters), registers=self.most,
+            code=np.array(self.rows, dtype=np.uint32).reshape(-1, 4),
+            entries=np.array([drift, settle, aftermath, goal, *actions, *judged], dtype=np.uint32),
+            fluents=len(ground.fluents), parameters=len(ground.parameters),
+            intermediate=self.most - self.first,
         )  # fmt: skip
 
     # Parts -------------------------------------------------------------------------------------
@@ -107,14 +110,14 @@ class _Compiler:
         start = self._here()
         with self.scope():
             tests = action.preconditions
-            doubtful = [self._evaluate_sides(test, _STATE) for test in tests]
+            doubtful = [self._evaluate_sides(test, self.state) for test in tests]
             for test, may_be_undefined in zip(tests, doubtful, strict=True):
-                self._jump(test, _STATE, False, self.failed, possible=may_be_undefined)
+                self._jump(test, self.state, False, self.failed, possible=may_be_undefined)
             for test, may_be_undefined in zip(tests, doubtful, strict=True):
                 if may_be_undefined:
-                    self._jump(test, _STATE, False, self.undefined)
+                    self._jump(test, self.state, False, self.undefined)
             self._emit(_COPY)
-            self._effects(action.effects, _STATE)
+            self._effects(action.effects, self.state)
         self._end()
         return start
 
@@ -123,39 +126,39 @@ class _Compiler:
         start, end = self._here(), Label()
         with self.scope():
             for test in action.preconditions:
-                self._evaluate_sides(test, _STATE)
-                self._jump(test, _STATE, False, end)
-            self._effects([effect for effect in action.effects if effect.target < 0], _STATE)
+                self._evaluate_sides(test, self.state)
+                self._jump(test, self.state, False, end)
+            self._effects([effect for effect in action.effects if effect.target < 0], self.state)
         self._place(end)
         self._end()
         return start
 
     def _drift(self) -> int:
         start = self._here()
-        self._rates(self.ground.processes, _OUT, rewards=False)
+        self._rates(self.ground.processes, self.out, rewards=False)
         self._end()
         return start
 
     def _settle(self) -> int:
         start = self._here()
         self._events()
-        self._goal_and_metric(_OUT)
+        self._goal_and_metric(self.out)
         self._end()
         return start
 
     def _aftermath(self) -> int:
         start = self._here()
-        self._rates(self.ground.processes, _NEXT_STATE, rewards=True)
+        self._rates(self.ground.processes, self.next_state, rewards=True)
         self._events()
-        self._goal_and_metric(_NEXT_STATE)
+        self._goal_and_metric(self.next_state)
         self._end()
         return start
 
     def _goal(self) -> int:
         start = self._here()
         if self.ground.goal is not None:
-            with self._where(self.ground.goal, _STATE):
-                self._emit(_MOVE, _TERMINAL, self._constant(1.0))
+            with self._where(self.ground.goal, self.state):
+                self._emit(_MOVE, _TERMINAL, _ONE)
         self._end()
         return start
 
@@ -164,33 +167,25 @@ class _Compiler:
 
     def _events(self) -> None:
         events = self.ground.events
-        if not need_sweeps(events):
+        if not enabling_earlier(events):
             for event in events:
-                self._event(event)
+                with self._where(g.All(event.preconditions, event.place), self.out):
+                    self._effects(event.effects, self.out)
             return
         with self.scope():
             again = self._register()
             fired = [self._register() for _ in events]
-            for register in fired:
-                self._emit(_MOVE, register, self._constant(0.0))
+            self._emit(_CLEAR, fired[0], fired[-1])
             begin = self._here()
-            self._emit(_MOVE, again, self._constant(0.0))
-            for event, register in zip(events, fired, strict=True):
-                self._event(event, register, again)
+            self._emit(_MOVE, again, _ZERO)
+            enabling = enabling_earlier(events)
+            for k, event in enumerate(events):
+                with self._where(g.All(event.preconditions, event.place), self.out, fired[k]):
+                    self._emit(_MOVE, fired[k], _ONE)
+                    if k in enabling:
+                        self._emit(_MOVE, again, _ONE)
+                    self._effects(event.effects, self.out)
             self._emit(_REPEAT, again, 0, begin)
-
-    def _event(self, event: g.GroundSchema, fired: int = -1, again: int = -1) -> None:
-        """Compile an event; with `fired`, a register, it fires at most once."""
-        end = Label()
-        if fired >= 0:
-            self._branch(_JUMP_IF, end, fired)
-        test = event.preconditions
-        with self._where(g.All(test, event.place) if len(test) != 1 else test[0], _OUT):
-            if fired >= 0:
-                self._emit(_MOVE, fired, self._constant(1.0))
-                self._emit(_MOVE, again, self._constant(1.0))
-            self._effects(event.effects, _OUT)
-        self._place(end)
 
     def _goal_and_metric(self, result: int) -> None:
         """Compile metric and goal, which read the next state from the memory `result`."""
@@ -198,16 +193,16 @@ class _Compiler:
         if ground.metric is not None:
             with self.scope():
                 after = self._value(ground.metric.value, result)
-                before = self._value(ground.metric.value, _STATE, elapsed=self._constant(0.0))
+                before = self._value(ground.metric.value, self.state, elapsed=_ZERO)
                 gain = (after, before) if ground.metric.maximize else (before, after)
                 self._emit(_SUBTRACT, self.reward, *gain)
         if ground.goal is not None:
             with self._where(ground.goal, result):
-                self._emit(_MOVE, _TERMINAL, self._constant(1.0))
+                self._emit(_MOVE, _TERMINAL, _ONE)
                 if ground.goal_rewarded and ground.goal_parameter is None:
-                    self._emit(_MOVE, self.reward, self._constant(1.0))
+                    self._emit(_MOVE, self.reward, _ONE)
                 elif ground.goal_rewarded:
-                    worth = _THETA | ground.goal_parameter  # type: ignore[operator]
+                    worth = _THETA + ground.goal_parameter  # type: ignore[operator]
                     self._emit(_ADD, self.reward, self.reward, worth)
         self._require_finite(self.reward)
 
@@ -223,16 +218,18 @@ class _Compiler:
         booleans = [e for e in effects if isinstance(e, g.SetBoolean)]
         booleans.sort(key=lambda e: e.value)  # delete before add (PDDL 2.1, definition 9)
         ordered: list[g.GroundEffect] = [*booleans, *numbers]
-        keep = source == _OUT and len(effects) > 1
+        keep = source == self.out and len(effects) > 1
         with self.scope():
             conditions = self._conditions(ordered, source, keep)
             values: dict[int, int] = {}
             if keep:
-                for effect in numbers:
-                    values[id(effect)] = self._value(effect.value, source, self._register())
+                for number in numbers:
+                    fixed = isinstance(number.value, g.ParameterRef)
+                    register = None if fixed else self._register()
+                    values[id(number)] = self._value(number.value, source, register)
             groups = {target: self._register() for target in contested(numbers)}
             for register in groups.values():
-                self._emit(_MOVE, register, self._constant(0.0))
+                self._emit(_MOVE, register, _ZERO)
             for effect in ordered:
                 end = Label()
                 condition = conditions.get(id(effect.condition))
@@ -241,13 +238,19 @@ class _Compiler:
                 elif not _always(effect.condition):
                     self._jump(effect.condition, source, False, end)
                 if isinstance(effect, g.SetBoolean):
-                    target = _FLAGS.get(effect.target, _OUT | effect.target)
-                    self._emit(_MOVE, target, self._constant(float(effect.value)))
+                    target = _FLAGS.get(effect.target, self.out + effect.target)
+                    self._emit(_MOVE, target, _ONE if effect.value else _ZERO)
                 else:
                     self._change(effect, source, values.get(id(effect)), groups)
                 self._place(end)
-        for fluent in sorted({e.target for e in numbers if e.target >= 0}):
-            self._require_finite(_OUT | fluent)
+        calculated = {
+            e.target
+            for e in numbers
+            if not (e.change is Change.ASSIGN and isinstance(e.value, g.ParameterRef))
+        }
+        for fluent in sorted(calculated):
+            if fluent >= 0:
+                self._require_finite(self.out + fluent)
 
     def _conditions(
         self, effects: Sequence[g.GroundEffect], source: int, keep: bool
@@ -283,7 +286,7 @@ class _Compiler:
                 for test in damaging:
                     skip = Label()
                     self._jump(test, source, False, skip)
-                    self._emit(_MOVE, _UNSAFE, self._constant(1.0))
+                    self._emit(_MOVE, _UNSAFE, _ONE)
                     self._place(skip)
                 self._branch(_JUMP, self.undefined)
                 self._place(over)
@@ -293,7 +296,7 @@ class _Compiler:
         self, effect: g.SetNumber, source: int, value: int | None, groups: dict[int, int]
     ) -> None:
         """Compile a change of a number by a value, which is evaluated here if it is None."""
-        target = self.reward if effect.target == g.REWARD_TARGET else _OUT | effect.target
+        target = self.reward if effect.target == g.REWARD_TARGET else self.out + effect.target
         with self.scope():
             if effect.target in groups:
                 if value is None:
@@ -312,12 +315,12 @@ class _Compiler:
         group = effect.change.group
         for other, code in _GROUPS.items():
             if other != group:
-                self._branch(_IF_EQUAL, self.undefined, register, self._constant(float(code)))
-        own = self._constant(float(_GROUPS[group]))
+                self._branch(_IF_EQUAL, self.undefined, register, code)
+        own = _GROUPS[group]
         if group == "assign":
             first = Label()
             self._branch(_UNLESS_EQUAL, first, register, own)
-            self._branch(_UNLESS_EQUAL, self.undefined, _OUT | effect.target, value)
+            self._branch(_UNLESS_EQUAL, self.undefined, self.out + effect.target, value)
             self._place(first)
         self._emit(_MOVE, register, own)
 
@@ -337,9 +340,9 @@ class _Compiler:
                 condition = None
                 if process.preconditions:
                     condition = self._register()
-                    self._emit(_MOVE, condition, self._constant(0.0))
+                    self._emit(_MOVE, condition, _ZERO)
                     with self._where(g.All(process.preconditions, process.place), source):
-                        self._emit(_MOVE, condition, self._constant(1.0))
+                        self._emit(_MOVE, condition, _ONE)
                 for effect in effects:
                     change = self._register()
                     with self.scope():
@@ -353,7 +356,7 @@ class _Compiler:
                 self._change(effect, source, change, {})
                 self._place(end)
         for fluent in sorted({effect.target for effect, _, _ in prepared if effect.target >= 0}):
-            self._require_finite(_OUT | fluent)
+            self._require_finite(self.out + fluent)
 
     def _require_finite(self, operand: int) -> None:
         self._branch(_UNLESS_FINITE, self.undefined, operand)
@@ -361,27 +364,34 @@ class _Compiler:
     # Conditions --------------------------------------------------------------------------------
 
     @contextmanager
-    def _where(self, test: g.Test, source: int) -> Iterator[None]:
-        """Execute what is compiled within where a condition holds; end where it is undefined."""
+    def _where(self, test: g.Test, source: int, unless: int | None = None) -> Iterator[None]:
+        """Execute what is compiled within where a condition holds; end where it is undefined.
+
+        Where the register `unless` is set, the condition is irrelevant.
+        """
         end = Label()
         with self.scope():
-            if not self._evaluate_sides(test, source):
-                self._jump(test, source, False, end)
-            else:
+            if self._evaluate_sides(test, source):
                 holds = Label()
+                if unless is not None:
+                    self._branch(_JUMP_IF, end, unless)
                 self._jump(test, source, True, holds)
                 self._jump(test, source, True, self.undefined, possible=True)
                 self._branch(_JUMP, end)
                 self._place(holds)
+            else:
+                self._jump(test, source, False, end)
+                if unless is not None:
+                    self._branch(_JUMP_IF, end, unless)
             yield
         self._place(end)
 
     def _truth(self, test: g.Test, source: int) -> int:
         """Return a register that is 1 where a condition certainly holds, else 0."""
         register, end = self._register(), Label()
-        self._emit(_MOVE, register, self._constant(0.0))
+        self._emit(_MOVE, register, _ZERO)
         self._jump(test, source, False, end)
-        self._emit(_MOVE, register, self._constant(1.0))
+        self._emit(_MOVE, register, _ONE)
         self._place(end)
         return register
 
@@ -405,8 +415,8 @@ class _Compiler:
                     self._branch(_JUMP, label)
             case g.Holds(fluent):
                 if fluent >= 0:
-                    self._branch(_JUMP_IF if wanted else _JUMP_UNLESS, label, source | fluent)
-                elif source != _STATE:
+                    self._branch(_JUMP_IF if wanted else _JUMP_UNLESS, label, source + fluent)
+                elif source != self.state:
                     self._branch(_JUMP_IF if wanted else _JUMP_UNLESS, label, _FLAGS[fluent])
                 elif not wanted:  # before the action, both flags are false
                     self._branch(_JUMP, label)
@@ -459,9 +469,9 @@ class _Compiler:
         """Compile a number; return the operand that it is, or `into`, to which it is written."""
         match value:
             case g.Read(fluent):
-                operand = source | fluent
+                operand = source + fluent
             case g.ParameterRef(parameter):
-                operand = _THETA | parameter
+                operand = _THETA + parameter
             case g.Elapsed():
                 operand = elapsed
             case g.Unary(operator, inner):
@@ -500,9 +510,6 @@ class _Compiler:
         for place in label:
             self.rows[place] = here
 
-    def _constant(self, value: float) -> int:
-        return _CONSTANTS | self.constants.setdefault(value, len(self.constants))
-
     def _register(self) -> int:
         register = self.used
         self.used += 1
@@ -533,15 +540,16 @@ def contested(effects: Sequence[g.SetNumber]) -> set[int]:
     return {t for t, of in groups.items() if len(set(of)) > 1 or of.count("assign") > 1}
 
 
-def need_sweeps(events: Sequence[g.GroundSchema]) -> bool:
-    """Whether an event can enable one before it, so that one pass in file order is not enough."""
+def enabling_earlier(events: Sequence[g.GroundSchema]) -> set[int]:
+    """Return which events can enable one before it: after these, one pass is not enough."""
     read_before: set[int] = set()
-    for event in events:
+    enabling = set()
+    for k, event in enumerate(events):
         if g.writes(event) & read_before:
-            return True
+            enabling.add(k)
         for test in event.preconditions:
             read_before.update(g.fluents_of(test))
-    return False
+    return enabling
 
 
 def _may_be_nan(value: g.Value) -> bool:

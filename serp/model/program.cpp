@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -11,174 +12,187 @@ namespace serp {
 
 namespace {
 
-constexpr int SHIFT = 24;
-constexpr std::int32_t POSITION = (1 << SHIFT) - 1;
 constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
+/// The beginning of the frame. The constants 0 to 3 follow the flags.
+enum Fixed : std::uint32_t { ELAPSED, UNSAFE_SET, TERMINAL_SET, CONSTANTS, THETA = CONSTANTS + 4 };
 
-/// What the operands of each code are: w(ritten), r(ead), j(ump), back (b), flags (f), unused (-).
+/// What the operands of each code are: w(ritten), r(ead), u(p to), j(ump), b(ack), f(lags), unused.
 constexpr const char* OPERANDS[] = {
-    "ff-", "---", "wr-", "wrr", "wrr", "wrr", "wrr", "wrr", "wrr", "wrr", "wr-", "wr-", "wr-",
-    "wr-", "wr-", "--j", "r-j", "r-j", "rrj", "rrj", "rrj", "rrj", "rrj", "rrj", "r-j", "r-b",
+    "ff-", "---", "wu-", "wr-", "wrr", "wrr", "wrr", "wrr", "wrr",
+    "wrr", "wrr", "wr-", "wr-", "wr-", "wr-", "wr-", "--j", "r-j",
+    "r-j", "rrj", "rrj", "rrj", "rrj", "rrj", "rrj", "r-j", "r-b",
 };
 static_assert(std::size(OPERANDS) == static_cast<size_t>(Code::CODES));
 
 [[noreturn]] void refuse(const std::string& what) {
-    throw std::invalid_argument("an instruction table is damaged: " + what);
+    throw std::invalid_argument("the instruction table is damaged: " + what);
 }
 
 bool is_number(double value) { return value - value == 0.0; }
 
 }  // namespace
 
-Program::Program(std::vector<Instruction> code, std::vector<double> constants, Entries entries,
-                 int fluents, int parameters, int registers)
+Program::Program(std::vector<Instruction> code, Entries entries, int fluents, int parameters,
+                 int intermediate)
     : code_(std::move(code)),
-      constants_(std::move(constants)),
       entries_(std::move(entries)),
       fluents_(fluents),
       parameters_(parameters),
-      // `at_goal` has no `out`: a table that writes there all the same writes to the registers.
-      registers_(std::max(registers, fluents + 1)) {
-    if (fluents < 0 || fluents >= POSITION || parameters < 0 || registers < VARIABLES ||
-        registers > POSITION)
-        refuse("the number of fluents, parameters or registers");
-    if (code_.empty() || code_.size() > static_cast<size_t>(std::numeric_limits<std::int32_t>::max()))
+      intermediate_(intermediate) {
+    constexpr int MOST = 1 << 28;
+    if (std::min({fluents, parameters, intermediate}) < 0 ||
+        std::max({fluents, parameters, intermediate}) > MOST)
+        refuse("the size of its frame");
+    next_state_at_ = static_cast<int>(THETA) + parameters;
+    out_at_ = next_state_at_ + fluents;
+    state_at_ = out_at_ + fluents + 1;
+    intermediate_at_ = state_at_ + fluents;
+    if (code_.empty() || code_.size() > static_cast<size_t>(MOST))
         refuse("the number of instructions");
-    const auto length = static_cast<std::int32_t>(code_.size());
-    const std::int64_t sizes[MEMORIES] = {registers_, fluents_, fluents_ + 1, parameters_,
-                                          static_cast<std::int64_t>(constants_.size()), fluents_};
-    for (std::int32_t at = 0; at < length; ++at) {
+
+    const auto length = static_cast<std::uint32_t>(code_.size());
+    const auto readable = [&](std::uint32_t operand) {
+        return operand < static_cast<std::uint32_t>(registers());
+    };
+    const auto writable = [&](std::uint32_t operand) {
+        const auto position = static_cast<std::int64_t>(operand);
+        return readable(operand) &&
+               (operand == UNSAFE_SET || operand == TERMINAL_SET || position >= intermediate_at_ ||
+                (position >= out_at_ && position < state_at_));
+    };
+    for (std::uint32_t at = 0; at < length; ++at) {
         const Instruction& of = code_[at];
         const std::string place = " of instruction " + std::to_string(at);
-        if (of.code < 0 || of.code >= static_cast<std::int32_t>(Code::CODES)) refuse("the code" + place);
-        const std::int32_t operands[] = {of.a, of.b, of.c};
+        if (of.code >= static_cast<std::uint32_t>(Code::CODES)) refuse("the code" + place);
+        const std::uint32_t operands[] = {of.a, of.b, of.c};
         for (int k = 0; k < 3; ++k) {
-            const char kind = OPERANDS[of.code][k];
-            const std::int32_t operand = operands[k], memory = operand >> SHIFT;
+            const std::uint32_t operand = operands[k];
             bool valid = true;
-            if (kind == 'f') valid = operand >= 0 && operand <= 0xFF;
-            if (kind == 'j') valid = operand > at && operand < length;
-            if (kind == 'b') valid = operand >= 0 && operand <= at;
-            if (kind == 'r' || kind == 'w')
-                valid = memory >= 0 && memory < MEMORIES && (operand & POSITION) < sizes[memory];
-            if (kind == 'w') valid = valid && (memory == REGISTERS || memory == OUT);
+            switch (OPERANDS[of.code][k]) {
+                case 'f': valid = operand <= 0xFF; break;
+                case 'j': valid = operand > at && operand < length; break;
+                case 'b': valid = operand <= at; break;
+                case 'r': valid = readable(operand); break;
+                case 'w': valid = writable(operand); break;
+                // From one intermediate result to another.
+                case 'u':
+                    valid = readable(operand) && operand >= of.a &&
+                            static_cast<std::int64_t>(of.a) >= intermediate_at_;
+                    break;
+                default: break;
+            }
             if (!valid) refuse("operand " + std::to_string(k + 1) + place);
         }
     }
-    const auto last = static_cast<Code>(code_.back().code);
-    if (last != Code::RETURN) refuse("the last instruction goes on");
-    const auto inside = [&](std::int32_t entry) { return entry >= 0 && entry < length; };
-    if (entries_.action.size() != entries_.judged_action.size() ||
-        !std::all_of(entries_.action.begin(), entries_.action.end(), inside) ||
-        !std::all_of(entries_.judged_action.begin(), entries_.judged_action.end(), inside) ||
-        !inside(entries_.drift) || !inside(entries_.settle) || !inside(entries_.aftermath) ||
-        !inside(entries_.goal))
+    if (code_.back().code != static_cast<std::uint32_t>(Code::RETURN))
+        refuse("the last instruction goes on");
+    const auto inside = [&](std::uint32_t entry) { return entry < length; };
+    const auto all_inside = [&](const std::vector<std::uint32_t>& of) {
+        return std::all_of(of.begin(), of.end(), inside);
+    };
+    if (entries_.action.size() != entries_.judged_action.size() || !all_inside(entries_.action) ||
+        !all_inside(entries_.judged_action) || !inside(entries_.drift) ||
+        !inside(entries_.settle) || !inside(entries_.aftermath) || !inside(entries_.goal))
         refuse("the start of a part");
 }
 
-Program::Memories Program::memories(const double* state, const double* theta, double dt,
-                                    double* out, double* registers, Flags flags) const {
-    registers[ELAPSED] = dt;
-    registers[UNSAFE_SET] = flags & UNSAFE ? 1.0 : 0.0;
-    registers[TERMINAL_SET] = flags & TERMINAL ? 1.0 : 0.0;
-    // The constructor has checked that only registers and `out` are written.
-    auto* read = const_cast<double*>(state);
-    return {registers, read, out, const_cast<double*>(theta),
-            const_cast<double*>(constants_.data()), read};
-}
-
-Flags Program::run(const Memories& memory, std::int32_t entry) const {
+/// Executes parts one after another, as long as they are applicable; returns the flags.
+Flags Program::run(double* frame, std::initializer_list<std::uint32_t> parts) const {
     const Instruction* const code = code_.data();
-    const Instruction* at = code + entry;
+    const std::uint32_t* part = parts.begin();
+    const Instruction* at = code + *part++;
     size_t repeats = code_.size();
-    const auto of = [&memory](std::int32_t operand) -> double& {
-        return memory[static_cast<std::uint32_t>(operand) >> SHIFT][operand & POSITION];
-    };
     for (;;) {
         const Instruction& now = *at++;
-        switch (static_cast<Code>(now.code)) {
+        // The mask spares the compiler a check of the range.
+        static_assert(static_cast<std::uint32_t>(Code::CODES) <= 32);
+        switch (static_cast<Code>(now.code & 31)) {
             case Code::RETURN: {
-                const double* registers = memory[REGISTERS];
+                if ((now.a & APPLICABLE) && part != parts.end()) {
+                    at = code + *part++;
+                    break;
+                }
                 Flags flags = 0;
-                if (registers[UNSAFE_SET] != 0.0) flags |= UNSAFE;
-                if (registers[TERMINAL_SET] != 0.0) flags |= TERMINAL;
+                if (frame[UNSAFE_SET] != 0.0) flags |= UNSAFE;
+                if (frame[TERMINAL_SET] != 0.0) flags |= TERMINAL;
                 return now.a | (flags & now.b);
             }
             case Code::COPY:
-                std::copy_n(memory[STATE], fluents_, memory[OUT]);
-                memory[OUT][fluents_] = 0.0;
+                std::copy_n(frame + state_at_, fluents_, frame + out_at_);
+                frame[state_at_ - 1] = 0.0;
                 break;
-            case Code::MOVE: of(now.a) = of(now.b); break;
-            case Code::ADD: of(now.a) = of(now.b) + of(now.c); break;
-            case Code::SUBTRACT: of(now.a) = of(now.b) - of(now.c); break;
-            case Code::MULTIPLY: of(now.a) = of(now.b) * of(now.c); break;
+            case Code::CLEAR: std::fill(frame + now.a, frame + now.b + 1, 0.0); break;
+            case Code::MOVE: frame[now.a] = frame[now.b]; break;
+            case Code::ADD: frame[now.a] = frame[now.b] + frame[now.c]; break;
+            case Code::SUBTRACT: frame[now.a] = frame[now.b] - frame[now.c]; break;
+            case Code::MULTIPLY: frame[now.a] = frame[now.b] * frame[now.c]; break;
             case Code::DIVIDE: {
-                const double divisor = of(now.c);
-                of(now.a) = divisor != 0.0 ? of(now.b) / divisor : NOT_A_NUMBER;
+                const double divisor = frame[now.c];
+                frame[now.a] = divisor != 0.0 ? frame[now.b] / divisor : NOT_A_NUMBER;
                 break;
             }
             case Code::MIN: {
-                const double one = of(now.b), other = of(now.c);
-                of(now.a) = one < other || one != one ? one : other;
+                const double one = frame[now.b], other = frame[now.c];
+                frame[now.a] = one < other || one != one ? one : other;
                 break;
             }
             case Code::MAX: {
-                const double one = of(now.b), other = of(now.c);
-                of(now.a) = one > other || one != one ? one : other;
+                const double one = frame[now.b], other = frame[now.c];
+                frame[now.a] = one > other || one != one ? one : other;
                 break;
             }
-            case Code::ATAN2: of(now.a) = std::atan2(of(now.b), of(now.c)); break;
-            case Code::NEGATE: of(now.a) = -of(now.b); break;
+            case Code::ATAN2: frame[now.a] = std::atan2(frame[now.b], frame[now.c]); break;
+            case Code::NEGATE: frame[now.a] = -frame[now.b]; break;
             case Code::ABS: {
-                const double operand = of(now.b);
-                of(now.a) = operand > 0.0 ? operand : 0.0 - operand;
+                const double operand = frame[now.b];
+                frame[now.a] = operand > 0.0 ? operand : 0.0 - operand;
                 break;
             }
             case Code::SQRT: {
-                const double operand = of(now.b);
-                of(now.a) = operand >= 0.0 ? std::sqrt(operand) : NOT_A_NUMBER;
+                const double operand = frame[now.b];
+                frame[now.a] = operand >= 0.0 ? std::sqrt(operand) : NOT_A_NUMBER;
                 break;
             }
             case Code::SIN: {
-                const double operand = of(now.b);
-                of(now.a) = is_number(operand) ? std::sin(operand) : NOT_A_NUMBER;
+                const double operand = frame[now.b];
+                frame[now.a] = is_number(operand) ? std::sin(operand) : NOT_A_NUMBER;
                 break;
             }
             case Code::COS: {
-                const double operand = of(now.b);
-                of(now.a) = is_number(operand) ? std::cos(operand) : NOT_A_NUMBER;
+                const double operand = frame[now.b];
+                frame[now.a] = is_number(operand) ? std::cos(operand) : NOT_A_NUMBER;
                 break;
             }
             case Code::JUMP: at = code + now.c; break;
             case Code::JUMP_IF:
-                if (of(now.a) != 0.0) at = code + now.c;
+                if (frame[now.a] != 0.0) at = code + now.c;
                 break;
             case Code::JUMP_UNLESS:
-                if (of(now.a) == 0.0) at = code + now.c;
+                if (frame[now.a] == 0.0) at = code + now.c;
                 break;
             case Code::IF_LESS:
-                if (of(now.a) < of(now.b)) at = code + now.c;
+                if (frame[now.a] < frame[now.b]) at = code + now.c;
                 break;
             case Code::IF_LESS_OR_EQUAL:
-                if (of(now.a) <= of(now.b)) at = code + now.c;
+                if (frame[now.a] <= frame[now.b]) at = code + now.c;
                 break;
             case Code::IF_EQUAL:
-                if (of(now.a) == of(now.b)) at = code + now.c;
+                if (frame[now.a] == frame[now.b]) at = code + now.c;
                 break;
             case Code::UNLESS_LESS:
-                if (!(of(now.a) < of(now.b))) at = code + now.c;
+                if (!(frame[now.a] < frame[now.b])) at = code + now.c;
                 break;
             case Code::UNLESS_LESS_OR_EQUAL:
-                if (!(of(now.a) <= of(now.b))) at = code + now.c;
+                if (!(frame[now.a] <= frame[now.b])) at = code + now.c;
                 break;
             case Code::UNLESS_EQUAL:
-                if (!(of(now.a) == of(now.b))) at = code + now.c;
+                if (!(frame[now.a] == frame[now.b])) at = code + now.c;
                 break;
             case Code::UNLESS_FINITE:
-                if (!is_number(of(now.a))) at = code + now.c;
+                if (!is_number(frame[now.a])) at = code + now.c;
                 break;
             case Code::REPEAT:
-                if (of(now.a) != 0.0 && repeats > 0) {
+                if (frame[now.a] != 0.0 && repeats > 0) {
                     --repeats;
                     at = code + now.c;
                 }
@@ -188,49 +202,88 @@ Flags Program::run(const Memories& memory, std::int32_t entry) const {
     }
 }
 
-Flags Program::flow(const Memories& memory, int action) const {
-    Flags flags = APPLICABLE;
-    if (action >= 0) {
-        flags = run(memory, entries_.action[action]);
-    } else {
-        std::copy_n(memory[STATE], fluents_, memory[OUT]);
-        memory[OUT][fluents_] = 0.0;
-    }
-    return flags & APPLICABLE ? run(memory, entries_.drift) : flags;
+void Program::prepare(const double* theta, double dt, double* registers) const {
+    registers[ELAPSED] = dt;
+    for (std::uint32_t k = 0; CONSTANTS + k < THETA; ++k) registers[CONSTANTS + k] = k;
+    std::copy_n(theta, parameters_, registers + THETA);
+}
+
+void Program::from(const double* state, double* registers) const {
+    std::copy_n(state, fluents_, registers + state_at_);
+}
+
+Flags Program::finished(Flags flags, double* out, const double* frame) const {
+    if (flags & APPLICABLE) std::copy_n(frame + out_at_, fluents_ + 1, out);
+    return flags;
+}
+
+Flags Program::step(int action, double* out, double* registers) const {
+    registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
+    if (action >= 0)
+        return finished(
+            run(registers, {entries_.action[action], entries_.drift, entries_.settle}), out,
+            registers);
+    const Flags flags = flow(action, out, registers);
+    return flags & APPLICABLE ? settle(flags, out, registers) : flags;
+}
+
+Flags Program::flow(int action, double* out, double* registers) const {
+    registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
+    if (action >= 0)
+        return finished(run(registers, {entries_.action[action], entries_.drift}), out, registers);
+    std::copy_n(registers + state_at_, fluents_, registers + out_at_);
+    registers[out_at_ + fluents_] = 0.0;
+    return finished(run(registers, {entries_.drift}), out, registers);
+}
+
+Flags Program::settle(Flags flags, double* out, double* registers) const {
+    registers[UNSAFE_SET] = flags & UNSAFE ? 1.0 : 0.0;
+    registers[TERMINAL_SET] = flags & TERMINAL ? 1.0 : 0.0;
+    std::copy_n(out, fluents_ + 1, registers + out_at_);
+    return finished(run(registers, {entries_.settle}), out, registers);
 }
 
 Flags Program::flow(const double* state, int action, const double* theta, double dt, double* out,
                     double* registers) const {
-    return flow(memories(state, theta, dt, out, registers, 0), action);
+    prepare(theta, dt, registers);
+    from(state, registers);
+    return flow(action, out, registers);
 }
 
-Flags Program::settle(const double* state, Flags flags, const double* theta, double dt,
-                      double* out, double* registers) const {
-    return run(memories(state, theta, dt, out, registers, flags), entries_.settle);
+Flags Program::settle(const double* state, Flags flags, const double* theta, double dt, double* out,
+                      double* registers) const {
+    prepare(theta, dt, registers);
+    from(state, registers);
+    return settle(flags, out, registers);
 }
 
 Flags Program::step(const double* state, int action, const double* theta, double dt, double* out,
                     double* registers) const {
-    const Memories memory = memories(state, theta, dt, out, registers, 0);
-    const Flags flags = flow(memory, action);
-    return flags & APPLICABLE ? run(memory, entries_.settle) : flags;
+    prepare(theta, dt, registers);
+    from(state, registers);
+    return step(action, out, registers);
 }
 
 Flags Program::judge(const double* state, int action, const double* next_state, const double* theta,
                      double dt, double* out, double* registers) const {
-    Memories memory = memories(state, theta, dt, out, registers, 0);
-    memory[NEXT_STATE] = const_cast<double*>(next_state);
-    std::copy_n(next_state, fluents_, out);
-    out[fluents_] = 0.0;
-    Flags flags = APPLICABLE;
-    if (action >= 0) flags = run(memory, entries_.judged_action[action]);
-    return flags & APPLICABLE ? run(memory, entries_.aftermath) : flags;
+    prepare(theta, dt, registers);
+    from(state, registers);
+    registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
+    std::copy_n(next_state, fluents_, registers + next_state_at_);
+    std::copy_n(next_state, fluents_, registers + out_at_);
+    registers[out_at_ + fluents_] = 0.0;
+    const Flags flags =
+        action >= 0 ? run(registers, {entries_.judged_action[action], entries_.aftermath})
+                    : run(registers, {entries_.aftermath});
+    return finished(flags, out, registers);
 }
 
 bool Program::at_goal(const double* state, const double* theta, double dt,
                       double* registers) const {
-    const Memories memory = memories(state, theta, dt, registers, registers, 0);
-    return run(memory, entries_.goal) & TERMINAL;
+    prepare(theta, dt, registers);
+    from(state, registers);
+    registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
+    return run(registers, {entries_.goal}) & TERMINAL;
 }
 
 }  // namespace serp

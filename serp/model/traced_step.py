@@ -7,13 +7,14 @@ step of `serp._core`, is its oracle, and is the source of explanations.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from serp.model import ground_model as g
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
-from serp.model.instructions import contested, need_sweeps
+from serp.model.instructions import contested, enabling_earlier
 from serp.pddl.syntax import Change
 
 
@@ -72,33 +73,43 @@ class Traced(NamedTuple):
     passages: list[Passage]
 
 
-def traced_step(
-    ground: g.GroundModel,
-    state: list[float],
-    action: int,
-    theta: Sequence[float],
-    dt: float,
-    amend: Amendment | None = None,
-) -> Traced:
-    """Carry out an action, -1 for none while the world goes on.
+class TracedStep:
+    """The step of a ground model."""
 
-    `amend` is called before the events are evaluated.
-    """
-    step = _Step(ground, state, state, theta, dt)
-    return step.traced(lambda: step.predict(action, amend))
+    def __init__(self, ground: g.GroundModel) -> None:
+        self.ground = ground
+        # Events after which those before them are looked at again.
+        self.enabling = enabling_earlier(ground.events)
 
+    def step(
+        self,
+        state: list[float],
+        action: int,
+        theta: Sequence[float],
+        dt: float,
+        amend: Amendment | None = None,
+    ) -> Traced:
+        """Carry out an action, -1 for none while the world goes on.
 
-def traced_judgement(
-    ground: g.GroundModel,
-    state: list[float],
-    action: int,
-    next_state: list[float],
-    theta: Sequence[float],
-    dt: float,
-) -> Traced:
-    """Return reward and flags of an observed transition; action -1 is not one of the model's."""
-    step = _Step(ground, state, next_state, theta, dt)
-    return step.traced(lambda: step.judge(action, [*next_state]))
+        `amend` is called before the events are evaluated.
+        """
+        step = _Step(self, state, state, theta, dt)
+        return step.traced(lambda: step.predict(action, amend))
+
+    def judge(
+        self,
+        state: list[float],
+        action: int,
+        next_state: list[float],
+        theta: Sequence[float],
+        dt: float,
+    ) -> Traced:
+        """Return reward and flags of an observed transition; action -1 is not one of the model's.
+
+        Next state and reward are what the events made of the observed one.
+        """
+        step = _Step(self, state, next_state, theta, dt)
+        return step.traced(lambda: step.judge(action, [*next_state]))
 
 
 class _NoResult(Exception):
@@ -114,13 +125,14 @@ class _Step:
 
     def __init__(
         self,
-        ground: g.GroundModel,
+        of: TracedStep,
         state: list[float],
         start: list[float],
         theta: Sequence[float],
         dt: float,
     ) -> None:
-        self.ground = ground
+        self.ground = of.ground
+        self.enabling = of.enabling
         self.state = state
         self.theta = theta
         self.dt = dt
@@ -158,7 +170,7 @@ class _Step:
         if action >= 0:
             schema = self.ground.actions[action]
             effects = [effect for effect in schema.effects if effect.target < 0]
-            if all(self._truth(test, self.state) for test in schema.preconditions):
+            if self._all(schema.preconditions, self.state):
                 self._effects(schema, effects, self.state)
         self._store_reward()
         self._rates(self.ground.processes, next_state, rewards_only=True)
@@ -234,18 +246,18 @@ class _Step:
             self._require_finite([target], first[target])
 
     def _events(self) -> None:
-        """Carry out events in file order, and again while one has fired; each fires once."""
-        events = self.ground.events
-        sweeps = need_sweeps(events)
+        """Carry out events in file order, again where one has enabled an earlier one.
+
+        Each fires once.
+        """
         fired: set[int] = set()
         again = True
         while again:
             again = False
-            for k, event in enumerate(events):
+            for k, event in enumerate(self.ground.events):
                 if k not in fired and self._decided(event, self.out):
-                    if sweeps:
-                        fired.add(k)
-                        again = True
+                    fired.add(k)
+                    again = again or k in self.enabling
                     self._effects(event, event.effects, self.out)
 
     def _goal_and_metric(self, result: list[float]) -> None:
@@ -354,36 +366,43 @@ class _Step:
     def _decided(self, schema: g.GroundSchema, source: list[float]) -> bool:
         """Return whether the precondition of a process or event holds; it must not be undefined."""
         tests = schema.preconditions
-        if not tests:
-            return True
-        whole = tests[0] if len(tests) == 1 else g.All(tests, schema.place)
-        truth = self._truth(whole, source)
+        truth = self._all(tests, source)
         if truth is None:
+            whole = tests[0] if len(tests) == 1 else g.All(tests, schema.place)
             self._refuse(Site("undefined", schema, whole))
         return truth is True
 
     def _truth(self, test: g.Test, source: list[float]) -> bool | None:
         """Return the truth value of a condition; None where it is undefined (Kleene's logic)."""
         match test:
-            case g.Constant(value):
-                return value
-            case g.Holds(fluent) if fluent in self.set_flags:
-                # Before the action, both flags are false.
-                return source is not self.state and self.set_flags[fluent]
-            case g.Holds(fluent):
-                return source[fluent] != 0.0
-            case g.Compare(operator, left, right):
+            case g.Compare(symbol, left, right):
                 one, other = self._value(left, source), self._value(right, source)
-                return None if math.isnan(one) or math.isnan(other) else _compare(operator, one, other)
+                undefined = math.isnan(one) or math.isnan(other)
+                return None if undefined else _COMPARISONS[symbol](one, other)
+            case g.Holds(fluent) if fluent >= 0:
+                return source[fluent] != 0.0
+            case g.Holds(flag):  # before the action, both are false
+                return source is not self.state and self.set_flags[flag]
             case g.Not(operand):
                 truth = self._truth(operand, source)
                 return None if truth is None else not truth
             case g.All(operands):
-                truths = [self._truth(operand, source) for operand in operands]
-                return False if False in truths else None if None in truths else True
+                return self._all(operands, source)
             case g.AnyOf(operands):
-                truths = [self._truth(operand, source) for operand in operands]
+                truths = {self._truth(operand, source) for operand in operands}
                 return True if True in truths else None if None in truths else False
+            case g.Constant(value):
+                return value
+
+    def _all(self, tests: Iterable[g.Test], source: list[float]) -> bool | None:
+        """Return the truth value of a conjunction."""
+        whole: bool | None = True
+        for test in tests:
+            truth = self._truth(test, source)
+            if truth is False:
+                return False
+            whole = whole and truth
+        return whole
 
     def _value(self, value: g.Value, source: list[float], elapsed: float | None = None) -> float:
         """Return a number; NaN where it has no result. `elapsed` is the control period."""
@@ -394,59 +413,36 @@ class _Step:
                 return self.theta[parameter]
             case g.Elapsed():
                 return self.dt if elapsed is None else elapsed
-            case g.Unary(operator, operand):
-                return _unary(operator, self._value(operand, source, elapsed))
-            case g.Operation(operator, left, right):
-                one, other = (self._value(side, source, elapsed) for side in (left, right))
-                return _operation(operator, one, other)
+            case g.Operation(symbol, left, right):
+                one = self._value(left, source, elapsed)
+                return _OPERATIONS[symbol](one, self._value(right, source, elapsed))
+            case g.Unary(symbol, operand):
+                return _UNARY[symbol](self._value(operand, source, elapsed))
 
 
-def _compare(operator: str, left: float, right: float) -> bool:
-    match operator:
-        case "<":
-            return left < right
-        case "<=":
-            return left <= right
-        case "=":
-            return left == right
-        case ">=":
-            return left >= right
-        case _:
-            return left > right
+# Arithmetic without an exception. What has no result is NaN, and NaN gives NaN.
 
 
 def _quotient(dividend: float, divisor: float) -> float:
     return dividend / divisor if divisor != 0.0 else math.nan
 
 
-def _unary(operator: str, operand: float) -> float:
-    match operator:
-        case "-":
-            return -operand
-        case "abs":
-            return operand if operand > 0.0 else 0.0 - operand
-        case "sqrt":
-            return math.sqrt(operand) if operand >= 0.0 else math.nan
-        case "sin":
-            return math.sin(operand) if math.isfinite(operand) else math.nan
-        case _:
-            return math.cos(operand) if math.isfinite(operand) else math.nan
-
-
-def _operation(operator: str, left: float, right: float) -> float:
-    """NaN gives NaN."""
-    match operator:
-        case "+":
-            return left + right
-        case "-":
-            return left - right
-        case "*":
-            return left * right
-        case "/":
-            return _quotient(left, right)
-        case "min":
-            return left if left < right or math.isnan(left) else right
-        case "max":
-            return left if left > right or math.isnan(left) else right
-        case _:
-            return math.atan2(left, right)
+_COMPARISONS: Final[dict[str, Callable[[float, float], bool]]] = {
+    "<": operator.lt, "<=": operator.le, "=": operator.eq, ">=": operator.ge, ">": operator.gt,
+}  # fmt: skip
+_OPERATIONS: Final[dict[str, Callable[[float, float], float]]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": _quotient,
+    "min": lambda one, other: one if one < other or math.isnan(one) else other,
+    "max": lambda one, other: one if one > other or math.isnan(one) else other,
+    "atan2": math.atan2,
+}
+_UNARY: Final[dict[str, Callable[[float], float]]] = {
+    "-": operator.neg,
+    "abs": lambda number: number if number > 0.0 else 0.0 - number,
+    "sqrt": lambda number: math.sqrt(number) if number >= 0.0 else math.nan,
+    "sin": lambda number: math.sin(number) if math.isfinite(number) else math.nan,
+    "cos": lambda number: math.cos(number) if math.isfinite(number) else math.nan,
+}

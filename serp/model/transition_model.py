@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from serp import _core
-from serp.model.emit import Passage, Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.ground_model import REWARD_TARGET, GroundModel
 from serp.model.grounder import GoalValue
 from serp.model.instructions import compile_program
-from serp.model.program import Amendment, Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
+from serp.model.traced_step import Amendment, Passage, Site, Traced, TracedStep
 
 __all__ = ["Judgement", "Outcome", "StateError", "TransitionModel", "Vector"]
 
@@ -60,19 +59,17 @@ class TransitionModel(StateSpace):
     """A compiled domain: a pure function of state, action, parameters θ and control period Δt.
 
     A step is precondition, effects together, processes (explicit Euler over Δt), events, reward
-    and flags. CPython (single states) and machine code (batches) give the same bits.
+    and flags. The fast step and the traced one give the same bits.
 
     Args:
         ground: The model.
         dt: Control period Δt > 0 in the time unit of the domain's rates (seconds by custom).
         theta: Parameters `[P]`; None: as written.
-        own_code: Whether a small model is compiled; else it runs as bytecode, slower but at once.
 
     Attributes:
         ground: The model.
         theta: θ, float64 `[P]`; the reward for reaching the goal follows from the other entries.
         dt: Control period.
-        program: The functions and the machine code of the step, which `replace` shares.
         initial_state: `[F]` where the problem gives a value to every fluent, else None.
         revision: A number that changes whenever predictions may have changed noticeably.
     """
@@ -80,13 +77,12 @@ class TransitionModel(StateSpace):
     revision: int = 0
 
     def __init__(
-        self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None,
-        own_code: bool = True,
-    ) -> None:  # fmt: skip
+        self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None
+    ) -> None:
         super().__init__(ground)
-        self.program = Program(ground, own_code)
-        # Shared by all copies that `replace` makes.
+        # Made when they are first used, and shared by all copies that `replace` makes.
         self._compiled = functools.cache(functools.partial(compile_program, ground))
+        self._traced = functools.cache(functools.partial(TracedStep, ground))
         self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
         self.initial_state: Vector | None = None
         if ground.initial is not None:
@@ -105,7 +101,6 @@ class TransitionModel(StateSpace):
             vector[self.ground.goal_parameter] = value
         vector.flags.writeable = False
         self.theta: Vector = vector
-        self._bytecode: Vector | None = None
         self._core: _core.WrittenModel | None = None
         self.dt: float = float(dt)
         self._theta_list: list[float] = vector.tolist()
@@ -170,21 +165,16 @@ class TransitionModel(StateSpace):
         Action -1 is none, in a model that is not adapted. Returned are the next state and the
         reward (meaningless where not applicable), and the flags of `serp.model.flags`.
         """
-        out = [*state, 0.0]
-        return out, self.program.step(state, action, self._theta_list, self.dt, out)
+        out, flags = self._written_core().step(np.array(state, dtype=np.float64), action)
+        return out.tolist(), flags
 
     def at_goal(self, state: Vector) -> bool:
         """Return whether the problem's goal holds in a state `[F]`; False where there is none."""
-        values: list[float] = state.tolist()
-        return self.program.at_goal(values, self._theta_list, self.dt)
+        return self._written_core().at_goal(state)
 
     def _step_batch(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
-        from serp.model.native import step_batch
-
-        batch, width = states.shape
-        table, flags = np.empty((batch, width + 1)), np.empty(batch, dtype=np.int64)
-        flat = np.ascontiguousarray(states).reshape(-1)
-        step_batch(self.machine_code, flat, np.ascontiguousarray(actions), table.reshape(-1), flags)
+        width = states.shape[1]
+        table, flags = self.core.step_batch(states, actions)
         applicable = (flags & APPLICABLE) != 0
         return Outcome(
             state=np.where(applicable[:, None], table[:, :width], states),
@@ -195,6 +185,10 @@ class TransitionModel(StateSpace):
             risk=np.where(applicable, risks_of(flags), 0.0),
         )
 
+    def uncertainty(self, state: Vector) -> Vector:
+        """Return how far the step of each action `[A]` is from the data, see `UNKNOWN`."""
+        return np.zeros(len(self.actions))
+
     @property
     def core(self) -> _core.Model:
         """The compiled model, as planners take it."""
@@ -204,49 +198,6 @@ class TransitionModel(StateSpace):
         if self._core is None:
             self._core = _core.WrittenModel(self._compiled(), self.theta, self.dt)
         return self._core
-
-    # Machine code ------------------------------------------------------------------------------
-
-    @property
-    def data(self) -> Vector:
-        """The data that `native_step` reads beside the state: the parameters θ, or bytecode."""
-        machine = self.program.machine
-        if machine is None:
-            return self.theta
-        if self._bytecode is None:
-            self._bytecode = machine.data(self.theta)
-        return self._bytecode
-
-    @property
-    def machine_code(self) -> tuple[np.intp, Vector, float]:
-        """What compiled loops take: the address of `native_step`, its data, and Δt."""
-        from serp.model.native import address_of
-
-        return address_of(self.native_step()), self.data, self.dt
-
-    def native_step(self) -> Any:
-        """Return the compiled C callback of `step` (numba), compiling it when first called."""
-        return self.program.native()
-
-    def native_outcomes(self) -> Any:
-        """Return the compiled C callback that gives all outcomes of a step; None for one outcome.
-
-        It takes what `native_step` takes, and returns the number of outcomes. For each, `out`
-        receives F + 3 numbers: the next state, the reward, the flags and the probability.
-        """
-        return None
-
-    def uncertainty(self, state: Vector) -> Vector:
-        """Return how little is known `[A]` of each action in a state, see `native_uncertainty`."""
-        return np.zeros(len(self.actions))
-
-    def native_uncertainty(self) -> Any:
-        """Return the compiled C callback that says what is known of a step; None: everything.
-
-        It takes what `native_step` takes. The last number of `out` receives a distance to data,
-        from 0 where much is known to 1 where nothing is; see `UNKNOWN`.
-        """
-        return None
 
     # Observed transitions ----------------------------------------------------------------------
 
@@ -263,24 +214,14 @@ class TransitionModel(StateSpace):
                 condition has no truth value, or an event's effects contradict each other.
         """
         self.check_action(action, -1)
-        reward, flags = self._judge(state, action, next_state)
+        out, flags = self._written_core().judge(state, action, next_state)
         if not flags & APPLICABLE:
             site = self.judged_passages(state, action, next_state)[-1].site
             raise StateError(
                 f"an observed transition cannot be judged: {site.without_result}; "
                 f"observed state: {self.values(next_state)}"
             )
-        return Judgement(reward, bool(flags & UNSAFE), bool(flags & TERMINAL))
-
-    def _judge(
-        self, state: Vector, action: int, next_state: Vector, passages: list[Passage] | None = None
-    ) -> tuple[float, int]:
-        after: list[float] = next_state.tolist()
-        out = [*after, 0.0]
-        flags = self.program.judge(
-            state.tolist(), action, after, self._theta_list, self.dt, out, passages=passages
-        )
-        return out[-1], flags
+        return Judgement(float(out[-1]), bool(flags & UNSAFE), bool(flags & TERMINAL))
 
     # Explanations ------------------------------------------------------------------------------
 
@@ -307,21 +248,15 @@ class TransitionModel(StateSpace):
         *,
         theta: list[float] | None = None,
         amend: Amendment | None = None,
-    ) -> tuple[list[float], int, list[Passage]]:
+    ) -> Traced:
         """Return what `transition` returns by the file, and what was passed, in order.
 
         `theta` are other parameters; `amend` changes the result before events are evaluated.
         """
-        passages: list[Passage] = []
-        out = [*state, 0.0]
-        flags = self.program.step(
-            state, action, self._theta_list if theta is None else theta, self.dt, out,
-            passages=passages, amend=amend,
-        )  # fmt: skip
-        return out, flags, passages
+        parameters = self._theta_list if theta is None else theta
+        return self._traced().step(state, action, parameters, self.dt, amend)
 
     def judged_passages(self, state: Vector, action: int, next_state: Vector) -> list[Passage]:
         """Return what the judgement of a transition passes."""
-        passages: list[Passage] = []
-        self._judge(state, action, next_state, passages)
-        return passages
+        values, after = state.tolist(), next_state.tolist()
+        return self._traced().judge(values, action, after, self._theta_list, self.dt).passages

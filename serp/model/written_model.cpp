@@ -18,15 +18,14 @@ namespace {
 class WrittenStepper : public Stepper {
 public:
     explicit WrittenStepper(const WrittenModel& model)
-        : program_(model.program()),
-          theta_(model.theta()),
-          dt_(model.dt()),
-          registers_(program_->registers()) {}
+        : program_(model.program()), registers_(program_->registers()) {
+        program_->prepare(model.theta().data(), model.dt(), registers_.data());
+    }
 
-    void from(const double* state) override { state_ = state; }
+    void from(const double* state) override { program_->from(state, registers_.data()); }
 
     Flags step(int action, double* out) override {
-        return program_->step(state_, action, theta_.data(), dt_, out, registers_.data());
+        return program_->step(action, out, registers_.data());
     }
 
     int outcomes(int action, double* rows) override {
@@ -39,10 +38,7 @@ public:
 
 private:
     const std::shared_ptr<const Program> program_;
-    const std::vector<double> theta_;
-    const double dt_;
     std::vector<double> registers_;
-    const double* state_ = nullptr;
 };
 
 }  // namespace
@@ -50,9 +46,11 @@ private:
 WrittenModel::WrittenModel(std::shared_ptr<const Program> program, std::vector<double> theta,
                            double dt)
     : program_(std::move(program)), theta_(std::move(theta)), dt_(dt) {
-    if (theta_.size() != static_cast<size_t>(program_->parameters()))
+    const auto finite = [](double number) { return std::isfinite(number); };
+    if (theta_.size() != static_cast<size_t>(program_->parameters()) ||
+        !std::all_of(theta_.begin(), theta_.end(), finite))
         throw std::invalid_argument("theta must be " + std::to_string(program_->parameters()) +
-                                    " numbers");
+                                    " finite numbers");
     if (!(dt > 0.0) || !std::isfinite(dt))
         throw std::invalid_argument("the control period must be a positive number");
 }
@@ -67,7 +65,6 @@ namespace {
 
 using State = In<double, nb::ndim<1>>;
 using States = In<double, nb::ndim<2>>;
-using Integers = In<std::int32_t, nb::ndim<1>>;
 /// Next state and reward [F + 1], and flags.
 using Result = std::pair<Array<double>, Flags>;
 
@@ -140,45 +137,38 @@ Array<double> uncertainty_of(const Model& model, const State& state) {
 
 constexpr size_t PARTS = 4;
 
-std::shared_ptr<Program> program_of(const In<std::int32_t, nb::shape<-1, 4>>& code,
-                                    const State& constants, const Integers& entries, int fluents,
-                                    int parameters, int registers) {
-    static_assert(sizeof(Instruction) == 4 * sizeof(std::int32_t));
+std::shared_ptr<Program> program_of(const In<std::uint32_t, nb::shape<-1, 4>>& code,
+                                    const In<std::uint32_t, nb::ndim<1>>& entries, int fluents,
+                                    int parameters, int intermediate) {
     if (entries.size() < PARTS || entries.size() % 2)
-        throw std::invalid_argument("an instruction table is damaged: the number of parts");
+        throw std::invalid_argument("the instruction table is damaged: the number of parts");
     const size_t actions = (entries.size() - PARTS) / 2;
-    const std::int32_t* of = entries.data();
+    const std::uint32_t* of = entries.data();
     Entries parts{{of + PARTS, of + PARTS + actions},
                   {of + PARTS + actions, of + PARTS + 2 * actions},
                   of[0], of[1], of[2], of[3]};
     std::vector<Instruction> table;
     table.reserve(code.shape(0));
     for (size_t k = 0; k < code.shape(0); ++k) {
-        const std::int32_t* row = code.data() + 4 * k;
+        const std::uint32_t* row = code.data() + 4 * k;
         table.push_back({row[0], row[1], row[2], row[3]});
     }
-    return std::make_shared<Program>(std::move(table), vector_of(constants), std::move(parts),
-                                     fluents, parameters, registers);
+    return std::make_shared<Program>(std::move(table), std::move(parts), fluents, parameters,
+                                     intermediate);
 }
 
-Array<std::int32_t> code_of(const Program& program) {
-    std::vector<std::int32_t> numbers;
+Array<std::uint32_t> code_of(const Program& program) {
+    std::vector<std::uint32_t> numbers;
     for (const Instruction& of : program.code())
         numbers.insert(numbers.end(), {of.code, of.a, of.b, of.c});
     return array_of(std::move(numbers), {program.code().size(), 4});
 }
 
-Array<std::int32_t> entries_of(const Program& program) {
+Array<std::uint32_t> entries_of(const Program& program) {
     const Entries& of = program.entries();
-    std::vector<std::int32_t> numbers{of.drift, of.settle, of.aftermath, of.goal};
+    std::vector<std::uint32_t> numbers{of.drift, of.settle, of.aftermath, of.goal};
     numbers.insert(numbers.end(), of.action.begin(), of.action.end());
     numbers.insert(numbers.end(), of.judged_action.begin(), of.judged_action.end());
-    const size_t count = numbers.size();
-    return array_of(std::move(numbers), {count});
-}
-
-Array<double> constants_of(const Program& program) {
-    std::vector<double> numbers = program.constants();
     const size_t count = numbers.size();
     return array_of(std::move(numbers), {count});
 }
@@ -203,17 +193,17 @@ bool is_at_goal(const WrittenModel& model, const State& state) {
 
 void bind_model(nb::module_& module) {
     nb::class_<Program>(module, "Program", "The instruction table of a ground model.")
-        .def(nb::new_(&program_of), nb::arg("code"), nb::arg("constants"), nb::arg("entries"),
-             nb::arg("fluents"), nb::arg("parameters"), nb::arg("registers"),
-             "Check a table: instructions [n, 4], the numbers that they use, and where the parts "
-             "begin [4 + 2A]: drift, settle, aftermath, goal, the actions, the judged actions.")
+        .def(nb::new_(&program_of), nb::arg("code"), nb::arg("entries"), nb::arg("fluents"),
+             nb::arg("parameters"), nb::arg("intermediate"),
+             "Check a table: instructions [n, 4], and where the parts begin [4 + 2A]: drift, "
+             "settle, aftermath, goal, the actions, the judged actions.")
         .def_prop_ro("fluents", &Program::fluents)
         .def_prop_ro("actions", &Program::actions)
         .def_prop_ro("parameters", &Program::parameters)
-        .def_prop_ro("registers", &Program::registers)
-        .def_prop_ro("code", &code_of, "A copy of the instructions [n, 4].")
-        .def_prop_ro("constants", &constants_of, "A copy of the constants.")
-        .def_prop_ro("entries", &entries_of, "A copy of the positions of the parts [4 + 2A].");
+        .def_prop_ro("intermediate", &Program::intermediate, "The number of intermediate results.")
+        .def_prop_ro("code", &code_of, nb::rv_policy::move, "A copy of the instructions [n, 4].")
+        .def_prop_ro("entries", &entries_of, nb::rv_policy::move,
+                     "A copy of the positions of the parts [4 + 2A].");
 
     nb::class_<Model>(module, "Model", "A transition model as planners take it.")
         .def_prop_ro("fluents", &Model::fluents)

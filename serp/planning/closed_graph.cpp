@@ -1,7 +1,337 @@
-#include "serp/_util/arrays.hpp"
+#include "serp/planning/closed_graph.hpp"
+
+#include <nanobind/stl/optional.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <string>
 
 namespace serp {
 
-void bind_closed_graph(nb::module_&) {}
+namespace {
+
+/// Most bytes of the columns of a graph; up to twice as many are reserved.
+constexpr std::size_t MAX_BYTES = 200'000'000;
+/// Expansion ends if, after so many edges, this fraction of them leads to new states.
+constexpr int JUDGED_FROM = 512;
+constexpr double NEVER_MET = 0.98;
+
+[[noreturn]] void refuse(const std::string& why) { throw std::invalid_argument(why); }
+
+template <class T>
+void check_length(const std::vector<T>& column, std::size_t length, const char* name) {
+    if (column.size() != length)
+        refuse(std::string(name) + " has " + std::to_string(column.size()) + " entries, not " +
+               std::to_string(length));
+}
+
+template <class T>
+void check_range(const std::vector<T>& column, std::int64_t low, std::int64_t end,
+                 const char* name) {
+    for (const T entry : column)
+        if (entry < low || entry >= end)
+            refuse(std::string(name) + " has an entry that is not below " + std::to_string(end));
+}
+
+void check_rises(const std::vector<std::int32_t>& first, int end, const char* name) {
+    if (first.empty() || first.front() != 0 || first.back() != end ||
+        !std::is_sorted(first.begin(), first.end()))
+        refuse(std::string(name) + " does not rise from 0 to " + std::to_string(end));
+}
+
+/// Throws where a column of a graph does not fit the others.
+void check(const Graph& of, int actions) {
+    const std::size_t nodes = of.layer.size(), edges = of.action.size();
+    check_length(of.states, nodes * of.width, "states");
+    check_length(of.undefined, nodes, "undefined");
+    check_length(of.value, nodes, "value");
+    check_length(of.risk, nodes, "risk");
+    check_length(of.steps, nodes, "steps");
+    check_length(of.inside, nodes, "inside");
+    check_length(of.flags, edges, "flags");
+    check_length(of.reward, edges, "reward");
+    check_length(of.step_risk, edges, "step_risk");
+    check_length(of.first_outcome, edges + 1, "first_outcome");
+    check_length(of.chance, of.target.size(), "chance");
+    check_rises(of.first_edge, of.edges(), "first_edge");
+    check_rises(of.first_outcome, of.outcomes(), "first_outcome");
+    check_range(of.action, 0, actions, "action");
+    check_range(of.target, ENDED, of.nodes(), "target");
+    check_range(of.layer, 0, std::int64_t{1} << 30, "layer");
+    if (of.expanded() > of.nodes() ||
+        std::any_of(of.inside.begin() + of.expanded(), of.inside.end(), [](int in) { return in; }))
+        refuse(std::to_string(of.expanded()) + " of " + std::to_string(nodes) +
+               " nodes are expanded, and more are inside");
+}
+
+double largest_of(const std::vector<double>& numbers) {
+    double largest = 0.0;
+    for (const double number : numbers) largest = std::max(largest, std::abs(number));
+    return largest;
+}
+
+}  // namespace
+
+ClosedGraph::ClosedGraph(const Model& model, Preferences preferences, std::int64_t max_edges)
+    : model_(model), stepper_(model.stepper()), preferences_(preferences), max_edges_(max_edges),
+      source_(model.fluents()), rows_(OUTCOMES * (model.fluents() + std::size_t{3})) {
+    clear({});
+}
+
+void ClosedGraph::clear(std::vector<std::int64_t> inert) {
+    check_range(inert, 0, model_.fluents(), "inert");
+    graph_ = Graph{};
+    graph_.width = model_.fluents();
+    index_.clear();
+    inert_ = std::move(inert);
+    unit_ = 0.0, depth_ = 0;
+}
+
+void ClosedGraph::restore(Graph&& graph) {
+    graph.width = model_.fluents();
+    check(graph, model_.actions());
+    graph_ = std::move(graph);
+    graph_.best.assign(graph_.nodes(), -1);
+    index_.index(graph_);
+    mark_dead_ends(graph_);
+    measure();
+}
+
+void ClosedGraph::grow(const double* states, int count, std::int64_t limit) {
+    const int least = graph_.nodes() ? 0 : count;
+    try {
+        for (int k = 0; k < count && graph_.bytes() < MAX_BYTES; ++k) {
+            std::copy_n(states + static_cast<std::size_t>(k) * graph_.width, graph_.width,
+                        rows_.data());
+            for (const std::int64_t column : inert_) rows_[column] = 0.0;
+            index_.find_or_add(graph_, rows_.data(), 0);
+        }
+        limit = std::min(limit, max_edges_);
+        std::int64_t judged = JUDGED_FROM;
+        while (judged <= graph_.edges()) judged *= 2;
+        while (!complete() && (graph_.expanded() < least || graph_.edges() < limit) &&
+               graph_.bytes() < MAX_BYTES) {
+            expand_node();
+            if (graph_.edges() < judged) continue;
+            if (graph_.expanded() >= least && spreads()) break;
+            while (judged <= graph_.edges()) judged *= 2;
+        }
+        solve();
+    } catch (...) {
+        clear(inert_);
+        throw;
+    }
+}
+
+void ClosedGraph::expand_node() {
+    const int node = graph_.expanded(), width = graph_.width, layer = graph_.layer[node] + 1;
+    std::copy_n(graph_.state(node), width, source_.data());
+    stepper_->from(source_.data());
+    const bool branches = model_.branches();
+    for (int action = 0; action < model_.actions(); ++action) {
+        double* row = rows_.data();
+        const Flags flags = stepper_->step(action, row);
+        if (!(flags & APPLICABLE)) {
+            if (flags & UNDEFINED) graph_.undefined[node] = 1;
+            continue;
+        }
+        const double risk = step_risk(flags, preferences_.accepted);
+        graph_.add_edge(action, marked(flags, risk), risk);
+        if (!branches) {
+            add_outcome(row, row[width], flags & TERMINAL, 1.0, layer);
+            continue;
+        }
+        const int count = stepper_->outcomes(action, row);
+        for (int k = 0; k < count; ++k, row += width + 3)
+            add_outcome(row, row[width], static_cast<Flags>(row[width + 1]) & TERMINAL,
+                        row[width + 2], layer);
+    }
+    graph_.end_node();
+}
+
+/// Adds an outcome, the state `row`, to the newest edge.
+void ClosedGraph::add_outcome(double* row, double reward, bool terminal, double chance, int layer) {
+    graph_.reward.back() += chance * reward;
+    std::int32_t target = ENDED;
+    if (!terminal) {
+        for (const std::int64_t column : inert_) row[column] = 0.0;
+        target = index_.find_or_add(graph_, row, layer);
+    }
+    graph_.add_outcome(target, chance);
+}
+
+void ClosedGraph::solve() {
+    serp::solve(graph_, preferences_);
+    measure();
+}
+
+/// Finds what follows from the solved graph.
+void ClosedGraph::measure() {
+    unit_ = ALIKE * largest_of(graph_.value);
+    depth_ = graph_.layer.empty() ? 0 : *std::max_element(graph_.layer.begin(), graph_.layer.end());
+}
+
+int ClosedGraph::find(const double* state) const {
+    if (inert_.empty()) return index_.find(graph_, state);
+    std::vector<double> row(state, state + graph_.width);
+    for (const std::int64_t column : inert_) row[column] = 0.0;
+    return index_.find(graph_, row.data());
+}
+
+std::optional<FirstActions> ClosedGraph::forecast(const double* state) {
+    const int node = find(state);
+    if (node < 0 || !graph_.inside[node]) return std::nullopt;
+    FirstActions first = look_up(graph_, node, model_.actions(), preferences_, unit_);
+    if (graph_.undefined[node]) {
+        stepper_->from(state);
+        for (int action = 0; action < model_.actions(); ++action)
+            if (first.flags[action] == 0) first.flags[action] = stepper_->step(action, rows_.data());
+    }
+    return first;
+}
+
+bool ClosedGraph::ends(const double* state) const {
+    int node = find(state);
+    for (int steps = 0; steps <= graph_.nodes() && node >= 0; ++steps) {
+        if (!graph_.inside[node] || graph_.best[node] < 0) return false;
+        node = graph_.target[graph_.first_outcome[graph_.best[node]]];
+        if (node == ENDED) return true;
+    }
+    return false;
+}
+
+bool ClosedGraph::spreads() const {
+    const std::int64_t edges = graph_.edges(), expanded = graph_.expanded();
+    return edges >= JUDGED_FROM && expanded * expanded >= edges &&
+           graph_.nodes() > NEVER_MET * static_cast<double>(edges);
+}
+
+// For Python ---------------------------------------------------------------------------------------
+
+namespace {
+
+using State = In<double, nb::ndim<1>>;
+
+const double* state_of(const ClosedGraph& of, const State& state) {
+    if (state.size() != static_cast<std::size_t>(of.graph().width))
+        refuse("a state has " + std::to_string(of.graph().width) + " numbers");
+    return state.data();
+}
+
+template <class To, class From>
+Array<To> copy_of(const std::vector<From>& column) {
+    return array_of(std::vector<To>(column.begin(), column.end()), {column.size()});
+}
+
+nb::dict columns_of(const ClosedGraph& closed) {
+    const Graph& of = closed.graph();
+    nb::dict columns;
+    columns["states"] = copy_of<double>(of.states);
+    columns["layer"] = copy_of<std::int32_t>(of.layer);
+    columns["undefined"] = copy_of<std::uint8_t>(of.undefined);
+    columns["value"] = copy_of<double>(of.value);
+    columns["risk"] = copy_of<double>(of.risk);
+    columns["steps"] = copy_of<std::int64_t>(of.steps);
+    columns["inside"] = copy_of<std::uint8_t>(of.inside);
+    columns["first_edge"] = copy_of<std::int64_t>(of.first_edge);
+    columns["action"] = copy_of<std::int32_t>(of.action);
+    columns["flags"] = copy_of<Flags>(of.flags);
+    columns["reward"] = copy_of<double>(of.reward);
+    columns["step_risk"] = copy_of<double>(of.step_risk);
+    columns["first_outcome"] = copy_of<std::int64_t>(of.first_outcome);
+    columns["target"] = copy_of<std::int32_t>(of.target);
+    columns["chance"] = copy_of<double>(of.chance);
+    columns["dead_end"] = copy_of<std::uint8_t>(of.dead_end);
+    columns["best"] = copy_of<std::int64_t>(of.best);
+    columns["inert"] = copy_of<std::int64_t>(closed.inert());
+    return columns;
+}
+
+template <class T>
+std::vector<T> column_of(const nb::dict& columns, const char* name) {
+    return vector_of(nb::cast<In<T, nb::ndim<1>>>(columns[name]));
+}
+
+std::vector<std::int32_t> positions_of(const nb::dict& columns, const char* name) {
+    const auto numbers = column_of<std::int64_t>(columns, name);
+    check_range(numbers, 0, INT32_MAX, name);
+    return {numbers.begin(), numbers.end()};
+}
+
+void restore(ClosedGraph& closed, const nb::dict& columns) {
+    Graph of;
+    of.states = column_of<double>(columns, "states");
+    of.layer = column_of<std::int32_t>(columns, "layer");
+    of.undefined = column_of<std::uint8_t>(columns, "undefined");
+    of.value = column_of<double>(columns, "value");
+    of.risk = column_of<double>(columns, "risk");
+    of.steps = column_of<std::int64_t>(columns, "steps");
+    of.inside = column_of<std::uint8_t>(columns, "inside");
+    of.first_edge = positions_of(columns, "first_edge");
+    of.action = column_of<std::int32_t>(columns, "action");
+    of.flags = column_of<Flags>(columns, "flags");
+    of.reward = column_of<double>(columns, "reward");
+    of.step_risk = column_of<double>(columns, "step_risk");
+    of.first_outcome = positions_of(columns, "first_outcome");
+    of.target = column_of<std::int32_t>(columns, "target");
+    of.chance = column_of<double>(columns, "chance");
+    closed.clear(column_of<std::int64_t>(columns, "inert"));
+    closed.restore(std::move(of));
+}
+
+void grow(ClosedGraph& closed, const In<double, nb::ndim<2>>& states, std::int64_t limit) {
+    if (states.shape(1) != static_cast<std::size_t>(closed.graph().width))
+        refuse("a state has " + std::to_string(closed.graph().width) + " numbers");
+    nb::gil_scoped_release released;
+    closed.grow(states.data(), static_cast<int>(states.shape(0)), limit);
+}
+
+std::optional<ForecastTuple> forecast(ClosedGraph& closed, const State& state) {
+    auto first = closed.forecast(state_of(closed, state));
+    if (!first) return std::nullopt;
+    return forecast_tuple(std::move(*first), closed.depth(),
+                          closed.complete() ? Bound::EXHAUSTED : Bound::NODES);
+}
+
+}  // namespace
+
+void bind_closed_graph(nb::module_& module) {
+    nb::class_<ClosedGraph>(
+        module, "ClosedGraph", "All states that can be reached, and the best action in each.")
+        .def("__init__", [](ClosedGraph* self, const Model& model, double discount,
+                            double accepted_risk, std::int64_t max_edges) {
+                new (self) ClosedGraph(model, {discount, accepted_risk}, max_edges);
+            }, nb::arg("model"), nb::arg("discount"), nb::arg("accepted_risk"),
+            nb::arg("max_edges"), nb::keep_alive<1, 2>())
+        .def("clear", [](ClosedGraph& self, const In<std::int64_t, nb::ndim<1>>& inert) {
+                self.clear(vector_of(inert));
+            }, nb::arg("inert"), "Forget all nodes; `inert` are fluents that make no difference.")
+        .def("grow", &grow, nb::arg("states"), nb::arg("limit"),
+             "Add states [n, F] and what can be reached from them, and solve the graph.")
+        .def("solve", &ClosedGraph::solve, nb::call_guard<nb::gil_scoped_release>(),
+             "Find the best policy of every node.")
+        .def("forecast", &forecast, nb::arg("state"),
+             "Return the fields of a `Forecast` for a state [F]; None where the state is not in the "
+             "graph, or its best policy leaves the graph.")
+        .def("ends", [](const ClosedGraph& self, const State& state) {
+                return self.ends(state_of(self, state));
+            }, nb::arg("state"),
+            "Return whether the best policy leads from a state [F] to the end of the task.")
+        .def_prop_ro("nodes", [](const ClosedGraph& self) { return self.graph().nodes(); })
+        .def_prop_ro("expanded", [](const ClosedGraph& self) { return self.graph().expanded(); })
+        .def_prop_ro("edges", [](const ClosedGraph& self) { return self.graph().edges(); })
+        .def_prop_ro("spreads", &ClosedGraph::spreads)
+        .def_prop_ro("largest", [](const ClosedGraph& self) {
+                return largest_of(self.graph().states);
+            }, "Largest magnitude of a number in all states.")
+        .def("columns", &columns_of,
+             nb::sig("def columns(self) -> dict[str, numpy.typing.NDArray[typing.Any]]"),
+             "Return copies of all columns.")
+        .def("restore", &restore, nb::arg("columns"),
+             nb::sig("def restore(self, columns: dict[str, numpy.typing.NDArray[typing.Any]]) "
+                     "-> None"),
+             "Take a graph with these columns, or raise a ValueError where they do not fit "
+             "together. What follows from the others is not read.");
+}
 
 }  // namespace serp

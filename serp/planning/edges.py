@@ -3,31 +3,9 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Final, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final
 
 from serp.settings import PlannerSettings
-
-
-class FirstActions(NamedTuple):
-    """Results of a search for every first action, `[A]`; see `serp.planning.forecast.Forecast`."""
-
-    value: NDArray[np.float64]
-    path_risk: NDArray[np.float64]
-    safe_steps: NDArray[np.int64]
-    reward: NDArray[np.float64]
-    flags: NDArray[np.int64]
-
-    @classmethod
-    def allocate(cls, count: int) -> FirstActions:
-        """Allocate room for `count` actions."""
-        return cls(
-            np.empty(count), np.empty(count), np.empty(count, np.int64), np.empty(count),
-            np.empty(count, np.int64),
-        )  # fmt: skip
-
 
 MAX_EDGES: Final = 4_000_000
 """Most edges that are tried."""

@@ -9,12 +9,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._core import CellValues
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.model.flags import APPLICABLE
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
 from serp.planning.cell_graph import COARSEST, FINEST, CellGraph
-from serp.planning.cells import NO_CELLS, CellValues, set_value
+from serp.planning.cells import restored_values, saved_values
 from serp.planning.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.edges import Bound, lookahead_nodes
 from serp.planning.forecast import Forecast, score_of
@@ -93,7 +94,7 @@ class FarSightPlanner:
     @contextlib.contextmanager
     def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
         """Have the lookahead's forecasts for these states at hand in the body."""
-        self._lookahead.leaves = NO_CELLS
+        self._lookahead.leaves = None
         unknown = [state for state in states if self.graph.forecast(state) is None]
         with self._lookahead.prefetch(unknown):
             yield
@@ -150,37 +151,40 @@ class FarSightPlanner:
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         lookahead, visited, cells = self._lookahead, self.visited, self.cells
-        lookahead.leaves = NO_CELLS
+        lookahead.leaves = None
         forecast = lookahead.forecast(state)
         self._followed = lookahead.followed
-        if visited is None or not forecast.sees_costs_alone or not self._find_cells(state, visited):
+        if visited is None or not forecast.sees_costs_alone:
             return forecast
-        lookahead.leaves = cells.values
+        values = self._find_cells(state, visited)
+        if values is None:
+            return forecast
+        lookahead.leaves = values
         forecast = lookahead.forecast(state)
         if forecast.bound is Bound.DEPTH:  # else no leaf had a value of cells
             forecast = forecast._replace(bound=Bound.UNKNOWN if cells.explores else Bound.CELLS)
         if cells.explores:
-            return self._to_the_unknown(state, forecast)
+            return self._to_the_unknown(state, forecast, values.unknown)
         if forecast.safe and forecast.bound is not Bound.NODES:
-            set_value(cells.values, state, forecast.value[forecast.choice])
+            values.set(state, forecast.value[forecast.choice])
         return forecast
 
-    def _find_cells(self, state: Vector, visited: TransitionMemory) -> bool:
-        """Find the cells again where that is due and paid for; return whether there are any."""
+    def _find_cells(self, state: Vector, visited: TransitionMemory) -> CellValues | None:
+        """Return the values of the cells, found again where that is due and paid for."""
         cells = self.cells
         if visited.seen >= self._cells_at and self._saved >= self._cells_price:
             built = cells.build(state, visited.next_states, self._saved)
             self._cells_price = min(_MOST_SAVED, cells.needed if built else 2 * self._saved)
             self._saved -= cells.steps
             self._cells_at = 1 + int(_GROWN * visited.seen)
-        return cells.values.value.size > 0
+        return cells.values
 
-    def _to_the_unknown(self, state: Vector, forecast: Forecast) -> Forecast:
-        """Return the forecast in which an unknown action has the value of the unknown."""
+    def _to_the_unknown(self, state: Vector, forecast: Forecast, value: float) -> Forecast:
+        """Return the forecast in which an unknown action leads to what is worth `value`."""
         unknown = (self.model.uncertainty(state) >= UNKNOWN) & free_of_risk(forecast.flags)
         if not unknown.any():
             return forecast
-        hoped = forecast.reward + self._settings.discount * self.cells.values.value[-1]
+        hoped = forecast.reward + self._settings.discount * value
         forecast = forecast._replace(value=np.where(unknown, hoped, forecast.value))
         applicable = np.flatnonzero(forecast.flags & APPLICABLE).tolist()
         return forecast._replace(choice=max(applicable, key=lambda a: score_of(forecast, a)))
@@ -189,7 +193,7 @@ class FarSightPlanner:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         cells = self.cells
         arrays = nested("graph", self.graph.state_dict())
-        arrays |= nested("cells", cells.values.state_dict())
+        arrays |= nested("cells", saved_values(cells.values))
         meta: dict[str, Any] = {name: getattr(self, f"_{name}") for name in _COUNTS}
         meta |= {"saved": self._saved, "new_episode": self._new_episode}
         return arrays, meta | {"bins": cells.bins, "explores": cells.explores}
@@ -210,7 +214,7 @@ class FarSightPlanner:
         cells.bins, cells.explores = saved.real("bins", 0.0, FINEST), saved.truth("explores")
         if 0.0 < cells.bins < COARSEST:
             raise saved.wrong(f"bins is {cells.bins}")
-        cells.values = CellValues.restored(part_of(arrays, "cells"), len(self.model.fluents))
+        cells.values = restored_values(part_of(arrays, "cells"), len(self.model.fluents))
 
 
 _COUNTS: Final = ("since", "wait", "price", "cells_at", "cells_price", "followed", "revision")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,11 @@ class Forecast(NamedTuple):
         if largest > 0.0:
             rest = np.round(rest / largest, 9)  # differences by rounding are none
         return self._replace(value=rest).indifferent
+
+
+def forecast_of(fields: tuple[Any, ...]) -> Forecast:
+    """Return the forecast whose fields compiled code returned."""
+    return Forecast._make((*fields[:-1], Bound(fields[-1])))
 
 
 def score_of(of: Forecast, action: int) -> PathScore:

@@ -1,7 +1,251 @@
-#include "serp/_util/arrays.hpp"
+#include "serp/planning/lookahead.hpp"
+
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+#include <cmath>
+#include <future>
+#include <stdexcept>
+#include <string>
 
 namespace serp {
 
-void bind_lookahead(nb::module_&) {}
+namespace {
+
+constexpr Flags BITS = 0x1F;
+constexpr double INF = std::numeric_limits<double>::infinity();
+
+}  // namespace
+
+LookaheadSearch::LookaheadSearch(const Model& model, const LookaheadRules& rules)
+    : model_(model), rules_(rules), width_(model.fluents()), actions_(model.actions()),
+      stepper_(model.stepper()), tolerances_(width_) {}
+
+LookaheadForecast LookaheadSearch::forecast(const double* state, const LeafValues* leaves) {
+    LookaheadForecast found{FirstActions(actions_)};
+    model_.tolerances(tolerances_.data());
+    merges_ = std::any_of(tolerances_.begin(), tolerances_.end(), [](double t) { return t > 0.0; });
+    states_.resize(width_ + 1);
+    std::copy_n(state, width_, states_.data());
+    stored_ = 1;
+    int start = 0, end = 1;
+    for (; found.depth < rules_.depth; ++found.depth) {
+        if (start == end || end > rules_.max_nodes) {
+            found.bound = start == end ? Bound::EXHAUSTED : Bound::NODES;
+            break;
+        }
+        if (!expand(start, end, found.depth, leaves, found)) {
+            found.bound = Bound::NODES;
+            break;
+        }
+        start = end;
+        end = stored_;
+    }
+    paths_.resize(start);
+    for (int node = start - 1; node >= 0; --node) choose(node, start, found.first);
+    return found;
+}
+
+/// Expands the nodes of a layer; returns whether there was room for its edges.
+bool LookaheadSearch::expand(int start, int end, int depth, const LeafValues* leaves,
+                             LookaheadForecast& found) {
+    const bool last = depth + 1 == rules_.depth;
+    const int most = std::min<std::int64_t>(rules_.max_nodes,
+                                            std::int64_t{end - start} * actions_ + end);
+    const std::size_t rows = last ? end + 1 : most + 1;
+    if (states_.size() < rows * (width_ + 1)) states_.resize(rows * (width_ + 1));
+    if (merges_ && keys_.size() < rows * width_) keys_.resize(rows * width_);
+    const std::size_t edges = static_cast<std::size_t>(end) * actions_;
+    if (edges_.size() < edges) edges_.resize(edges);
+    if (!last) table_.clear(std::max(1, most - end));
+    for (int node = start; node < end; ++node) {
+        stepper_->from(state_at(node));
+        Edge* edge = edges_.data() + static_cast<std::size_t>(node) * actions_;
+        for (int action = 0; action < actions_; ++action, ++edge) {
+            const int position = std::min(stored_, rules_.max_nodes);
+            double* out = state_at(position);
+            const Flags predicted = stepper_->step(action, out);
+            const double risk = step_risk(predicted, rules_.accepted);
+            const Flags flags = marked(predicted, risk);
+            *edge = {out[width_], risk, -1, static_cast<std::uint8_t>(flags & BITS),
+                     static_cast<std::uint8_t>(rank_of(flags))};
+            if (depth == 0) {
+                found.first.reward[action] = edge->reward;
+                found.first.flags[action] = flags;
+            }
+            if (!(flags & APPLICABLE)) continue;
+            ++found.followed;
+            if (flags & TERMINAL) continue;
+            if (!last)
+                edge->child = child_of(position);
+            else if (leaves)
+                edge->reward += rules_.discount * leaves->at(out);
+        }
+        if (found.followed > rules_.max_edges && depth > 0) return false;
+    }
+    return true;
+}
+
+/// Returns the node of the next layer with the state at a position, behind all nodes. It is a new one
+/// where there is none; -1 where that is one too many, and all nodes of the layer are leaves.
+int LookaheadSearch::child_of(int position) {
+    if (stored_ > rules_.max_nodes) return -1;
+    if (merges_) {
+        const double* state = state_at(position);
+        double* key = keys_.data() + static_cast<std::size_t>(position) * width_;
+        for (int i = 0; i < width_; ++i)
+            key[i] = tolerances_[i] > 0.0 ? std::floor(state[i] / tolerances_[i] + 0.5) : state[i];
+    }
+    const double* key = key_at(position);
+    const int node = table_.find_or_add(
+        digest_of_row(key, width_), position,
+        [this, key](int other) { return std::equal(key, key + width_, key_at(other)); },
+        [this](int other) { return digest_of_row(key_at(other), width_); });
+    if (node == position && ++stored_ > rules_.max_nodes) return -1;
+    return node;
+}
+
+/// Finds the best path from a node of the first `expanded` ones, whose children are known. What is
+/// found for every action remains in `first` for the last node, 0.
+void LookaheadSearch::choose(int node, int expanded, FirstActions& first) {
+    const Edge* edges = edges_.data() + static_cast<std::size_t>(node) * actions_;
+    PathScore best;
+    int chosen = -1;
+    bool chance = false, undefined = false;
+    for (int action = 0; action < actions_; ++action) {
+        const Edge& edge = edges[action];
+        if (!(edge.flags & APPLICABLE)) {
+            first.value[action] = -INF, first.path_risk[action] = 1.0;
+            first.safe_steps[action] = -1;
+            if (node == 0) first.reward[action] = 0.0;
+            undefined = undefined || edge.flags & UNDEFINED;
+            continue;
+        }
+        PathScore score{edge.rank, edge.risk, SAFE, edge.reward};
+        if (0 <= edge.child && edge.child < expanded) {
+            const Path& rest = paths_[edge.child];
+            score.value += rules_.discount * rest.value;
+            score.risk += (1.0 - score.risk) * rest.risk;
+            score.steps = rest.steps == SAFE ? SAFE : rest.steps + 1;
+        }
+        if (edge.risk > 0.0) score.steps = 0;
+        first.value[action] = score.value, first.path_risk[action] = score.risk;
+        first.safe_steps[action] = score.steps;
+        if (chosen < 0 || score > best) chosen = action, best = score;
+        chance = chance || (0.0 < score.risk && score.risk < 1.0);
+    }
+    // No result can be predicted there, so no action is known to be safe.
+    if (chosen < 0 && undefined) best.risk = 1.0, best.steps = 0;
+    if (chance && rules_.accepted > 0.0)
+        for (int action = 0; action < actions_; ++action) {
+            if (!(edges[action].flags & APPLICABLE) || edges[action].rank != best.rank ||
+                !within_slack(first.path_risk[action], best.risk, rules_.accepted))
+                continue;
+            first.path_risk[action] = best.risk, first.safe_steps[action] = best.steps;
+            const double value = first.value[action];
+            if (value > best.value || (value == best.value && action < chosen))
+                chosen = action, best.value = value;
+        }
+    paths_[node] = {best.value, best.risk, best.steps};
+    first.choice = chosen;
+}
+
+Lookahead::Lookahead(const Model& model, const LookaheadRules& rules) : model_(model), rules_(rules) {
+    searches_.push_back(std::make_unique<LookaheadSearch>(model_, rules_));
+}
+
+std::vector<LookaheadForecast> Lookahead::forecast_batch(const double* states, int count,
+                                                         const LeafValues* leaves, int threads) {
+    threads = std::max(1, std::min(threads, count));
+    while (static_cast<int>(searches_.size()) < threads)
+        searches_.push_back(std::make_unique<LookaheadSearch>(model_, rules_));
+    std::vector<LookaheadForecast> found(count, LookaheadForecast{FirstActions(0)});
+    const auto part = [&](int thread) {
+        for (int k = thread; k < count; k += threads)
+            found[k] = searches_[thread]->forecast(
+                states + static_cast<std::size_t>(k) * model_.fluents(), leaves);
+    };
+    std::vector<std::future<void>> others;
+    for (int thread = 1; thread < threads; ++thread)
+        others.push_back(std::async(std::launch::async, part, thread));
+    part(0);
+    for (auto& other : others) other.get();
+    return found;
+}
+
+// For Python ---------------------------------------------------------------------------------------
+
+namespace {
+
+/// The fields of a `Forecast`, and the edges that were followed for it.
+using Result = std::pair<ForecastTuple, std::int64_t>;
+
+Result result_of(LookaheadForecast&& of) {
+    return {forecast_tuple(std::move(of.first), of.depth, of.bound), of.followed};
+}
+
+void check_width(const Lookahead& lookahead, std::size_t numbers) {
+    if (numbers != static_cast<std::size_t>(lookahead.width()))
+        throw std::invalid_argument("a state has " + std::to_string(lookahead.width()) +
+                                    " numbers");
+}
+
+Result forecast(Lookahead& lookahead, const In<double, nb::ndim<1>>& state,
+                const LeafValues* leaves) {
+    check_width(lookahead, state.size());
+    LookaheadForecast found{FirstActions(0)};
+    {
+        nb::gil_scoped_release released;
+        found = lookahead.forecast(state.data(), leaves);
+    }
+    return result_of(std::move(found));
+}
+
+std::vector<Result> forecast_batch(Lookahead& lookahead, const In<double, nb::ndim<2>>& states,
+                                   const LeafValues* leaves, int threads) {
+    check_width(lookahead, states.shape(1));
+    std::vector<LookaheadForecast> found;
+    {
+        nb::gil_scoped_release released;
+        found = lookahead.forecast_batch(states.data(), static_cast<int>(states.shape(0)), leaves,
+                                         threads);
+    }
+    std::vector<Result> results;
+    for (auto& one : found) results.push_back(result_of(std::move(one)));
+    return results;
+}
+
+std::tuple<Array<double>, Array<double>, Array<std::int64_t>> paths_of(const Lookahead& of) {
+    const std::size_t count = of.paths().size();
+    std::vector<double> value, risk;
+    std::vector<std::int64_t> steps;
+    for (const auto& path : of.paths()) {
+        value.push_back(path.value), risk.push_back(path.risk), steps.push_back(path.steps);
+    }
+    return {array_of(std::move(value), {count}), array_of(std::move(risk), {count}),
+            array_of(std::move(steps), {count})};
+}
+
+}  // namespace
+
+void bind_lookahead(nb::module_& module) {
+    nb::class_<LeafValues>(module, "LeafValues", "Values of the states where a lookahead ends.");
+    nb::class_<Lookahead>(module, "Lookahead", "The planning graph of one state with a depth.")
+        .def("__init__", [](Lookahead* self, const Model& model, int depth, double discount,
+                            double accepted_risk, int max_nodes, std::int64_t max_edges) {
+                if (depth < 1 || max_nodes < 1)
+                    throw std::invalid_argument("depth and max_nodes must be positive");
+                new (self) Lookahead(model, {depth, discount, accepted_risk, max_nodes, max_edges});
+            }, nb::arg("model"), nb::arg("depth"), nb::arg("discount"), nb::arg("accepted_risk"),
+            nb::arg("max_nodes"), nb::arg("max_edges"), nb::keep_alive<1, 2>())
+        .def("forecast", &forecast, nb::arg("state"), nb::arg("leaves").none(),
+             "Return the fields of a `Forecast` for a state [F], and the edges followed for it.")
+        .def("forecast_batch", &forecast_batch, nb::arg("states"), nb::arg("leaves").none(),
+             nb::arg("threads"), "Return what `forecast` returns for states [B, F].")
+        .def("paths", &paths_of,
+             "Return value, risk and safe steps [n] of the best path from each expanded state of "
+             "the newest forecast, in the order in which they were found.");
+}
 
 }  // namespace serp

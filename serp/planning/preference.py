@@ -9,7 +9,7 @@ beyond the least. The latter is the slack of lexicographic value iteration (Wray
 Mouaddib, AAAI 2015): with discount γ a policy that spends it in every decision risks at most
 `accepted / (1 - γ)` more than the least. A path that is certain to do damage is never accepted.
 
-Compiled loops use the first two functions, and the compiled forms of others.
+Compiled code has the same in preference.hpp.
 """
 
 from __future__ import annotations
@@ -19,16 +19,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.compilation import cached_njit
-from serp.model.flags import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, UNSAFE, joined
-
-_inlined = cached_njit(nogil=True, forceinline=True)
+from serp.model.flags import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, UNSAFE
 
 PathScore = tuple[int, float, int, float]
 """The score of a path: (-rank, -risk, steps, value); a better path has a larger one."""
 
 
-@_inlined
 def step_risk(flags: int, accepted: float) -> float:
     """Return the risk of one step, `serp.model.flags.risk_of`; 0 where it is accepted."""
     risk = (flags >> RISK_SHIFT) * RISK_UNIT
@@ -37,7 +33,6 @@ def step_risk(flags: int, accepted: float) -> float:
     return risk if risk > accepted else 0.0
 
 
-@_inlined
 def marked(flags: int, risk: float) -> int:
     """Return the flags of a step, with RISKY where its risk by `step_risk` is above 0."""
     return flags | RISKY if risk > 0.0 and not flags & UNSAFE else flags
@@ -64,12 +59,6 @@ def within_slack(risk: float, least: float, accepted: float) -> bool:
 def path_score(rank: int, risk: float, steps: int, value: float) -> PathScore:
     """Return the score of a path: `rank` is that of its first control period."""
     return -rank, -risk, steps, value
-
-
-compiled_rank_of = _inlined(rank_of)
-compiled_within_slack = _inlined(within_slack)
-compiled_path_score = _inlined(path_score)
-compiled_joined = _inlined(joined)
 
 
 def counted(scores: Sequence[PathScore], accepted: float) -> list[PathScore]:

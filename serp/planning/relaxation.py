@@ -1,4 +1,4 @@
-"""The relaxed domain, as tables: what every action can make true at best, deletions ignored.
+"""The relaxed domain: what every action can make true at best, deletions ignored.
 
 Conditions become facts: that a predicate is true, that it is false, that a linear comparison holds.
 An operator makes facts true at a cost. For comparisons the cost of an operator is the number of
@@ -10,17 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from serp._util.compilation import cached_njit
+from serp._core import Relaxation
 from serp.model import ground_model as g
 from serp.model.ground_model import Linear, linear
 from serp.pddl.syntax import Change
-
-Item = TypeVar("Item")
 
 _EVENT: Final = 2.0**-20
 """The cost of an event: next to nothing, so that only what holds costs nothing."""
@@ -28,39 +23,7 @@ _MINUS: Final = Fraction(-1)
 _NEVER: Final = Linear({}, _MINUS)
 
 
-class RelaxedTables(NamedTuple):
-    """The facts and operators of a relaxed domain.
-
-    Facts `2 i` and `2 i + 1` say that fluent i is 0, or is not; the others are comparisons.
-
-    Attributes:
-        term_first, term_fluent, term_factor, constant, strict: Comparisons: a sum of factors times
-            fluents and a constant is at least 0, or positive where strict.
-        user_first, user: Operators that need each fact.
-        needs: `[O]` number of facts that each operator needs.
-        cost: `[O]` cost of each operator.
-        add_first, add_fact, add_gain: What each operator makes true; in a comparison, what one
-            application adds to the sum, 0 where one is enough.
-        way_first, way_fact: Ways to reach the goal: the facts that each needs.
-    """
-
-    term_first: NDArray[np.int64]
-    term_fluent: NDArray[np.int64]
-    term_factor: NDArray[np.float64]
-    constant: NDArray[np.float64]
-    strict: NDArray[np.uint8]
-    user_first: NDArray[np.int64]
-    user: NDArray[np.int64]
-    needs: NDArray[np.int64]
-    cost: NDArray[np.float64]
-    add_first: NDArray[np.int64]
-    add_fact: NDArray[np.int64]
-    add_gain: NDArray[np.float64]
-    way_first: NDArray[np.int64]
-    way_fact: NDArray[np.int64]
-
-
-def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> RelaxedTables | None:
+def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> Relaxation | None:
     """Return the relaxed domain of a model without processes; None where there is no goal.
 
     The goal is the problem's; a domain without one is done where an action or event ends the task
@@ -72,7 +35,7 @@ def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> RelaxedTables | No
     else:
         schemas = (*ground.events, *ground.actions)
         ways = [s.preconditions for s in schemas if succeeds(s, theta)]
-    return _Relaxation(ground, theta).tables(ways[:1_000]) if ways else None
+    return _Relaxation(ground, theta).result(ways[:1_000]) if ways else None
 
 
 def succeeds(schema: g.GroundSchema, theta: Sequence[float]) -> bool:
@@ -105,7 +68,8 @@ class _Relaxation:
 
     def __init__(self, ground: g.GroundModel, theta: Sequence[float]) -> None:
         self.theta = theta
-        self.base = 2 * len(ground.fluents)
+        self.fluents = len(ground.fluents)
+        self.base = 2 * self.fluents
         self.comparisons: list[tuple[Linear, bool]] = []
         self.known: dict[object, int] = {}
         self.operators: list[_Operator] = []
@@ -113,35 +77,24 @@ class _Relaxation:
             for schema in schemas:
                 self._read(schema, cost)
 
-    def tables(self, ways: Iterable[Sequence[g.Test]]) -> RelaxedTables:
+    def result(self, ways: Iterable[Sequence[g.Test]]) -> Relaxation:
         goals = [sorted(set(self._all(way, True))) for way in ways]
         readers: dict[object, list[int]] = {}
         for k, (form, _) in enumerate(self.comparisons):
             for fluent in form.terms:
                 readers.setdefault(fluent, []).append(k)
-        users: list[list[int]] = [[] for _ in range(self.base + len(self.comparisons))]
-        for k, operator in enumerate(self.operators):
-            for fact in set(operator.needs):
-                users[fact].append(k)
-        user_first, user = _flat(users)
-        add_first, adds = _flat([self._adds(operator, readers) for operator in self.operators])
-        term_first, terms = _flat([list(form.terms.items()) for form, _ in self.comparisons])
-        way_first, way_fact = _flat(goals)
-        return RelaxedTables(
-            term_first=term_first,
-            term_fluent=np.array([fluent for fluent, _ in terms], dtype=np.int64),
-            term_factor=np.array([factor for _, factor in terms], dtype=np.float64),
-            constant=np.array([float(form.constant) for form, _ in self.comparisons]),
-            strict=np.array([strict for _, strict in self.comparisons], dtype=np.uint8),
-            user_first=user_first,
-            user=np.array(user, dtype=np.int64),
-            needs=np.array([len(set(o.needs)) for o in self.operators], dtype=np.int64),
-            cost=np.array([o.cost for o in self.operators], dtype=np.float64),
-            add_first=add_first,
-            add_fact=np.array([fact for fact, _ in adds], dtype=np.int64),
-            add_gain=np.array([gain for _, gain in adds], dtype=np.float64),
-            way_first=way_first,
-            way_fact=np.array(way_fact, dtype=np.int64),
+        return Relaxation(
+            fluents=self.fluents,
+            comparisons=[
+                (
+                    [(f, float(factor)) for f, factor in form.terms.items() if isinstance(f, int)],
+                    float(form.constant),
+                    strict,
+                )
+                for form, strict in self.comparisons
+            ],
+            operators=[(o.needs, o.cost, self._adds(o, readers)) for o in self.operators],
+            ways=goals,
         )
 
     # Conditions --------------------------------------------------------------------------------
@@ -229,134 +182,3 @@ class _Relaxation:
             if unknown or gain > 0.0:
                 adds.append((self.base + k, 0.0 if unknown else gain))
         return adds
-
-
-def _flat(rows: Sequence[Sequence[Item]]) -> tuple[NDArray[np.int64], list[Item]]:
-    """Return where each row begins in the joined rows, and these."""
-    first = np.cumsum([0, *map(len, rows)], dtype=np.int64)
-    return first, [item for row in rows for item in row]
-
-
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
-
-class RelaxedCosts(NamedTuple):
-    """Memory for the costs of one state.
-
-    Attributes:
-        cost: Of each fact; infinite while it is unreachable.
-        passed: The cost of each fact that its operators know.
-        gap: Of each comparison: what the sum lacks.
-        queue, queued: Facts whose operators are to be updated, a ring, and whether they are in it.
-        missing, sums: Of each operator: facts that are unreachable, costs of the others.
-    """
-
-    cost: NDArray[np.float64]
-    passed: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    queue: NDArray[np.int64]
-    queued: NDArray[np.uint8]
-    missing: NDArray[np.int64]
-    sums: NDArray[np.float64]
-
-    @classmethod
-    def allocate(cls, tables: RelaxedTables) -> RelaxedCosts:
-        """Allocate room for the facts and operators of a relaxed domain."""
-        facts, operators = len(tables.user_first) - 1, len(tables.needs)
-        cost, passed = np.zeros((2, facts))
-        return cls(
-            cost, passed, gap=np.zeros(len(tables.constant)),
-            queue=np.zeros(facts + 1, dtype=np.int64), queued=np.zeros(facts, dtype=np.uint8),
-            missing=np.zeros(operators, dtype=np.int64), sums=np.zeros(operators),
-        )  # fmt: skip
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _push(work, fact, end):
-    """Put a fact into the ring; return the new end."""
-    if work.queued[fact]:
-        return end
-    work.queued[fact] = 1
-    work.queue[end] = fact
-    end += 1
-    return end if end < work.queue.shape[0] else np.int64(0)
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _apply(tables, work, operator, end):
-    """Lower the costs of what an operator makes true; return the new end of the ring."""
-    for k in range(tables.add_first[operator], tables.add_first[operator + 1]):
-        fact, gain = tables.add_fact[k], tables.add_gain[k]
-        times = 1.0
-        if gain > 0.0:
-            comparison = fact - work.cost.shape[0] + work.gap.shape[0]
-            times = max(1.0, np.ceil(work.gap[comparison] / gain))
-        cost = work.sums[operator] + times * tables.cost[operator]
-        if cost < work.cost[fact] - 1e-9:
-            work.cost[fact] = cost
-            end = _push(work, fact, end)
-    return end
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _begin(tables, work, state):
-    """Set the costs of the facts that hold to 0; return the end of the ring."""
-    end, base = np.int64(0), work.cost.shape[0] - work.gap.shape[0]
-    for fact in range(work.cost.shape[0]):
-        work.cost[fact] = work.passed[fact] = np.inf
-        work.queued[fact] = 0
-    for i in range(base // 2):
-        work.cost[2 * i + (1 if state[i] != 0.0 else 0)] = 0.0
-    for k in range(work.gap.shape[0]):
-        total = tables.constant[k]
-        for t in range(tables.term_first[k], tables.term_first[k + 1]):
-            total += tables.term_factor[t] * state[tables.term_fluent[t]]
-        work.gap[k] = -total
-        if total > 0.0 or (total == 0.0 and not tables.strict[k]):
-            work.cost[base + k] = 0.0
-    for fact in range(work.cost.shape[0]):
-        if work.cost[fact] == 0.0 and tables.user_first[fact] < tables.user_first[fact + 1]:
-            end = _push(work, fact, end)
-    for operator in range(work.missing.shape[0]):
-        work.missing[operator] = tables.needs[operator]
-        work.sums[operator] = 0.0
-        if work.missing[operator] == 0:
-            end = _apply(tables, work, operator, end)
-    return end
-
-
-@cached_njit(nogil=True)
-def relaxed_cost(tables_arrays, work_arrays, state):
-    """Find how far away the goal is from a state, a pointer; the rest are values of the records.
-
-    Returns:
-        Its additive cost, infinite if it is unreachable; the least number of facts of a way to it
-        that do not hold.
-    """
-    tables, work = RelaxedTables(*tables_arrays), RelaxedCosts(*work_arrays)
-    end, start = _begin(tables, work, state), np.int64(0)
-    while start != end:
-        fact = work.queue[start]
-        start += 1
-        if start == work.queue.shape[0]:
-            start = np.int64(0)
-        work.queued[fact] = 0
-        before, cost = work.passed[fact], work.cost[fact]
-        work.passed[fact] = cost
-        for k in range(tables.user_first[fact], tables.user_first[fact + 1]):
-            operator = tables.user[k]
-            if before == np.inf:
-                work.missing[operator] -= 1
-                work.sums[operator] += cost
-            else:
-                work.sums[operator] += cost - before
-            if work.missing[operator] == 0:
-                end = _apply(tables, work, operator, end)
-    least, left = np.inf, np.int64(work.cost.shape[0])
-    for way in range(tables.way_first.shape[0] - 1):
-        cost, lacks = 0.0, np.int64(0)
-        for k in range(tables.way_first[way], tables.way_first[way + 1]):
-            cost += work.cost[tables.way_fact[k]]
-            lacks += work.cost[tables.way_fact[k]] > 0.0
-        least, left = min(least, cost), min(left, lacks)
-    return least, left

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from serp._util.numbers import real
 from serp.errors import SettingsError
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
-from serp.model.native import step_batch
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE, Forecast
@@ -110,9 +109,8 @@ class PlanningGraph:
                 return False
             part = np.array(nodes[start : start + size])
             sources, actions = np.repeat(part, count), np.tile(np.arange(count), len(part))
-            states = np.array([self.states[node] for node in sources.tolist()]).reshape(-1)
-            out, flags = np.empty((len(sources), width + 1)), np.empty(len(sources), np.int64)
-            step_batch(self.model.machine_code, states, actions, out.reshape(-1), flags)
+            states = np.array([self.states[node] for node in sources.tolist()])
+            out, flags = self.model.core.step_batch(states.reshape(len(sources), width), actions)
             for k in np.flatnonzero(flags & APPLICABLE).tolist():
                 *state, reward = out[k].tolist()
                 self._add(int(sources[k]), int(actions[k]), tuple(state), reward, int(flags[k]),
@@ -293,10 +291,6 @@ class MonitorReplanner:
         self.time_budget = None if time_budget is None else real(time_budget, infinite=True)
         if time_budget is not None and not (self.time_budget or 0.0) > 0:
             raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
-        # Compiled and loaded now: it would count as time of the first decision.
-        PlanningGraph(
-            model, self.settings.replace(depth=1, max_nodes=1), np.zeros(len(model.fluents))
-        )
 
     def plan(self, state: ArrayLike) -> Plan:
         """Plan from an observed state `[F]`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 import datetime
 import warnings
 from abc import abstractmethod
@@ -15,7 +16,6 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp._util.compilation import compile_seconds, working_time
 from serp._util.numbers import seed_of
 from serp._util.processes import blas_on_one_thread
 from serp._util.terminal import visible
@@ -288,7 +288,7 @@ class GuardedEnv(ArbitratedEnv):
             if agent.adaptation.notice is not None:
                 bound.on_notice(agent.adaptation.notice)
             super().__init__(bound, agent, seed, training_seed)
-            self._clock, self._compiled = working_time(), compile_seconds()
+            self._clock = time.monotonic()
             self._folder: RunFolder | None = None
             self._log: RunLog | None = None
             if out is not None:
@@ -368,7 +368,7 @@ class GuardedEnv(ArbitratedEnv):
                     rho=agent.strategy.rho,
                     epsilon=None,
                     losses=(),
-                    wall_time=working_time() - self._clock,
+                    wall_time=time.monotonic() - self._clock,
                 )
             )
 
@@ -400,9 +400,8 @@ class GuardedEnv(ArbitratedEnv):
 
             with self._folder, self._log:
                 self._log.flush()
-                seconds = compile_seconds() - self._compiled
                 account = account_of(self._agent)
-                write_results(self._folder, self._tally.vetoes_by_reason(), seconds, account)
+                write_results(self._folder, self._tally.vetoes_by_reason(), account)
             self._folder = self._log = None
         super().close()
 

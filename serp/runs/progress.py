@@ -13,7 +13,6 @@ import numpy as np
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from serp._util.compilation import notifying_of_compilation
 from serp._util.terminal import open_console, visible
 from serp._util.text import duration, percent, readable
 from serp.agent.decision import Actor
@@ -150,21 +149,3 @@ class Progress:
         self._samples.append((trainer.wall_time, self._budget.counts(trainer), planner))
         while len(self._samples) > 2 and self._samples[1][0] <= trainer.wall_time - _MEMORY:
             self._samples.popleft()
-
-
-@contextlib.contextmanager
-def show_compiling(*, quiet: bool = False, stream: TextIO | None = None) -> Iterator[None]:
-    """Show once that loops are compiled in the body, if any are: it may take minutes.
-
-    Nothing is shown if `quiet`. The stream is standard error by default.
-    """
-    console = open_console(stream, stderr=True, quiet=quiet)
-    lines = iter(["Compiling, once; the code is kept for later runs …"])
-
-    def begin() -> None:
-        for line in lines:
-            with contextlib.suppress(*_CLOSED):
-                console.print(line)
-
-    with notifying_of_compilation(begin):
-        yield

@@ -41,7 +41,6 @@ def lead(summary: Mapping[str, Any]) -> str:
 def write_results(
     run: RunFolder,
     vetoes_by_reason: Mapping[str, int],
-    compile_seconds: float = 0.0,
     account: Mapping[str, Any] | None = None,
 ) -> None:
     """Write ``summary.json``, ``learning-curve.png`` and ``learning-curve.svg``.
@@ -52,7 +51,7 @@ def write_results(
     run.flush()
     metrics = read_metrics(run.path / METRICS)
     summary: dict[str, Any] = finite(
-        summarize(metrics, run.config, vetoes_by_reason, compile_seconds, account)
+        summarize(metrics, run.config, vetoes_by_reason, account)
     )
     run.write(SUMMARY, json_text(summary))
     try:

@@ -87,7 +87,6 @@ def summarize(
     metrics: Metrics,
     config: Mapping[str, Any] | None = None,
     vetoes_by_reason: Mapping[str, int] | None = None,
-    compile_seconds: float = 0.0,
     account: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Summarise a run.
@@ -96,7 +95,6 @@ def summarize(
         metrics: What `serp.runs.tables.read_metrics` returns.
         config: The resolved configuration, a part of which is repeated.
         vetoes_by_reason: Reason → proposals refused for it, in the order of the report.
-        compile_seconds: Seconds of compilation, which are not part of ``wall_time``.
         account: What `serp.agent.agent.account_of` returns, which is repeated.
 
     Returns:
@@ -116,7 +114,6 @@ def summarize(
         "episodes": episodes,
         "env_steps": steps,
         "wall_time": seconds,
-        "compile_seconds": compile_seconds,
         "steps_per_second": steps / seconds if seconds > 0 else None,
         "return": _means(metrics["return"], metrics["env_steps"]),
         "domain_return": _means(metrics["domain_return"], metrics["env_steps"]),

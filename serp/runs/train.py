@@ -28,7 +28,7 @@ from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError
 from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
 from serp.runs.folder import METRICS, RunFolder, default_path, refuse_occupied
-from serp.runs.progress import Progress, show_compiling
+from serp.runs.progress import Progress
 from serp.runs.run import (
     Run,
     begin_run,
@@ -130,28 +130,12 @@ def stop_between_episodes() -> Iterator[Stopping]:
             signal.signal(number, handler)
 
 
-def compiled_trainer(
-    task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False, quiet: bool
-) -> Trainer:
-    """Return a trainer whose loops are compiled."""
-    with show_compiling(quiet=quiet):
-        trainer = Trainer(task, settings, seed, baseline=baseline)
-        try:
-            trainer.prepare()
-        except BaseException:
-            trainer.close()
-            raise
-    return trainer
-
-
 def continue_training(
     folder: RunFolder, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
 ) -> Run:
     """Continue a run from its newest checkpoint, as if it had not been interrupted."""
     made = read_run_metadata(folder)
-    with compiled_trainer(
-        task, made.settings, made.seed, baseline=made.baseline, quiet=quiet
-    ) as trainer:
+    with Trainer(task, made.settings, made.seed, baseline=made.baseline) as trainer:
         before = restore(folder, trainer, made.budget)
         limits = budget if budget.limits else before
         return train(folder, trainer, limits, callbacks, quiet=quiet)
@@ -274,7 +258,7 @@ def train(
 
         account = account_of(trainer.agent)
         vetoes = trainer.tally.vetoes_by_reason()
-        write_results(folder, vetoes, trainer.compile_seconds, account)
+        write_results(folder, vetoes, account)
         if callbacks.failure is not None:
             raise callbacks.failure
         if stopping.signal is not None and not budget.spent_by(trainer):
@@ -355,7 +339,7 @@ def plan_and_learn(
         path = Path(out) if out is not None else default_path(bound.name, begun)
 
         with (
-            compiled_trainer(bound, resolved, seed, quiet=quiet) as trainer,
+            Trainer(bound, resolved, seed) as trainer,
             begin_run(
                 path, bound, resolved, preset=preset, seed=seed, budget=budget, begun=begun
             ) as folder,

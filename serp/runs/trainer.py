@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any
@@ -11,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from serp._util.compilation import compile_seconds, working_time
 from serp._util.files import Closing
 from serp._util.saved_state import Saved
 from serp.agent.agent import Agent
 from serp.agent.step_record import DecisionCounts, OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.model.transition_model import StateError, Vector
-from serp.runs.precompile import precompile
 from serp.runs.rollout import Perceive, Rollout, RolloutEnv, rollout_envs, training_seed
 from serp.runs.run_log import RunLog
 from serp.runs.tables import MetricsRow, metrics_row
@@ -138,7 +137,6 @@ class Trainer(Closing):
         self.settings = settings
         self.seed = seed
         self.judge = Judge(task, settings)
-        self._compiled_before = -compile_seconds()
         try:
             self.agent = Agent(task, settings, seed, baseline=baseline)
         except MemoryError as error:
@@ -156,7 +154,7 @@ class Trainer(Closing):
         self.on_step: OnStep | None = None
         self._unchecked = _MIRRORED
         self._pretrained = settings.training.random_steps == 0
-        self._wall_before, self._clock = 0.0, working_time()
+        self._wall_before, self._clock = 0.0, time.monotonic()
         self._open = contextlib.ExitStack()
         self.environments = self._open.enter_context(
             rollout_envs(task, settings.training.num_envs, settings.arbiter.rho_unit)
@@ -168,27 +166,17 @@ class Trainer(Closing):
 
     @property
     def wall_time(self) -> float:
-        """Seconds of training, without compilation and pauses between resumptions."""
-        return self._wall_before + working_time() - self._clock
-
-    @property
-    def compile_seconds(self) -> float:
-        """Seconds of compilation since the run began."""
-        return self._compiled_before + compile_seconds()
+        """Seconds of training, without pauses between resumptions."""
+        return self._wall_before + time.monotonic() - self._clock
 
     @contextlib.contextmanager
     def paused(self) -> Iterator[None]:
         """Exclude the body from `wall_time`."""
-        begun = working_time()
+        begun = time.monotonic()
         try:
             yield
         finally:
-            self._clock += working_time() - begun
-
-    def prepare(self) -> None:
-        """Compile the loops that the training calls; the clock of training starts afterwards."""
-        precompile(self.agent)
-        self._clock = working_time()
+            self._clock += time.monotonic() - begun
 
     def run_episode(self) -> MetricsRow:
         """Train for one episode with one environment, and return its row of the metrics.
@@ -359,7 +347,7 @@ class Trainer(Closing):
             "tally": self.tally.state_dict(),
             "recent": list(self.recent),
             "pretrained": self._pretrained,
-            "wall_time": {"training": self.wall_time, "compilation": self.compile_seconds},
+            "wall_time": self.wall_time,
             "environments": {str(env.index): env.state_dict() for env in self.environments},
         }
         return arrays, meta
@@ -378,9 +366,7 @@ class Trainer(Closing):
         self.recent.clear()
         self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
         self._pretrained = saved.truth("pretrained")
-        seconds = Saved("times", {}, saved.part("wall_time")[1])
-        self._wall_before, self._clock = seconds.real("training", 0.0), working_time()
-        self._compiled_before += seconds.real("compilation", 0.0)
+        self._wall_before, self._clock = saved.real("wall_time", 0.0), time.monotonic()
         environments = Saved("environments", {}, saved.part("environments")[1])
         for env in self.environments:
             env.load_state_dict(environments.part(str(env.index))[1])

@@ -16,8 +16,8 @@ from gymnasium.wrappers import TimeLimit
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.domain import Domain, load_domain, problem_beside
-from serp.model.emit import Passage
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
+from serp.model.traced_step import Passage
 from serp.model.transition_model import Vector
 from serp.pddl.parser import parse_problem
 from serp.pddl.source import DomainError, Edit, Source, edited

@@ -161,22 +161,18 @@ class Player:
 
     def _plan(self) -> tuple[ChosenPlanner, Plan]:
         """Plan in the world as it is; changed facts make another world, and another planner."""
-        from serp.runs.progress import show_compiling
-
         moment = self.game.moment
-        with show_compiling():
-            if self._planner is None or self._planner[0] is not moment.world:
-                self._planner = moment.world, self._planner_of(moment.domain.closed())
-            planner = self._planner[1]
-            return planner, planner.plan(moment.state)
+        if self._planner is None or self._planner[0] is not moment.world:
+            self._planner = moment.world, self._planner_of(moment.domain.closed())
+        planner = self._planner[1]
+        return planner, planner.plan(moment.state)
 
     def _planner_of(self, domain: Domain) -> ChosenPlanner:
         """Return the planner that a training would have in a world."""
-        # Imported when the planner is asked, because this imports numba.
         from serp.agent.chosen_planner import ChosenPlanner
 
         model = domain.model.replace(dt=self.dt)
-        return ChosenPlanner.of_settings(model, self.settings.planner, self.task, 10.0)
+        return ChosenPlanner.of_settings(model, self.settings.planner, self.task)
 
     def _save(self, title: str) -> str:
         """Write the situation as a scenario, with what holds there; return a message.

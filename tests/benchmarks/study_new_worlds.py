@@ -84,7 +84,6 @@ def main() -> None:
         task = Task(name=name, domain=domain, ground=np.asarray, dt=1.0, reward="environment",
                     make_env=partial(made, domain))  # fmt: skip
         with task.bind() as bound, Trainer(bound, resolve("default"), seed) as trainer:
-            trainer.prepare()
             start, solved = time.process_time(), []
             for _ in range(options.episodes):
                 row = trainer.run_episode()

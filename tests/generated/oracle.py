@@ -2,10 +2,8 @@
 
 It walks the syntax as written, with variables looked up when they are met, and a state is a
 dictionary from ground terms to values. Nothing here is shared with `serp.model.grounder` or
-`serp.model.codegen`; only the parsed syntax is the same.
+`serp.model.instructions`; only the parsed syntax is the same.
 """
-
-from __future__ import annotations
 
 import functools
 import itertools

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
-from serp.model.learned.adapted_model import AdaptedModel
+from serp.model.learned.adapted_model import AdaptedModel, ObservedStep, observed_step
 from serp.model.learned.adoption import (
     FluentAdoption,
     ModelAdoption,
@@ -19,7 +19,6 @@ from serp.model.learned.adoption import (
     parameters_in_use,
 )
 from serp.model.learned.outcome_counts import OutcomeCounts
-from serp.model.learned.parameter_buffer import ObservedStep, observed_step
 from serp.model.learned.residual import HUGE, ResidualRegression
 from serp.model.learned.residual_features import Key
 from serp.model.learned.transitions import OVER, TransitionMemory
@@ -42,7 +41,6 @@ class GroupLearners:
 
     def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence) -> None:
         self._model = model
-        self._buffer = model.buffer
         self._seed = seed
         self._groups = {group.key: group for groups in model.feature_groups for group in groups}
         self._columns = [
@@ -63,22 +61,20 @@ class GroupLearners:
         self._wholes = len(self._whole)
         schemas = len({action.schema for action in self._model.actions})
         self._counts = {key: OutcomeCounts(group, schemas) for key, group in self._groups.items()}
-        regressions = self._buffer.regressions
+        regressions = self._model.regressions
         self._residuals = {
             roles: ResidualRegression(parameters, own)
             for (roles, parameters), own in zip(
                 regressions.items(), seed.spawn(len(regressions)), strict=True
             )
         }
-        for shared in self._buffer.shared.values():
+        for shared in self._model.shared.values():
             shared.outcomes = None
-        self._used = dict.fromkeys(self._residuals, False)
-        self._buffer.stochastic = False
 
     @property
     def notice(self) -> str | None:
         """A message on actions with too many inputs to learn; None if there is none."""
-        known = self._buffer.regressions
+        known = self._model.regressions
         wide = sorted(
             {key[0] for key, g in self._groups.items() if g.targets and key[1:] not in known}
         )
@@ -88,11 +84,6 @@ class GroupLearners:
             f"{', '.join(f'`{name}`' for name in wide)} can depend on more fluents than the "
             "adaptation can learn from; the numbers that they change are predicted as written"
         )
-
-    @property
-    def active(self) -> bool:
-        """Whether anything learned is used."""
-        return self._buffer.stochastic or any(self._used.values())
 
     def adoption(self) -> tuple[FluentAdoption, ...]:
         """Return what predicts each function and predicate that can change."""
@@ -107,7 +98,7 @@ class GroupLearners:
             hindrance = "it can depend on more fluents than the adaptation can learn from"
             judged = [TrackRecord(schema, False, 0, 0.0, 0.0, hindrance)] * len(numbers)
             if key[1:] in self._residuals:
-                head = self._buffer.shared[key].head
+                head = self._model.shared[key].head
                 judged = self._residuals[key[1:]].track_records(schema, head)
             for symbol, counted, track_record in zip(numbers, whole, judged, strict=True):
                 if counted:
@@ -141,15 +132,15 @@ class GroupLearners:
             self._share_wholeness()
         # Where an event changes a fluent, the result of effects and processes is not observed.
         observed = flowed == settled
-        for position, (key, inputs, targets) in enumerate(self._columns[action]):
-            place = self._model.data, position, self._model.dt
-            if not self._counts[key].learn(place, inputs, step, self._whole):
+        file = self._model.core.file_step()
+        for key, inputs, targets in self._columns[action]:
+            if not self._counts[key].learn(file, inputs, step, self._whole):
                 self._whole[targets] = False
                 self._share_wholeness()
             self._publish(key)
             if key[1:] in self._residuals and not over:
-                self._used[key[1:]] = self._residuals[key[1:]].learn(
-                    self._buffer.shared[key].head,
+                self._residuals[key[1:]].learn(
+                    self._model.shared[key].head,
                     state[inputs],
                     next_state[targets] - flowed[targets],
                     observed[targets],
@@ -168,31 +159,27 @@ class GroupLearners:
     def _publish(self, *keys: Key) -> None:
         """Let the model use the outcome counts of some keys, or stop using them."""
         for key in keys:
-            counts, shared = self._counts[key], self._buffer.shared[key]
+            counts, shared = self._counts[key], self._model.shared[key]
             table = counts.table if counts.used else None
             if table is not shared.outcomes:
                 shared.outcomes = table
-                parts = self._buffer.shared.values()
-                self._buffer.stochastic = any(part.outcomes is not None for part in parts)
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: Arrays = {"whole": self._whole.copy()}
-        meta: Meta = {"used": [bool(used) for used in self._used.values()]}
+        meta: Meta = {}
         for name, part in self._parts():
             own, meta[name] = part.state_dict()
             arrays |= nested(name, own)
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned, after the buffer; `RunError` if it does not fit."""
+        """Restore what `state_dict` returned, after the model; `RunError` if it does not fit."""
         saved = Saved("adaptation", arrays, meta)
         self._whole[:] = saved.array("whole", np.bool_, self._whole.shape)
         self._wholes = int(np.count_nonzero(self._whole))
-        self._used.update(zip(self._used, saved.truths("used", len(self._used)), strict=True))
         for name, part in self._parts():
             part.load_state_dict(*saved.part(name))
-        self._buffer.stochastic = False
         self._publish(*self._counts)
 
     def _parts(self) -> list[tuple[str, ResidualRegression | OutcomeCounts]]:
@@ -227,11 +214,7 @@ class ModelAdaptation:
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
         self._estimation: ParameterEstimation | None = None
-        if settings.mode != "off" and not written.program.has_own_code:
-            self.notice = (
-                "the domain has too many ground actions to adapt its model; it is used as written"
-            )
-        elif settings.mode != "off" and width:
+        if settings.mode != "off" and width:
             self._adapted = adapted = AdaptedModel(written)
             self._alike = _alike_actions(adapted)
             if settings.residual:
@@ -259,11 +242,10 @@ class ModelAdaptation:
         adapted = self._adapted
         if action >= 0 and adapted is not None and self._learners is not None:
             self._learn(adapted, state, action, next_state, ending == OVER)
-            adapted.buffer.active = self._learners.active or adapted.buffer.revised
         if self._estimation is not None and self._estimation.due(self.experience.seen):
             self._estimate_parameters()
         if adapted is not None:
-            adapted.revision = self._revision if adapted.buffer.active else 0
+            adapted.revision = 0 if adapted.as_written else self._revision
 
     @property
     def adoption(self) -> ModelAdoption:
@@ -276,7 +258,7 @@ class ModelAdaptation:
             parameters=parameters_in_use(
                 adapted.ground.parameters,
                 self._written.theta.tolist(),
-                adapted.buffer.parameters.tolist(),
+                adapted.core.parameters.tolist(),
             ),
             fluents=() if self._learners is None else self._learners.adoption(),
         )
@@ -289,7 +271,7 @@ class ModelAdaptation:
         self, adapted: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool
     ) -> None:
         assert self._learners is not None
-        step = observed_step(adapted.data, adapted.dt, state, action, next_state, over)
+        step = observed_step(adapted, state, action, next_state, over)
         if step is not None:
             self._learners.learn(step)
 
@@ -302,12 +284,11 @@ class ModelAdaptation:
         """Estimate the parameters; if they change, learn the residual anew."""
         adapted, estimation = self._adapted, self._estimation
         assert adapted is not None and estimation is not None
-        parameters = adapted.buffer.parameters
-        adopted = estimation.reconsider(self.experience, parameters.copy())
+        parameters = adapted.core.parameters
+        adopted = estimation.reconsider(self.experience, parameters)
         if (adopted == parameters).all():
             return
-        adapted.buffer.adopt(adopted)
-        adapted.buffer.active = True
+        adapted.core.adopt(adopted)
         if self._learners is None:
             return
         self._learners.reset()
@@ -324,7 +305,7 @@ class ModelAdaptation:
             own, meta[name] = part.state_dict()
             arrays |= nested(name, own)
         if self._adapted is not None:
-            arrays |= nested("parameter_buffer", self._adapted.buffer.contents())
+            arrays |= nested("model", self._adapted.contents())
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -332,10 +313,10 @@ class ModelAdaptation:
         saved = Saved("adaptation", arrays, meta)
         self.visits[:] = saved.array("visits", np.int64, self.visits.shape, 0, MOST)
         if self._adapted is not None:
-            self._adapted.buffer.restore(part_of(arrays, "parameter_buffer"))
+            self._adapted.restore(part_of(arrays, "model"))
         for name, part in self._parts().items():
             part.load_state_dict(*saved.part(name))
-        if self._adapted is not None and self._adapted.buffer.active:
+        if self._adapted is not None and not self._adapted.as_written:
             self._adapted.revision = self._revision
 
     def _parts(self) -> dict[str, Any]:

@@ -1,7 +1,557 @@
+#include "serp/model/learned/adapted_model.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <map>
+#include <set>
+#include <stdexcept>
+#include <tuple>
+#include <utility>
+
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
 #include "serp/_util/arrays.hpp"
 
 namespace serp {
 
-void bind_adapted_model(nb::module_&) {}
+namespace {
+
+void require(bool fits, const char* message) {
+    if (!fits) throw std::invalid_argument(message);
+}
+
+bool finite(const double* values, int count) {
+    return std::all_of(values, values + count, [](double value) { return std::isfinite(value); });
+}
+
+bool inside(const std::vector<int>& positions, int least, int size) {
+    return std::all_of(positions.begin(), positions.end(),
+                       [=](int position) { return least <= position && position < size; });
+}
+
+}  // namespace
+
+AdaptedModel::AdaptedModel(std::shared_ptr<const WrittenModel> written, SameArguments others,
+                           bool flagging, std::vector<std::vector<FeatureGroup>> groups)
+    : written_(std::move(written)), parameters_(written_->theta()), others_(std::move(others)),
+      flagging_(flagging), groups_(std::move(groups)) {
+    const auto count = static_cast<std::size_t>(actions());
+    require(groups_.size() == count && others_.schemas >= 0 &&
+                others_.action.size() == count * static_cast<std::size_t>(others_.schemas),
+            "there are not as many actions as in the model");
+    require(inside(others_.action, -1, actions()), "there is no such other action");
+    place_groups();
+}
+
+/// Checks the groups, and numbers those with features of their own.
+void AdaptedModel::place_groups() {
+    std::map<std::pair<const Regression*, std::vector<int>>, int> places;
+    std::set<const GroupParameters*> known;
+    for (std::vector<FeatureGroup>& of_action : groups_) {
+        for (FeatureGroup& group : of_action) {
+            GroupParameters& shared = *group.shared;
+            require(inside(group.inputs, 0, fluents()) && inside(group.targets, 0, fluents()),
+                    "inputs or targets are no fluents");
+            const Regression* regression = shared.regression.get();
+            if (regression != nullptr) {
+                require(regression->depth == static_cast<int>(group.inputs.size()) &&
+                            regression->count == static_cast<int>(group.targets.size()) &&
+                            0 <= shared.head && shared.head < regression->heads,
+                        "a regression is of another shape than its group");
+            }
+            if (known.insert(&shared).second) {
+                require(shared.schemas == 0, "a model has parameters of its own");
+                shared_.push_back(group.shared);
+                shared.inputs = group.inputs;
+                shared.width = fluents();
+                shared.schemas = others_.schemas;
+            }
+            require(shared.inputs.size() == group.inputs.size(),
+                    "groups that share parameters are of different shapes");
+            const auto next = static_cast<int>(places.size());
+            group.place = places.try_emplace({regression, group.inputs}, next).first->second;
+        }
+    }
+    places_ = static_cast<int>(places.size());
+}
+
+bool AdaptedModel::branches() const {
+    return std::any_of(shared_.begin(), shared_.end(),
+                       [](const auto& shared) { return shared->outcomes != nullptr; });
+}
+
+bool AdaptedModel::active() const {
+    return revised_ || std::any_of(shared_.begin(), shared_.end(), [](const auto& shared) {
+               const Regression* regression = shared->regression.get();
+               return shared->outcomes != nullptr ||
+                      (regression != nullptr && regression->most() != FILE_ALONE);
+           });
+}
+
+bool AdaptedModel::counted(int action) const {
+    const std::vector<FeatureGroup>& groups = groups_[action];
+    return std::any_of(groups.begin(), groups.end(), [](const FeatureGroup& group) {
+        return group.shared->outcomes != nullptr;
+    });
+}
+
+bool AdaptedModel::corrected(int action) const {
+    const std::vector<FeatureGroup>& groups = groups_[action];
+    return std::any_of(groups.begin(), groups.end(), [](const FeatureGroup& group) {
+        const Regression* regression = group.shared->regression.get();
+        return regression != nullptr && regression->most() != FILE_ALONE;
+    });
+}
+
+void AdaptedModel::adopt(const std::vector<double>& parameters) {
+    require(parameters.size() == parameters_.size(), "there are not as many parameters");
+    require(finite(parameters.data(), static_cast<int>(parameters.size())),
+            "parameters must be finite numbers");
+    revised_ = parameters != written_->theta();
+    parameters_ = revised_ ? parameters : written_->theta();
+    ++adoptions_;
+}
+
+namespace {
+
+/// What a regression says of a state, the same for all actions. Computed as far as it is asked for.
+class Residual {
+public:
+    Residual(const Regression& regression, const std::vector<int>& inputs)
+        : regression_(regression), inputs_(inputs), x_(inputs.size()), u_(inputs.size()),
+          z_(Regression::FEATURES), waves_(regression.count * Regression::CHUNKS),
+          leverages_(regression.heads) {}
+
+    /// Starts anew, from a state [F] of a number of its own.
+    void from(const double* state, std::int64_t number) {
+        if (number == number_) return;
+        number_ = number;
+        for (std::size_t i = 0; i < inputs_.size(); ++i) x_[i] = state[inputs_[i]];
+        regression_.normalise(x_.data(), u_.data());
+        inside_ = true;
+        for (const double u : u_) inside_ = inside_ && std::abs(u) <= Regression::RANGE;
+        chunks_ = waves_known_ = 0;
+        std::fill(leverages_.begin(), leverages_.end(), -1.0);
+    }
+
+    double leverage(int head) {
+        if (leverages_[head] == -1.0) {
+            if (regression_.leverage_needs_features()) compute_features(1);
+            leverages_[head] = regression_.leverage(head, u_.data(), z_.data(), room_);
+        }
+        return leverages_[head];
+    }
+
+    /// Adds the residual of a head to the targets in `out` [F].
+    ///
+    /// Beyond the range of the data, where these say less than the prior, the linear model replaces
+    /// one with features, as in a Gaussian process whose mean is linear: waves say nothing of far
+    /// away.
+    void add(int head, const std::vector<int>& targets, double* out) {
+        std::int64_t most = regression_.most();
+        if (most > LINEAR && !inside_ && leverage(head) >= UNKNOWN) most = LINEAR;
+        if (most > LINEAR) compute_waves(most == CURVED ? 1 : Regression::CHUNKS);
+        for (int t = 0; t < regression_.count; ++t) {
+            const std::int64_t kind = std::min(regression_.predictors()[t], most);
+            if (kind == FILE_ALONE) continue;
+            double value = out[targets[t]];
+            value += regression_.linear_of(head, kind, t, u_.data());
+            const int chunks = kind == FULL ? Regression::CHUNKS : kind == CURVED ? 1 : 0;
+            const double* waves = waves_.data() + t * Regression::CHUNKS;
+            for (int chunk = 0; chunk < chunks; ++chunk) value += waves[chunk];
+            out[targets[t]] = value;
+        }
+    }
+
+private:
+    void compute_features(int chunks) {
+        for (; chunks_ < chunks; ++chunks_) {
+            regression_.features_of(u_.data(), chunks_, z_.data() + chunks_ * Regression::SMOOTH);
+        }
+    }
+
+    void compute_waves(int chunks) {
+        compute_features(chunks);
+        for (; waves_known_ < chunks; ++waves_known_) {
+            const double* z = z_.data() + waves_known_ * Regression::SMOOTH;
+            for (int t = 0; t < regression_.count; ++t) {
+                const std::int64_t kind = regression_.predictors()[t];
+                if (kind == FULL || (kind == CURVED && waves_known_ == 0)) {
+                    waves_[t * Regression::CHUNKS + waves_known_] =
+                        regression_.wave_of(kind, t, waves_known_, z);
+                }
+            }
+        }
+    }
+
+    const Regression& regression_;
+    const std::vector<int>& inputs_;
+    std::int64_t number_ = -1;
+    std::vector<double> x_, u_, z_;  ///< inputs, normalised inputs, random features
+    std::vector<double> waves_;      ///< [T, CHUNKS] what the features add
+    std::vector<double> leverages_;  ///< [H], -1 where it is not known yet
+    std::vector<double> room_;
+    int chunks_ = 0, waves_known_ = 0;
+    bool inside_ = false;
+};
+
+class AdaptedStepper : public Stepper {
+public:
+    explicit AdaptedStepper(const AdaptedModel& model)
+        : model_(model), width_(model.fluents()), file_(model.file_step()),
+          written_(model.written_step()), adoptions_(model.adoptions()), outcomes_(width_),
+          flowed_(width_ + 1), usual_(width_ + 1), other_(width_ + 1), residuals_(model.places()) {}
+
+    void from(const double* state) override {
+        if (adoptions_ != model_.adoptions()) {
+            adoptions_ = model_.adoptions();
+            file_ = model_.file_step();
+        }
+        state_ = state;
+        ++number_;
+        file_.from(state);
+        if (model_.revised()) written_.from(state);
+    }
+
+    Flags step(int action, double* out) override {
+        const bool revised = model_.revised(), known = revised || model_.flagging();
+        const bool counted = model_.counted(action);
+        if (!revised && !counted && !model_.corrected(action)) return file_.step(action, out);
+        // UNSAFE is set by the file as written. With its parameters, effects and processes set the
+        // same flags in both steps, but events may not.
+        Flags flagged = revised ? UNSAFE & written_.step(action, other_.data()) : 0;
+        Flags flags = file_.flow(action, out);
+        if (known && !revised) flagged = UNSAFE & settled_as_written(flags, out);
+        double risk = 0.0;
+        if (flags & APPLICABLE) {
+            correct(action, out);
+            if (counted) {
+                std::tie(flags, risk) = settle_outcomes(action, flags, out);
+            } else {
+                flags = file_.settle(flags, out);
+                risk = flags & UNSAFE ? 1.0 : 0.0;
+            }
+        }
+        if (!known) flagged = flags & UNSAFE;
+        flags = (flags & ~UNSAFE) | flagged;
+        return (flags & APPLICABLE) && !flagged ? with_risk(flags, risk) : flags;
+    }
+
+    int outcomes(int action, double* rows) override {
+        const int width = width_, row = width + 3;
+        Flags before = 0;
+        const int count = model_.counted(action) ? branch(action, rows, before) : 0;
+        if (count == 0) {
+            rows[width + 1] = static_cast<double>(step(action, rows));
+            rows[width + 2] = 1.0;
+            return 1;
+        }
+        int kept = 0;
+        double total = 0.0;
+        for (int k = 0; k < count; ++k) {
+            const double* source = rows + k * row;
+            double* target = rows + kept * row;
+            if (source[width + 2] < RARE) continue;
+            std::copy(source, source + row, target);
+            Flags flags = file_.settle(before, target);
+            if (!(flags & APPLICABLE)) {
+                std::copy(source, source + width + 1, target);
+                flags = before & ~TERMINAL;
+            }
+            target[width + 1] = static_cast<double>(flags);
+            total += target[width + 2];
+            ++kept;
+        }
+        for (int k = 0; k < kept; ++k) rows[k * row + width + 2] /= total;
+        return kept;
+    }
+
+    /// The largest leverage of what the file does not predict. The file predicts what has typical
+    /// errors of at most half of the change.
+    double uncertainty(int action) override {
+        double unknown = 0.0;
+        for (const FeatureGroup& group : model_.groups(action)) {
+            const Regression* regression = group.shared->regression.get();
+            if (regression != nullptr && !regression->file_suffices()) {
+                unknown = std::max(unknown, residual(group).leverage(group.shared->head));
+            }
+        }
+        return unknown;
+    }
+
+    /// See `AdaptedModel::branches_of`; `before` are the flags so far.
+    int branch(int action, double* rows, Flags& before) {
+        before = file_.flow(action, rows);
+        if (!(before & APPLICABLE)) return 0;
+        correct(action, rows);
+        if (!finite(rows, width_)) return 0;
+        rows[width_ + 2] = 1.0;
+        std::copy(rows, rows + width_, flowed_.data());
+        int count = 1;
+        for (const FeatureGroup& group : model_.groups(action)) {
+            if (group.shared->outcomes) count = split(group, action, rows, count);
+        }
+        return count;
+    }
+
+private:
+    Residual& residual(const FeatureGroup& group) {
+        std::unique_ptr<Residual>& of = residuals_[group.place];
+        if (!of) of = std::make_unique<Residual>(*group.shared->regression, group.inputs);
+        of->from(state_, number_);
+        return *of;
+    }
+
+    /// Adds the residual to what effects and processes gave; ignores it where the result is not
+    /// finite.
+    void correct(int action, double* out) {
+        bool corrected = false;
+        for (const FeatureGroup& group : model_.groups(action)) {
+            const Regression* regression = group.shared->regression.get();
+            if (regression != nullptr && regression->most() != FILE_ALONE) {
+                residual(group).add(group.shared->head, group.targets, out);
+                corrected = true;
+            }
+        }
+        if (corrected && !finite(out, width_)) file_.flow(action, out);
+    }
+
+    /// Returns the flags of a step of the file alone, of which `flowed` [F + 1] is the flow.
+    Flags settled_as_written(Flags flags, const double* flowed) {
+        if (!(flags & APPLICABLE)) return flags;
+        std::copy(flowed, flowed + width_ + 1, other_.data());
+        return file_.settle(flags, other_.data());
+    }
+
+    /// Applies the likeliest outcome of each group to `out` [F], the state after effects, processes
+    /// and residual. Returns the number of groups with counts, and the outcome of the last of these.
+    std::pair<int, int> apply_likeliest(int action, double* out) {
+        int counted = 0, which = 0;
+        std::copy(out, out + width_, flowed_.data());
+        for (const FeatureGroup& group : model_.groups(action)) {
+            if (!group.shared->outcomes) continue;
+            ++counted;
+            which = likeliest(group, action);
+            if (which > 0) group.shared->outcomes->put(which, group.inputs, outcomes_, out);
+        }
+        return {counted, which};
+    }
+
+    int likeliest(const FeatureGroup& group, int action) {
+        return group.shared->outcomes->likeliest(file_, action, group.inputs, state_,
+                                                 flowed_.data(), outcomes_);
+    }
+
+    /// Applies the likeliest outcomes and then events; the reward is expected over all outcomes.
+    ///
+    /// Groups are varied one at a time: their outcomes are assumed to be independent. Returns flags
+    /// of the likeliest outcome, and the probability that events flag the step unsafe.
+    std::pair<Flags, double> settle_outcomes(int action, Flags flow_flags, double* out) {
+        const auto [counted, last] = apply_likeliest(action, out);
+        std::copy(out, out + width_ + 1, usual_.data());
+        const Flags flags = file_.settle(flow_flags, out);
+        const bool unsafe = flags & UNSAFE;
+        if (!(flags & APPLICABLE)) return {flags, unsafe ? 1.0 : 0.0};
+        const double reward = out[width_];
+        double expected = reward, alike = 1.0;
+        for (const FeatureGroup& group : model_.groups(action)) {
+            if (!group.shared->outcomes) continue;
+            // What the room holds is its own, if no other group has counts.
+            const int most = counted > 1 ? likeliest(group, action) : last;
+            alike *= std::max(0.0, 1.0 - vary(group, most, flow_flags, unsafe, reward, expected));
+        }
+        if (std::isfinite(expected)) out[width_] = expected;
+        return {flags, unsafe ? alike : 1.0 - alike};
+    }
+
+    /// Adds what other outcomes of a group change in the expected reward; returns the probability
+    /// that events flag them differently.
+    double vary(const FeatureGroup& group, int most, Flags flow_flags, bool unsafe, double reward,
+                double& expected) {
+        const OutcomeTable& table = *group.shared->outcomes;
+        double different = 0.0;
+        for (int kind = 0; kind < table.kinds(); ++kind) {
+            const double p = outcomes_.probabilities[kind];
+            if (kind == most || p <= 0.0) continue;
+            std::copy(usual_.begin(), usual_.end(), other_.begin());
+            table.put(kind, group.inputs, outcomes_, other_.data());
+            const Flags changed = file_.settle(flow_flags, other_.data());
+            const bool undefined = changed & UNDEFINED, flagged = changed & UNSAFE;
+            if (flagged != unsafe && (flagged || !undefined)) different += p;
+            if (!undefined && std::isfinite(other_[width_])) {
+                expected += p * (other_[width_] - reward);
+            }
+        }
+        return different;
+    }
+
+    /// Splits every outcome so far by the counted outcomes of a group; returns their number.
+    int split(const FeatureGroup& group, int action, double* rows, int count) {
+        const OutcomeTable& table = *group.shared->outcomes;
+        likeliest(group, action);
+        const int width = width_, row = width + 3, before = count;
+        for (int source = 0; source < before; ++source) {
+            double* old = rows + source * row;
+            const double left = old[width + 2];
+            for (int kind = 1; kind < table.kinds(); ++kind) {
+                const double chance = left * outcomes_.probabilities[kind];
+                if (chance < RARE || count == OUTCOMES) continue;
+                double* created = rows + count * row;
+                std::copy(old, old + row, created);
+                table.put(kind, group.inputs, outcomes_, created);
+                created[width + 2] = chance;
+                ++count;
+            }
+            old[width + 2] = left * outcomes_.probabilities[0];
+        }
+        return count;
+    }
+
+    const AdaptedModel& model_;
+    const int width_;
+    FileStep file_, written_;
+    int adoptions_;
+    OutcomeRoom outcomes_;
+    /// [F + 1] after effects, processes and residual; the same with the likeliest outcomes; scratch.
+    std::vector<double> flowed_, usual_, other_;
+    std::vector<std::unique_ptr<Residual>> residuals_;  ///< by `FeatureGroup::place`
+    const double* state_ = nullptr;
+    std::int64_t number_ = 0;  ///< of the state
+};
+
+}  // namespace
+
+std::unique_ptr<Stepper> AdaptedModel::stepper() const {
+    return std::make_unique<AdaptedStepper>(*this);
+}
+
+int AdaptedModel::branches_of(const double* state, int action, double* rows) const {
+    AdaptedStepper stepper(*this);
+    stepper.from(state);
+    Flags before = 0;
+    return stepper.branch(action, rows, before);
+}
+
+// For Python ---------------------------------------------------------------------------------------
+
+namespace {
+
+using State = In<double, nb::ndim<1>>;
+/// Inputs, targets and shared part of a feature group.
+using Group = std::tuple<std::vector<int>, std::vector<int>, std::shared_ptr<GroupParameters>>;
+
+std::shared_ptr<GroupParameters> parameters_of(std::shared_ptr<Regression> regression, int head) {
+    auto made = std::make_shared<GroupParameters>();
+    made->regression = std::move(regression);
+    made->head = head;
+    return made;
+}
+
+void set_outcomes(GroupParameters& of, std::shared_ptr<OutcomeTable> table) {
+    if (table) table->check(of.inputs, of.width, of.schemas);
+    of.outcomes = std::move(table);
+}
+
+std::shared_ptr<AdaptedModel> model_of(std::shared_ptr<WrittenModel> written,
+                                       const In<std::int64_t, nb::ndim<2>>& others, bool flagging,
+                                       std::vector<std::vector<Group>> groups) {
+    SameArguments same;
+    same.schemas = static_cast<int>(others.shape(1));
+    for (std::size_t k = 0; k < others.size(); ++k) {
+        require(-1 <= others.data()[k] && others.data()[k] < written->actions(),
+                "there is no such other action");
+        same.action.push_back(static_cast<int>(others.data()[k]));
+    }
+    std::vector<std::vector<FeatureGroup>> of_actions;
+    for (std::vector<Group>& of_action : groups) {
+        std::vector<FeatureGroup>& made = of_actions.emplace_back();
+        for (auto& [inputs, targets, shared] : of_action) {
+            require(shared != nullptr, "a group has no parameters");
+            made.push_back({std::move(inputs), std::move(targets), std::move(shared)});
+        }
+    }
+    return std::make_shared<AdaptedModel>(std::move(written), std::move(same), flagging,
+                                          std::move(of_actions));
+}
+
+const double* checked(const AdaptedModel& model, const State& state, std::int64_t action) {
+    require(state.size() == static_cast<std::size_t>(model.fluents()),
+            "a state has as many numbers as the model has fluents");
+    require(0 <= action && action < model.actions(), "there is no such action");
+    return state.data();
+}
+
+Array<double> branches_of(const AdaptedModel& model, const State& state, std::int64_t action) {
+    const std::size_t row = static_cast<std::size_t>(model.fluents()) + 3;
+    const double* from = checked(model, state, action);
+    std::vector<double> rows(OUTCOMES * row, 0.0);
+    const auto count = static_cast<std::size_t>(
+        model.branches_of(from, static_cast<int>(action), rows.data()));
+    rows.resize(count * row);
+    return array_of(std::move(rows), {count, row});
+}
+
+/// State and reward [F + 1] after effects and processes, the same after events, and the flags of the
+/// former.
+std::tuple<Array<double>, Array<double>, Flags> flow_and_settle(const AdaptedModel& model,
+                                                                const State& state,
+                                                                std::int64_t action) {
+    FileStep file = model.file_step();
+    std::vector<double> flowed(model.fluents() + 1);
+    file.from(checked(model, state, action));
+    const Flags flags = file.flow(static_cast<int>(action), flowed.data());
+    std::vector<double> settled = flowed;
+    if (flags & APPLICABLE) file.settle(flags, settled.data());
+    const std::size_t size = flowed.size();
+    return {array_of(std::move(flowed), {size}), array_of(std::move(settled), {size}), flags};
+}
+
+}  // namespace
+
+void bind_adapted_model(nb::module_& module) {
+    nb::class_<GroupParameters>(module, "GroupParameters",
+                                "What is learned of the feature groups of one key.")
+        .def(nb::new_(&parameters_of), nb::arg("regression").none(), nb::arg("head"))
+        .def_ro("regression", &GroupParameters::regression,
+                nb::sig("def regression(self) -> Regression | None"),
+                "The regression of the residual; None where there are too many inputs to learn.")
+        .def_ro("head", &GroupParameters::head, "The head of the action schema in the regression.")
+        .def_prop_rw("outcomes", [](const GroupParameters& of) { return of.outcomes; },
+                     &set_outcomes, nb::arg("table").none(),
+                     nb::for_getter(nb::sig("def outcomes(self) -> OutcomeTable | None")),
+                     nb::for_setter(nb::sig("def outcomes(self, table: OutcomeTable | None) -> None")),
+                     "The counts in use, or None. A ValueError says that they do not fit.");
+
+    nb::class_<AdaptedModel, Model>(module, "AdaptedModel",
+                                    "A model that is adapted to observed transitions.")
+        .def(nb::new_(&model_of), nb::arg("written"), nb::arg("others"), nb::arg("flagging"),
+             nb::arg("groups"),
+             "`others` `[A, S]` are the ground actions of each schema with the same arguments, -1 for "
+             "none. `flagging` says whether events can make `unsafe` true. `groups` are inputs, "
+             "targets and parameters of the feature groups of every ground action.")
+        .def_prop_ro("active", &AdaptedModel::active, "Whether anything adapted is in use.")
+        .def_prop_ro("revised", &AdaptedModel::revised,
+                     "Whether parameters in use differ from those written.")
+        .def_prop_ro(
+            "parameters",
+            [](const AdaptedModel& model) {
+                return array_of(std::vector<double>(model.parameters()),
+                                {model.parameters().size()});
+            },
+            nb::rv_policy::move, "A copy of the parameters in use `[P]`.")
+        .def("adopt", [](AdaptedModel& model, const State& parameters) {
+                model.adopt(vector_of(parameters));
+            }, nb::arg("parameters"), "Use parameters `[P]` from now on.")
+        .def("file_step", &AdaptedModel::file_step, nb::keep_alive<0, 1>(),
+             "Return the step of the file with the parameters in use now.")
+        .def("flow_and_settle", &flow_and_settle, nb::arg("state"), nb::arg("action"),
+             "Return state and reward `[F + 1]` after the file's effects and processes, the same "
+             "after events, and the flags of the former.")
+        .def("branches_of", &branches_of, nb::arg("state"), nb::arg("action"),
+             "Return all outcomes before events: state, reward, 0 and probability `[n, F + 3]`.");
+}
 
 }  // namespace serp

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp.model.emit import Passage
-from serp.model.flags import UNSAFE, risk_of
+from serp import _core
+from serp._util.saved_state import Arrays, Saved, nested, part_of
+from serp.errors import RunError
+from serp.model.flags import APPLICABLE, UNSAFE, risk_of
 from serp.model.ground_model import UNSAFE_TARGET, GroundSchema
-from serp.model.learned import adapted_step as kernels
-from serp.model.learned.parameter_buffer import ParameterBuffer
-from serp.model.learned.residual_features import FeatureGroup, feature_groups_of
-from serp.model.native import OUTCOMES, address_of
+from serp.model.learned.residual_features import (
+    FeatureGroup,
+    Key,
+    contents_of,
+    feature_groups_of,
+    learnable,
+    restore_regression,
+)
+from serp.model.traced_step import Passage
 from serp.model.transition_model import TransitionModel, Vector
 
 
@@ -30,27 +37,31 @@ class AdaptedModel(TransitionModel):
     Attributes:
         written: The model as written.
         feature_groups: Feature groups of every ground action.
-        buffer: The memory that the compiled step reads; writing to it changes the model.
+        shared: Key of a feature group → what is learned of the groups that have it.
+        regressions: Key without the schema → the regression of their residual.
+        core: The compiled model, which reads what is learned.
         revision: As in `TransitionModel`.
     """
 
     def __init__(self, written: TransitionModel) -> None:
         super().__init__(written.ground, dt=written.dt, theta=written.theta)
-        self.program = program = written.program  # generated and compiled once
         self._written = written
         self.feature_groups: tuple[tuple[FeatureGroup, ...], ...] = tuple(
             feature_groups_of(self.ground, action) for action in self.actions
         )
-        callbacks = [program.native(part) for part in ("step", "flow", "settle")]
+        self.regressions, self.shared = _parameters_of(self.feature_groups)
         events = (effect for event in self.ground.events for effect in event.effects)
-        self.buffer = ParameterBuffer(
-            self.feature_groups,
+        self._adapted_core = _core.AdaptedModel(
+            written.core,
             same_arguments(self.actions),
-            len(self.fluents),
-            self.theta,
             any(effect.target == UNSAFE_TARGET for effect in events),
-            [float(address_of(callback)) for callback in callbacks],
+            [[(g.inputs, g.targets, self.shared[g.key]) for g in of] for of in self.feature_groups],
         )
+
+    @property
+    def core(self) -> _core.AdaptedModel:
+        """The compiled model."""
+        return self._adapted_core
 
     @property
     def written(self) -> TransitionModel:
@@ -60,29 +71,15 @@ class AdaptedModel(TransitionModel):
     @property
     def as_written(self) -> bool:
         """Whether nothing learned is in use."""
-        return not self.buffer.active
-
-    @property
-    def data(self) -> Vector:
-        """The data that `native_step` reads beside the state: the buffer."""
-        return self.buffer.array
-
-    def native_step(self) -> Any:
-        """Return the compiled C callback of the adapted step."""
-        return kernels.adapted_step()
-
-    def native_outcomes(self) -> Any:
-        """Return the compiled C callback of all outcomes; see `TransitionModel.native_outcomes`."""
-        return kernels.adapted_outcomes()
+        return not self.core.active
 
     def uncertainty(self, state: Vector) -> Vector:
-        """Return how little is known `[A]`; see `TransitionModel.uncertainty`."""
-        actions = range(len(self.actions))
-        return np.array([kernels.uncertainty(self.data, k, state) for k in actions])
+        """Return how far the step of each action `[A]` is from the data.
 
-    def native_uncertainty(self) -> Any:
-        """Return the compiled C callback; see `TransitionModel.native_uncertainty`."""
-        return kernels.native_uncertainty()
+        It is about 1 over the number of samples like this one, 1 where there are none, and 0 where
+        the file alone predicts.
+        """
+        return self.core.uncertainty(state)
 
     def replace(
         self, *, theta: ArrayLike | None = None, dt: float | None = None
@@ -95,18 +92,8 @@ class AdaptedModel(TransitionModel):
 
     def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
         """Predict one step on plain lists; see `TransitionModel.transition`."""
-        if not self.buffer.active:
-            return self._written.transition(state, action)
-        out = np.array([*state, 0.0])
-        flags = kernels.step_row(self.data, action, np.array(state), self.dt, out)
-        return out.tolist(), int(flags)
-
-    def precompile(self, state: Vector) -> None:
-        """Compile the functions for predicting and tracing a step, by one call in a state `[F]`."""
-        row, out = np.array(state), np.array([*state, 0.0])
-        kernels.step_row(self.data, 0, row, self.dt, out)
-        self._branches(row, 0)
-        self.uncertainty(row)
+        out, flags = self.core.step(np.array(state, dtype=np.float64), action)
+        return out.tolist(), flags
 
     def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
         """Return which precondition failed, or which effects, rates and events took part.
@@ -115,7 +102,7 @@ class AdaptedModel(TransitionModel):
         it is that of the likeliest unsafe outcome.
         """
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
-        flags = self.transition(values, action)[1] if self.buffer.active else UNSAFE
+        flags = UNSAFE if self.as_written else self.transition(values, action)[1]
         if flags & UNSAFE:
             return self._written.passages(state, action)
         likeliest = None
@@ -128,9 +115,8 @@ class AdaptedModel(TransitionModel):
 
     def _branches(self, state: Vector, action: int) -> Vector:
         """Return the outcomes `[n, F + 1]` before events, with the reward, the likeliest first."""
-        rows = np.zeros((OUTCOMES, len(state) + 3))
-        count = kernels.branch_rows(self.data, action, state, self.dt, rows.reshape(-1))
-        return rows[np.argsort(-rows[:count, -1], kind="stable"), :-2]
+        rows = self.core.branches_of(state, action)
+        return rows[np.argsort(-rows[:, -1], kind="stable"), :-2]
 
     def _trace_with(
         self, state: list[float], action: int, branch: Vector | None
@@ -141,9 +127,90 @@ class AdaptedModel(TransitionModel):
             if branch is not None:
                 out[:] = branch.tolist()
 
-        theta = self.buffer.parameters.tolist()
+        theta = self.core.parameters.tolist()
         _, flags, passages = self.traced(state, action, theta=theta, amend=amend)
         return passages, flags
+
+    def contents(self) -> Arrays:
+        """Return what is in use, without the counts of outcomes."""
+        arrays: Arrays = {"written": self.theta.copy(), "parameters": self.core.parameters}
+        for k, regression in enumerate(self.regressions.values()):
+            arrays |= nested(f"regression{k}", contents_of(regression))
+        return arrays
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Use what `contents` returned; the owner of the counts of outcomes restores these.
+
+        Raises:
+            RunError: It belongs to a model of another shape or with other parameters, or is
+                damaged.
+        """
+        if not np.array_equal(arrays.get("written", ()), self.theta):
+            raise RunError(
+                "the saved adaptation belongs to another domain file; continue with the one it "
+                "was learned with"
+            )
+        parameters = Saved("adaptation", arrays, {}).array(
+            "parameters", np.float64, self.theta.shape
+        )
+        for k, regression in enumerate(self.regressions.values()):
+            restore_regression(regression, part_of(arrays, f"regression{k}"))
+        for shared in self.shared.values():
+            shared.outcomes = None
+        self.core.adopt(parameters)
+
+
+def _parameters_of(
+    groups: Sequence[Sequence[FeatureGroup]],
+) -> tuple[dict[Key, _core.Regression], dict[Key, _core.GroupParameters]]:
+    """Return the regressions of keys without the schema, and what groups of each key share.
+
+    A regression has a head for each schema.
+    """
+    keys = {group.key: group for of_action in groups for group in of_action}
+    heads: dict[Key, list[FeatureGroup]] = {}
+    for key, group in keys.items():
+        heads.setdefault(key[1:], []).append(group)
+    regressions = {
+        roles: _core.Regression(len(alike), len(alike[0].inputs), len(alike[0].targets))
+        for roles, alike in heads.items()
+        if alike[0].targets and learnable(alike[0], len(alike))
+    }
+    return regressions, {
+        group.key: _core.GroupParameters(regressions.get(roles), head)
+        for roles, alike in heads.items()
+        for head, group in enumerate(alike)
+    }
+
+
+class ObservedStep(NamedTuple):
+    """An observed transition, beside what the file says of it.
+
+    Attributes:
+        state, action, next_state: The transition; states are `[F]`.
+        over: Whether it ended the episode.
+        flowed: `[F + 1]` state and reward after effects and processes.
+        settled: `[F + 1]` the same after events.
+        flags: Flags of the former.
+    """
+
+    state: Vector
+    action: int
+    next_state: Vector
+    over: bool
+    flowed: Vector
+    settled: Vector
+    flags: int
+
+
+def observed_step(
+    model: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool
+) -> ObservedStep | None:
+    """Return a transition to learn from; None if its action is not applicable by the file."""
+    flowed, settled, flags = model.core.flow_and_settle(state, action)
+    if not flags & APPLICABLE:
+        return None
+    return ObservedStep(state, action, next_state, over, flowed, settled, flags)
 
 
 def same_arguments(actions: Sequence[GroundSchema]) -> NDArray[np.int64]:

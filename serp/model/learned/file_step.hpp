@@ -12,36 +12,38 @@ struct SameArguments {
     int schemas = 0;
     std::vector<int> action;  ///< [A * S], -1 where there is none and for the action itself
 
+    int actions() const { return schemas > 0 ? static_cast<int>(action.size()) / schemas : 0; }
     int of(int ground_action, int schema) const { return action[ground_action * schemas + schema]; }
 };
 
-/// Effects and processes, then events, with the parameters in use. Has scratch memory: one for each
-/// thread.
+/// Effects and processes, then events, with parameters of one time. Has scratch memory: one for each
+/// thread. `from` comes before all else.
 class FileStep {
 public:
     FileStep(const Program& program, const double* theta, double dt, const SameArguments& others)
-        : program_(program), theta_(theta), dt_(dt), others_(others),
-          registers_(program.registers()) {}
+        : program_(&program), others_(&others), frame_(program.registers()) {
+        program.prepare(theta, dt, frame_.data());
+    }
 
-    int width() const { return program_.fluents(); }
-    const SameArguments& others() const { return others_; }
+    int width() const { return program_->fluents(); }
+    const SameArguments& others() const { return *others_; }
+
+    /// Sets the state [F] that steps start from, by a copy.
+    void from(const double* state) { program_->from(state, frame_.data()); }
+
+    /// The whole step; see `Program::step`.
+    Flags step(int action, double* out) { return program_->step(action, out, frame_.data()); }
 
     /// Writes state [F] and reward after effects and processes; see `Program::flow`.
-    Flags flow(const double* state, int action, double* out) {
-        return program_.flow(state, action, theta_, dt_, out, registers_.data());
-    }
+    Flags flow(int action, double* out) { return program_->flow(action, out, frame_.data()); }
 
     /// Applies events to what `flow` wrote; see `Program::settle`.
-    Flags settle(const double* state, Flags flags, double* out) {
-        return program_.settle(state, flags, theta_, dt_, out, registers_.data());
-    }
+    Flags settle(Flags flags, double* out) { return program_->settle(flags, out, frame_.data()); }
 
 private:
-    const Program& program_;
-    const double* theta_;
-    double dt_;
-    const SameArguments& others_;
-    std::vector<double> registers_;
+    const Program* program_;
+    const SameArguments* others_;
+    std::vector<double> frame_;
 };
 
 }  // namespace serp

@@ -1,7 +1,148 @@
+// The outcome counts as Python sees them.
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
 #include "serp/_util/arrays.hpp"
+#include "serp/model/learned/outcome_table.hpp"
 
 namespace serp {
 
-void bind_outcome_counts(nb::module_&) {}
+namespace {
+
+using Vector = In<double, nb::ndim<1>>;
+using Matrix = In<double, nb::ndim<2>>;
+using Positions = In<std::int64_t, nb::ndim<1>>;
+
+/// Returns whole numbers of a small type. Throws std::invalid_argument where they are none.
+template <class Number>
+std::vector<int> integers(const In<Number, nb::ndim<1>>& numbers) {
+    constexpr int most = 1 << 30;
+    std::vector<int> result;
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        const auto number = static_cast<double>(numbers.data()[i]);
+        if (!(std::abs(number) <= most) || number != std::floor(number)) {
+            throw std::invalid_argument("there are numbers that are not whole, or too large");
+        }
+        result.push_back(static_cast<int>(number));
+    }
+    return result;
+}
+
+void require_shape(bool fits) {
+    if (!fits) throw std::invalid_argument("the arrays have other shapes than expected");
+}
+
+bool count(OutcomeTable& table, FileStep& file, const Positions& inputs, const Vector& state,
+           int action, const Vector& next_state, bool over, const Vector& flowed, Flags flags,
+           const Out<double, nb::shape<2>>& losses, double rate) {
+    const int width = file.width();
+    const auto expected = static_cast<std::size_t>(width);
+    require_shape(state.size() == expected && next_state.size() == expected &&
+                  flowed.size() == expected + 1);
+    if (action < 0 || action >= file.others().actions()) {
+        throw std::invalid_argument("there is no such action");
+    }
+    const std::vector<int> columns = integers(inputs);
+    table.check(columns, width, file.others().schemas);
+    OutcomeRoom room(width);
+    const ObservedTransition seen{state.data(), action, next_state.data(), over,
+                                  flowed.data(), flags};
+    return table.count(file, columns, seen, losses.data(), rate, room);
+}
+
+nb::dict contents(const OutcomeTable& table) {
+    const OutcomeTable::Contents& contents = table.contents();
+    std::vector<double> sets, codes, counts, totals, evidence;
+    for (const OutcomeTable::OutcomeSet& set : contents.sets) {
+        sets.insert(sets.end(), {static_cast<double>(set.members), set.number});
+    }
+    for (const OutcomeTable::Row& row : contents.rows) {
+        codes.push_back(row.code);
+        counts.insert(counts.end(), row.counts.begin(), row.counts.end());
+        totals.push_back(row.total);
+        evidence.insert(evidence.end(), row.evidence.begin(), row.evidence.end());
+    }
+    const std::size_t kinds = contents.schemas.size(), rows = contents.rows.size();
+    const auto columns = static_cast<std::size_t>(table.columns());
+    const auto copy = [](const auto& numbers) {
+        return std::vector<double>(numbers.begin(), numbers.end());
+    };
+    nb::dict arrays;
+    arrays["schemas"] = array_of(copy(contents.schemas), {kinds});
+    arrays["changes"] = array_of(copy(contents.changes), {kinds, columns});
+    arrays["trust"] = array_of(copy(contents.trust), {contents.trust.size()});
+    arrays["sets"] = array_of(std::move(sets), {contents.sets.size(), 2});
+    arrays["codes"] = array_of(std::move(codes), {rows});
+    arrays["counts"] = array_of(std::move(counts), {rows, KINDS});
+    arrays["totals"] = array_of(std::move(totals), {rows});
+    arrays["evidence"] = array_of(std::move(evidence), {rows, OutcomeTable::EXPERTS});
+    return arrays;
+}
+
+void restore(OutcomeTable& table, const Vector& schemas, const Matrix& changes, const Vector& trust,
+             const Matrix& sets, const Vector& codes, const Matrix& counts, const Vector& totals,
+             const Matrix& evidence) {
+    constexpr std::size_t experts = OutcomeTable::EXPERTS;
+    const std::size_t rows = codes.size();
+    require_shape(changes.shape(1) == static_cast<std::size_t>(table.columns()) &&
+                  trust.size() == experts && sets.shape(1) == 2 && counts.shape(0) == rows &&
+                  counts.shape(1) == KINDS && totals.size() == rows && evidence.shape(0) == rows &&
+                  evidence.shape(1) == experts);
+    OutcomeTable::Contents contents;
+    contents.schemas = integers(schemas);
+    contents.changes = vector_of(changes);
+    std::copy_n(trust.data(), experts, contents.trust.begin());
+    for (std::size_t k = 0; k < sets.shape(0); ++k) {
+        const double members = sets.data()[2 * k];
+        if (!(1.0 <= members && members < 1 << KINDS) || members != std::floor(members)) {
+            throw std::invalid_argument("sets are of unknown outcomes");
+        }
+        contents.sets.push_back({static_cast<int>(members), sets.data()[2 * k + 1]});
+    }
+    contents.rows.resize(rows);
+    for (std::size_t k = 0; k < rows; ++k) {
+        OutcomeTable::Row& row = contents.rows[k];
+        row.code = codes.data()[k];
+        std::copy_n(counts.data() + k * KINDS, KINDS, row.counts.begin());
+        row.total = totals.data()[k];
+        std::copy_n(evidence.data() + k * experts, experts, row.evidence.begin());
+    }
+    table.restore(std::move(contents));
+}
+
+}  // namespace
+
+void bind_outcome_counts(nb::module_& module) {
+    nb::class_<FileStep>(module, "FileStep", "The step of the file with the parameters in use.");
+    nb::class_<OutcomeTable>(module, "OutcomeTable",
+                             "Counts of the outcomes of the ground actions that share the key of a "
+                             "feature group.")
+        .def(
+            "__init__",
+            [](OutcomeTable* table, const Positions& places, const Positions& context) {
+                new (table) OutcomeTable(integers(places), integers(context));
+            },
+            nb::arg("places"), nb::arg("context"),
+            "Counted fluents, and those of a context: positions within the inputs.")
+        .def("count", &count, nb::arg("file"), nb::arg("inputs"), nb::arg("state"),
+             nb::arg("action"), nb::arg("next_state"), nb::arg("over"), nb::arg("flowed"),
+             nb::arg("flags"), nb::arg("losses").noconvert(), nb::arg("rate"),
+             "Update the losses `[2]` of the file and of the counts, and then count a sample.\n\n"
+             "`flowed` `[F + 1]` is the state after effects and processes, `flags` are theirs.\n"
+             "Returns False where the sample is no outcome, and there is no room for another.")
+        .def("start", &OutcomeTable::start, nb::arg("samples"),
+             "Count samples that were as in the file, before all others.")
+        .def("emptied", &OutcomeTable::emptied,
+             "Return a table with the same outcomes, 'nothing changes' among them, and no counts.")
+        .def("contents", &contents,
+             nb::sig("def contents(self) -> dict[str, numpy.typing.NDArray[numpy.float64]]"),
+             "Return the arrays that `restore` takes: K outcomes, R rows of counts (the first over "
+             "all contexts).")
+        .def("restore", &restore, nb::arg("schemas"), nb::arg("changes"), nb::arg("trust"),
+             nb::arg("sets"), nb::arg("codes"), nb::arg("counts"), nb::arg("totals"),
+             nb::arg("evidence"),
+             "Replace the contents; a ValueError says what does not fit.");
+}
 
 }  // namespace serp

@@ -2,7 +2,7 @@
 
 An outcome is what the file predicts for the action or for another action with the same arguments,
 or a change of the state. Outcomes are counted by action schema, over all states and in contexts:
-states with the same predicates and whole numbers; see `serp.model.learned.outcome_table`.
+states with the same predicates and whole numbers; see `outcome_table.hpp`.
 """
 
 from __future__ import annotations
@@ -14,210 +14,27 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.compilation import cached_njit
-from serp._util.saved_state import LARGEST, MOST, Saved
-from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.learned import outcome_table as c
-from serp.model.learned import parameter_buffer as b
-from serp.model.learned.adapted_model import AdaptedModel, same_arguments
-from serp.model.learned.adoption import BETTER, TrackRecord
-from serp.model.learned.outcome_table import (
-    CHANGE,
-    ENDS,
-    FIT,
-    SCRATCH,
-    STEP,
-    alike,
-    predict,
-    put,
-    room_for,
+from serp._core import FileStep, OutcomeTable
+from serp._util.saved_state import MOST, Saved
+from serp.model.learned.adapted_model import (
+    AdaptedModel,
+    ObservedStep,
+    observed_step,
+    same_arguments,
 )
-from serp.model.learned.parameter_buffer import ObservedStep, observed_step, settle
+from serp.model.learned.adoption import BETTER, TrackRecord
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.learned.residual_features import FeatureGroup, Key, rate_of
-from serp.model.native import advanced, pointer_to
 from serp.model.transition_model import TransitionModel, Vector
-
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
-IMPOSSIBLE, POSSIBLE, FITS = range(3)
-"""How an outcome fits an observation; one without a prediction is impossible."""
-
-
-@cached_njit(nogil=True)
-def _compare(buffer, table, kind, inputs, state, flow, observed, dt, room):
-    """Return whether an outcome, after events, is the one observed; and whether it is an end.
-
-    `flow` is the state `[F + 1]` after effects and processes, and the flags so far.
-    """
-    width = int(buffer[b.WIDTH])
-    flowed, flags = flow
-    out = advanced(room, STEP * c.KINDS)
-    for i in range(width + 1):
-        out[i] = flowed[i]
-    put(buffer, table, kind, inputs, room, out)
-    settled = settle(buffer, state, flags, dt, out)
-    if not settled & APPLICABLE:
-        return False, False
-    places = int(table[c.T_PLACES])
-    for k in range(int(table[c.T_COLUMNS])):
-        column = int(inputs[int(table[places + k])])
-        if out[column] != observed[column]:
-            return False, settled & TERMINAL != 0
-    return True, settled & TERMINAL != 0
-
-
-@cached_njit(nogil=True)
-def _fit_all(buffer, action, table, inputs, state, flow, observed, over, dt, room):
-    """Write how each outcome fits an observation; return how many explain it.
-
-    After the end of an episode, a state need not be what the file says: an end is explained by the
-    outcomes that end the episode, and by those of them that predict the state, if any do.
-    """
-    fits, ends = advanced(room, FIT * c.KINDS), advanced(room, ENDS * c.KINDS)
-    exact, ending, kinds = 0, 0, int(table[c.T_KINDS])
-    for kind in range(kinds):
-        fits[kind], ends[kind] = IMPOSSIBLE, 0.0
-        if not predict(buffer, action, table, kind, inputs, state, flow[0], dt, room):
-            continue
-        same, end = _compare(buffer, table, kind, inputs, state, flow, observed, dt, room)
-        same = same and (end or not over)
-        fits[kind], ends[kind] = FITS if same else POSSIBLE, 1.0 if end else 0.0
-        exact += same
-        ending += end
-    if exact > 0 or not over:
-        return exact
-    for kind in range(kinds):
-        if ends[kind] != 0.0:
-            fits[kind] = FITS
-    return ending
-
-
-@cached_njit(nogil=True)
-def _find_new(buffer, action, table, inputs, state, flow, observed, over, dt, room):
-    """Add outcomes that explain an observation, those of other actions first; return the number."""
-    schemas, fits = int(table[c.T_SCHEMAS]), advanced(room, FIT * c.KINDS)
-    before = int(table[c.T_KINDS])
-    for schema in range(int(buffer[b.SCHEMAS])):
-        kind = int(table[c.T_KINDS])
-        if kind == c.KINDS:
-            break
-        known = False
-        for other in range(1, before):
-            known = known or table[schemas + other] == schema
-        if known:
-            continue
-        table[schemas + kind] = schema
-        if predict(buffer, action, table, kind, inputs, state, flow[0], dt, room):
-            same, end = _compare(buffer, table, kind, inputs, state, flow, observed, dt, room)
-            if same and (end or not over):
-                fits[kind] = FITS
-                table[c.T_KINDS] = kind + 1
-    kind, columns = int(table[c.T_KINDS]), int(table[c.T_COLUMNS])
-    if kind == before and kind < c.KINDS and not over:
-        table[schemas + kind] = CHANGE
-        fits[kind] = FITS
-        changes, places = int(table[c.T_CHANGES]) + kind * columns, int(table[c.T_PLACES])
-        for k in range(columns):
-            column = int(inputs[int(table[places + k])])
-            table[changes + k] = observed[column] - state[column]
-        table[c.T_KINDS] = kind + 1
-    return int(table[c.T_KINDS]) - before
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _score(table, room, width):
-    """Return the Brier score of the probabilities, of outcomes told apart by what they predict."""
-    probabilities, fits = room, advanced(room, FIT * c.KINDS)
-    score, right, left, columns = 1.0, 0.0, 0.0, int(table[c.T_COLUMNS])
-    kinds = int(table[c.T_KINDS])
-    for kind in range(kinds):
-        if fits[kind] != IMPOSSIBLE:
-            left += probabilities[kind]
-    if left <= 0.0:
-        return 2.0
-    for kind in range(kinds):
-        if fits[kind] == IMPOSSIBLE:
-            continue
-        p = probabilities[kind] / left
-        if fits[kind] == FITS:
-            right += p
-        for other in range(kinds):
-            if fits[other] != IMPOSSIBLE and alike(room, width, columns, kind, other):
-                score += p * probabilities[other] / left
-    return score - 2.0 * right
-
-
-@cached_njit(nogil=True)
-def _judge(table, row, room, known):
-    """Compute the probabilities of the outcomes; where `known`, weigh experts by what came."""
-    c.fill_broadest(table, room)
-    if known:
-        c.weigh_experts(table, row, room, advanced(room, FIT * c.KINDS))
-    c.refine(table, row, room)
-
-
-@cached_njit(nogil=True)
-def _add(table, row, room):
-    """Divide a sample among the outcomes that fit, by their probabilities."""
-    probabilities, fits = room, advanced(room, FIT * c.KINDS)
-    total, members, kinds = 0.0, 0, int(table[c.T_KINDS])
-    for kind in range(kinds):
-        if fits[kind] == FITS:
-            probabilities[kind] += c.LEAST
-            total += probabilities[kind]
-            members |= 1 << kind
-    for kind in range(kinds):
-        if fits[kind] == FITS and row > 0:
-            c.add_share(table, row, kind, probabilities[kind] / total)
-    c.share_sets(table, members, advanced(room, SCRATCH * c.KINDS))
-
-
-@cached_njit(nogil=True)
-def _count(buffer, position, table, sample, flow, dt, losses, rate, room):
-    """Update the losses with a new sample, and then count it; all arguments are arrays.
-
-    `position` is that of the group among those of the action. `sample` is (state `[F]`, action, the
-    observed next state, whether the episode is over), `flow` (state and reward after effects and
-    processes, the flags of these). `losses` `[2]` are moving averages of the
-    Brier scores (Monthly Weather Review 78, 1950) of the file and of the counts, `rate` the weight
-    of this sample in them. `room` is scratch memory: pointers into an array keep it alive only
-    where the array is an argument.
-
-    Returns:
-        False where it is no outcome, and there is no room for another.
-    """
-    state, action, observed, over = sample
-    flowed, flags = flow
-    base, counts = pointer_to(buffer, 0), pointer_to(table, 0)
-    source, target = pointer_to(state, 0), pointer_to(observed, 0)
-    scratch, seen = pointer_to(room, 0), (pointer_to(flowed, 0), flags)
-    group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
-    inputs, width = advanced(base, int(base[group + b.G_INPUTS])), state.shape[0]
-    fitting = _fit_all(base, action, counts, inputs, source, seen, target, over, dt, scratch)
-    fits, before = advanced(scratch, FIT * c.KINDS), int(counts[c.T_KINDS])
-    row = c.find_or_enter(counts, inputs, source)
-    _judge(counts, row, scratch, fitting > 0)
-    if fitting > 0 or not over:
-        score = _score(counts, scratch, width)
-        losses[0] += rate * ((0.0 if fits[0] == FITS else 2.0) - losses[0])
-        losses[1] += rate * (score - losses[1])
-    if fitting == 0:
-        found = _find_new(base, action, counts, inputs, source, seen, target, over, dt, scratch)
-        if found == 0:
-            return over
-        for kind in range(before, before + found):
-            scratch[kind] = 1.0
-    _add(counts, row, scratch)
-    return True
-
 
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step
 _MIN_SAMPLES: Final = 5
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
 is smaller than `BETTER` times the file's."""
-Place = tuple[Vector, int, float]
-"""Buffer of the model, position of the group among those of the action, and control period."""
+_CHANGE: Final = -1
+"""In place of an action schema: the outcome is a change."""
+_LEAST: Final = 1e-6
+"""Least evidence for an expert of the counts, and least trust in one."""
 
 
 class OutcomeCounts:
@@ -228,8 +45,7 @@ class OutcomeCounts:
         schemas: Number of action schemas.
 
     Attributes:
-        table: The counts, see `serp.model.learned.outcome_table`; None before the first
-            error.
+        table: The counts; None before the first error.
         places: Positions of the counted fluents within the inputs.
         samples: Number of samples since counting began.
     """
@@ -241,7 +57,7 @@ class OutcomeCounts:
         self._predicates = np.array([where[column] for column in group.predicates], dtype=np.int64)
         self._numbers = np.array([where[column] for column in group.targets], dtype=np.int64)
         self._bits = np.array(group.predicate_inputs, dtype=np.int64)
-        self.table: Vector | None = None
+        self.table: OutcomeTable | None = None
         self.places = self._context = np.zeros(0, dtype=np.int64)
         self._scores = np.zeros(2)
         self.samples = self._strays = 0
@@ -265,22 +81,17 @@ class OutcomeCounts:
 
     def count_again(self) -> None:
         """Forget all counts; keep the outcomes, with "nothing changes" among them."""
-        if self.table is None:
-            return
-        old, kinds = _parts(self.table), int(self.table[c.T_KINDS])
-        self._begin(self.places)
-        self.table = new_table(self.places, self._context)
-        nothing = (old["schemas"] == CHANGE) & (old["changes"] == 0.0).all(axis=1)
-        self.table[c.T_KINDS] = min(c.KINDS, kinds + (not nothing[1:].any()))
-        new = _parts(self.table)
-        for name in ("schemas", "changes"):
-            new[name][:kinds] = old[name]
+        table = self.table
+        if table is not None:
+            self._begin(self.places)
+            self.table = table.emptied()
 
     def explanations(self) -> tuple[NDArray[np.bool_], Vector]:
         """Return sets of outcomes `[S, K]`, and how often each explained an observation `[S]`."""
         assert self.table is not None
-        members, number = _parts(self.table)["sets"].T
-        kinds = range(int(self.table[c.T_KINDS]))
+        contents = self.table.contents()
+        members, number = contents["sets"].T
+        kinds = range(len(contents["schemas"]))
         return np.stack([members.astype(np.int64) >> k & 1 for k in kinds], axis=1) == 1, number
 
     def outcomes(self) -> tuple[Vector, NDArray[np.int64], Vector]:
@@ -290,28 +101,29 @@ class OutcomeCounts:
         prediction (the first) and for a change; changes are `[K, places]`.
         """
         assert self.table is not None
-        parts = _parts(self.table)
-        counts = parts["counts"][0, : len(parts["schemas"])]
-        shares = counts / max(1.0, parts["totals"][0])
-        return shares, parts["schemas"].astype(np.int64), parts["changes"]
+        contents = self.table.contents()
+        counts = contents["counts"][0, : len(contents["schemas"])]
+        shares = counts / max(1.0, contents["totals"][0])
+        return shares, contents["schemas"].astype(np.int64), contents["changes"]
 
     def learn(
         self,
-        place: Place,
+        file: FileStep,
         inputs: NDArray[np.int64],
         step: ObservedStep,
         whole: NDArray[np.bool_],
     ) -> bool:
         """Count a sample; return False where there are too many different outcomes to count.
 
-        `inputs` `[d]` are columns of the feature group in states `[F]`. `whole` `[F]`: whether a
+        `file` is the step that said what `step` has of the file. `inputs` `[d]` are columns of the
+        feature group in states `[F]`. `whole` `[F]`: whether a
         fluent has always been whole. The end of an episode is counted as one of the outcomes that
         end it, if there are any.
         """
         if step.over:
             if self.table is not None:
                 self.samples += 1
-                self._count(place, step)
+                self._count(file, inputs, step)
             return True
         if self._given_up:
             return False
@@ -327,12 +139,10 @@ class OutcomeCounts:
             if (step.next_state[columns] == step.settled[columns]).all():
                 return True
             self._context = np.union1d(self._bits, np.flatnonzero(whole[inputs]))
-            self.table = new_table(self.places, self._context)
+            self.table = OutcomeTable(self.places, self._context)
             # All samples so far were as in the file.
-            sets, totals = int(self.table[c.T_ALTERNATIVES]), int(self.table[c.T_TOTALS])
-            self.table[c.T_SETS], self.table[sets : sets + 2] = 1, (1, self.samples - 1)
-            self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self.samples - 1
-        if not self._count(place, step):
+            self.table.start(self.samples - 1)
+        if not self._count(file, inputs, step):
             self._strays += 1
             if self.samples >= 50 and self._strays > 0.2 * self.samples:
                 # Without the numbers, the predicates may have few outcomes.
@@ -341,14 +151,11 @@ class OutcomeCounts:
                 return False
         return True
 
-    def _count(self, place: Place, step: ObservedStep) -> bool:
-        buffer, position, dt = place
+    def _count(self, file: FileStep, inputs: NDArray[np.int64], step: ObservedStep) -> bool:
         assert self.table is not None
         rate = rate_of(self.samples - 1, _MEMORY)
-        flow, room = (step.flowed, step.flags), np.empty(room_for(len(step.state)))
-        return bool(
-            _count(buffer, position, self.table, step[:4], flow, dt, self._scores, rate, room)
-        )
+        transition, flow = step[:4], (step.flowed, step.flags)
+        return self.table.count(file, inputs, *transition, *flow, self._scores, rate)
 
     def _begin(self, places: NDArray[np.int64]) -> None:
         self.places = places
@@ -364,7 +171,7 @@ class OutcomeCounts:
             "scores": self._scores.copy(),
         }
         if self.table is not None:
-            arrays |= {name: part.copy() for name, part in _parts(self.table).items()}
+            arrays |= self.table.contents()
         return arrays, {
             "samples": self.samples,
             "strays": self._strays,
@@ -392,82 +199,31 @@ class OutcomeCounts:
 
     def _table_of(
         self, saved: Saved, places: NDArray[np.int64], context: NDArray[np.int64]
-    ) -> Vector:
+    ) -> OutcomeTable:
         """Return a new table with the saved counts."""
-        table = new_table(places, context)
-        codes = saved.array("codes", np.float64, (-1,), 0, MOST - 1)
-        rows = len(codes)
-        if not 1 <= rows <= c.ROWS or len(np.unique(codes[1:])) < rows - 1 or (codes % 1.0).any():
-            raise saved.wrong("codes are not distinct whole numbers, or too many")
-        schemas = saved.array("schemas", np.float64, (-1,), CHANGE, self._schemas - 1)
-        if not 1 <= len(schemas) <= c.KINDS or (schemas % 1.0).any():
-            raise saved.wrong(f"schemas are of {len(schemas)} outcomes, or no whole numbers")
-        sets = saved.array("sets", np.float64, (-1, 2), 0, MOST)
-        members = sets[:, 0]
-        if not 1 <= len(sets) <= c.SETS or not np.isin(members, range(1, 2 ** len(schemas))).all():
-            raise saved.wrong("sets are too many, or of unknown outcomes")
-        table[c.T_KINDS], table[c.T_ROWS], table[c.T_SETS] = len(schemas), rows, len(sets)
-        for row in range(1, rows):
-            c.enter(table, codes[row], row)
-        for name, part in _parts(table).items():
+        table = OutcomeTable(places, context)
+        bounds: dict[str, tuple[float, ...]] = {
+            "schemas": (_CHANGE, self._schemas - 1),
+            "changes": (),
             # Probabilities are counts divided by totals, and shares of evidence and trust.
-            low = {"changes": -LARGEST, "schemas": CHANGE}.get(name, 0.0)
-            low = c.LEAST if name in ("evidence", "trust") else low
-            high = MOST if name in ("counts", "totals", "codes", "trust") else LARGEST
-            part[:] = saved.array(name, np.float64, part.shape, low, high)
-        if not table[int(table[c.T_TOTALS])] > 0.0:
-            raise saved.wrong("totals are of no sample")
+            "trust": (_LEAST, MOST),
+            "sets": (0.0, MOST),
+            "codes": (0.0, MOST - 1),
+            "counts": (0.0, MOST),
+            "totals": (0.0, MOST),
+            "evidence": (_LEAST,),
+        }
+        ranks = {"changes": 2, "sets": 2, "counts": 2, "evidence": 2}
+        try:
+            table.restore(
+                **{
+                    name: saved.array(name, np.float64, (-1,) * ranks.get(name, 1), *bound)
+                    for name, bound in bounds.items()
+                }
+            )
+        except ValueError as error:
+            raise saved.wrong(str(error)) from None
         return table
-
-
-def _parts(table: Vector) -> dict[str, Vector]:
-    """Return views of what is saved of R rows: the layout and the hash table follow from it."""
-    kinds, rows, columns = (int(table[k]) for k in (c.T_KINDS, c.T_ROWS, c.T_COLUMNS))
-    shapes = {
-        "schemas": (c.T_SCHEMAS, (kinds,)),
-        "changes": (c.T_CHANGES, (kinds, columns)),
-        "trust": (c.T_TRUST, (c.EXPERTS,)),
-        "sets": (c.T_ALTERNATIVES, (int(table[c.T_SETS]), 2)),
-        "codes": (c.T_CODES, (rows,)),
-        "counts": (c.T_COUNTS, (rows, c.KINDS)),
-        "totals": (c.T_TOTALS, (rows,)),
-        "evidence": (c.T_EVIDENCE, (rows, c.EXPERTS)),
-    }
-    return {
-        name: table[int(table[start]) :][: int(np.prod(shape))].reshape(shape)
-        for name, (start, shape) in shapes.items()
-    }
-
-
-def new_table(places: NDArray[np.int64], context: NDArray[np.int64]) -> Vector:
-    """Return an empty table for the counted fluents, and those of a context.
-
-    Both are positions within the inputs.
-    """
-    parts = {
-        c.T_PLACES: len(places),
-        c.T_CONTEXT: len(context),
-        c.T_SCHEMAS: c.KINDS,
-        c.T_CHANGES: c.KINDS * len(places),
-        c.T_TRUST: c.EXPERTS,
-        c.T_ALTERNATIVES: 2 * c.SETS,
-        c.T_CODES: c.ROWS,
-        c.T_SLOTS: c.SLOTS,
-        c.T_COUNTS: c.ROWS * c.KINDS,
-        c.T_TOTALS: c.ROWS,
-        c.T_EVIDENCE: c.ROWS * c.EXPERTS,
-    }
-    table = np.zeros(c.TABLE + sum(parts.values()))
-    starts = np.cumsum([c.TABLE, *parts.values()])[:-1]
-    table[list(parts)] = starts
-    table[c.T_COLUMNS], table[c.T_KINDS], table[c.T_ROWS] = len(places), 1, 1
-    table[c.T_COUNT] = len(context)
-    at = dict(zip(parts, starts.tolist(), strict=True))
-    table[at[c.T_PLACES] :][: len(places)] = places
-    table[at[c.T_CONTEXT] :][: len(context)] = context
-    table[at[c.T_SCHEMAS] :][: c.KINDS] = CHANGE
-    table[at[c.T_TRUST] :][: c.EXPERTS] = table[at[c.T_EVIDENCE] :][: c.EXPERTS] = 1.0
-    return table
 
 
 Mask = NDArray[np.bool_]
@@ -570,13 +326,14 @@ def _learn(
     whole: Mask,
 ) -> None:
     whole = whole.copy()
+    file = adapted.core.file_step()
     for state, action, after, over in zip(*transitions, strict=True):
-        step = observed_step(adapted.data, adapted.dt, state, int(action), after, bool(over))
+        step = observed_step(adapted, state, int(action), after, bool(over))
         if step is None:
             continue
-        for position, group in enumerate(groups[action]):
+        for group in groups[action]:
             counts, inputs = found[group.key].counts, np.array(group.inputs, dtype=np.int64)
-            if not counts.learn((adapted.data, position, adapted.dt), inputs, step, whole):
+            if not counts.learn(file, inputs, step, whole):
                 whole[list(group.targets)] = False
 
 

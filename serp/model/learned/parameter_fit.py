@@ -523,7 +523,8 @@ class ParameterEstimation:
                 news = (latest if believed else self._bounded(latest))[known]
                 # A change resets everything that was learned beside the parameters.
                 least = np.maximum(errors[known], 0.01 * np.abs(theta[known]))
-                if (np.abs(news - theta[known]) > least).any():
+                changed = (np.abs(news - theta[known]) > least).any()
+                if changed and np.isfinite(news).all():
                     adopted[known] = news
         return adopted
 

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from serp._core import Regression
 from serp._util.saved_state import LARGEST, Arrays, Saved, nested, part_of
 from serp.model.learned import residual_features as r
-from serp.model.learned.residual_features import Ranges, RegressionParameters, design_matrix
+from serp.model.learned.residual_features import Ranges
 from serp.model.transition_model import Vector
 
 
@@ -146,6 +147,9 @@ _EARLY, _LATER, _COST = 4, 30, 1e6
 """Weights are solved after every 30th part of the samples, or later where it takes long: after as
 many samples as this cost goes into the cube of the columns, but after a quarter of the samples."""
 _FEATURES_FROM: Final = 60  # samples after which random features may be used
+_WIDEST, _NARROWEST = 0.4, 1.2
+"""Frequencies are drawn with standard deviations in this range, for normalised inputs: a mixture of
+kernels."""
 _RIDGE, _HEAD_RIDGE, _CONSTANT_RIDGE, _FEATURE_RIDGE = 1e-3, 0.3, 1e-5, 1e-2
 """Of slopes that all heads share, of those of a head, of constants, and of random features: how
 many observations the prior is worth. That actions differ in their constants is likely; that they
@@ -160,7 +164,7 @@ class FittedWeights:
         start: Position of the first sample of the present world.
     """
 
-    def __init__(self, parameters: RegressionParameters, seed: np.random.SeedSequence) -> None:
+    def __init__(self, parameters: Regression, seed: np.random.SeedSequence) -> None:
         p = self._parameters = parameters
         self._seed = seed
         self._ranges = Ranges(p.depth)
@@ -223,7 +227,7 @@ class FittedWeights:
             weight = np.where(age >= 0, weight * (_FADED / len(kept)), weight)
             weight[(age < 0) & (age >= -REMEMBERED)] = 1.0
         weight = np.sqrt(weight)
-        design = design_matrix(p, kept.x[rows], kept.head[rows], weight)
+        design = p.design_matrix(kept.x[rows], kept.head[rows], weight)
         self._sums.add(design, kept.y[rows] * weight[:, None], kept.valid[rows])
 
     def _refit(self) -> None:
@@ -247,7 +251,7 @@ class FittedWeights:
         self._since_solved = 0
         draws = not p.features and unexplained and self.recent >= _FEATURES_FROM
         if draws:
-            p.draw(self._seed)
+            self._draw_features()
             self._refit()
         elif self._ranges.beyond(p.centre, p.shrink):
             self._refit()
@@ -264,8 +268,18 @@ class FittedWeights:
             if 0 in owned:
                 p.known = known = sizes[:2][-1]
                 inverse, _ = lapack.dtrtri(factor[:known, :known], lower=1)
-                p.inverse[:known, :known] = inverse
+                p.inverse[:known, :known] = inverse.T
         return draws
+
+    def _draw_features(self) -> None:
+        """Draw random features, the smoothest first."""
+        p, random = self._parameters, np.random.default_rng(self._seed)
+        width = np.exp(random.uniform(np.log(_WIDEST), np.log(_NARROWEST), r.FEATURES))
+        frequency = width * random.standard_normal(p.frequency.shape)
+        order = np.argsort((frequency**2).sum(axis=0), kind="stable")
+        p.frequency[:] = frequency[:, order]
+        p.phase[:] = random.uniform(0.0, 2.0 * np.pi, r.FEATURES)
+        p.features = r.FEATURES
 
     def _publish(self, kind: int, owned: NDArray[np.int64], weights: Vector) -> None:
         """Publish a solution: weights of each head are those that all share, and its own."""
@@ -292,7 +306,7 @@ class FittedWeights:
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned, after the buffer; `RunError` if it does not fit."""
+        """Restore what `state_dict` returned, after the model; `RunError` if it does not fit."""
         saved = Saved("residual", arrays, meta)
         seen = saved.whole("samples")
         self.kept.load_state_dict(Saved("residual", part_of(arrays, "kept"), {}), seen)

@@ -14,6 +14,7 @@ import io
 import json
 import re
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, PositiveInt
 
-from serp._util.compilation import working_time
 from serp._util.files import read_regular, write_durably
 from serp._util.numbers import real
 from serp._util.processes import one_thread
@@ -47,7 +47,7 @@ from serp.runs.rollout import (
 from serp.runs.run import begin_run
 from serp.runs.run_log import RunLog
 from serp.runs.tables import MetricsRow, metrics_row, read_metrics
-from serp.runs.train import compiled_trainer, restore, train
+from serp.runs.train import restore, train
 from serp.runs.trainer import Budget, Callbacks
 from serp.settings import Settings
 from serp.tasks.environment import single
@@ -168,7 +168,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
     """Train one of serp's algorithms."""
     seed, settings, budget = job.trial.seed, job.settings, Budget(env_steps=job.protocol.env_steps)
     baseline = job.algorithm.kind == "baseline"
-    with compiled_trainer(bound, settings, seed, baseline=baseline, quiet=True) as trainer:
+    with Trainer(bound, settings, seed, baseline=baseline) as trainer:
         agent = trainer.agent
         evaluations = _Evaluations(job, agent, bound, arena)
 
@@ -295,7 +295,7 @@ def _train_external(
         budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
     )  # fmt: skip
     log = RunLog(folder, bound)
-    clock = working_time()
+    clock = time.monotonic()
 
     def after_step(step: StepRecord) -> None:
         nonlocal made, episode, clock
@@ -306,7 +306,7 @@ def _train_external(
         if step.last:
             row = metrics_row(
                 step.episode, episode=episode, env_steps=made, rho=1.0, epsilon=None, losses=(),
-                wall_time=working_time() - clock,
+                wall_time=time.monotonic() - clock,
             )  # fmt: skip
             log.episode(row)
             episode += 1
@@ -314,9 +314,9 @@ def _train_external(
                 raise Interrupted(f"stopped after {made} env steps", 0)
         # At the budget it still learns from the last steps, and then ends.
         if made in evaluations.due and made < budget:
-            begun = working_time()
+            begun = time.monotonic()
             evaluations.evaluate(made)
-            clock += working_time() - begun
+            clock += time.monotonic() - begun
 
     env.on_step = after_step
     with folder, log:

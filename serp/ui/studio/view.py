@@ -64,7 +64,7 @@ class Surroundings:
 
     def planner_of(self, domain: Domain) -> MonitorReplanner:
         """Return the lookahead of a domain, interpreted: a keystroke waits for no compiler."""
-        model = TransitionModel(domain.model.ground, dt=self.dt, own_code=False)
+        model = TransitionModel(domain.model.ground, dt=self.dt)
         return MonitorReplanner(model, self.planner, time_budget=2.0)
 
 

@@ -10,8 +10,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from serp import _core
 from serp.learning.dqn import ReturnBounds
-from serp.learning.q_learning import td_gradient
 from serp.learning.replay import Samples
 from tests.serp.learning.learners import learner, set_q
 
@@ -47,10 +47,9 @@ Imitation = tuple[float, float] | None
 
 def compiled(q: dict[str, np.ndarray], batch: Samples, how: Imitation) -> tuple[float, np.ndarray]:
     gradient = np.full((E, B, A), np.nan, np.float32)
-    loss = td_gradient(
-        tuple(q.values()), (batch.action, batch.reward, batch.discount, batch.forbidden),
-        (np.float32(LOWER), np.float32(UPPER)),
-        None if how is None else (batch.imitated, np.float32(how[0]), np.float32(how[1])), gradient,
+    loss = _core.td_gradient(
+        *q.values(), batch.action, batch.reward, batch.discount, batch.forbidden, LOWER, UPPER,
+        None if how is None else batch.imitated, *(how or (0.0, 0.0)), gradient,
     )  # fmt: skip
     return loss, gradient
 

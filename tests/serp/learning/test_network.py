@@ -10,7 +10,7 @@ import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from serp.learning import kernels
+from serp import _core
 from serp.learning.network import QNetwork, Workspace
 from serp.learning.q_learning import Adam
 
@@ -44,7 +44,7 @@ def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
         linear.load_state_dict({"weight": weight.T, "bias": vectors[0]})
         stack.append(linear)
         if layer.normalized:
-            norm = torch.nn.LayerNorm(layer.outputs, eps=kernels.NORM_EPSILON)
+            norm = torch.nn.LayerNorm(layer.outputs, eps=_core.NORM_EPSILON)
             norm.load_state_dict({"weight": vectors[1], "bias": vectors[2]})
             stack.append(norm)
         if layer is not network.layers[-1]:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.model.emit import Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
+from serp.model.traced_step import Site
 from serp.model.transition_model import StateError, TransitionModel
 from tests.generated import Texts, load_texts
 

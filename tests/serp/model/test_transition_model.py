@@ -9,9 +9,9 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from serp.model.codegen import generate_code
 from serp.model.flags import UNDEFINED
 from serp.model.ground_model import REWARD_TARGET, UNSAFE_TARGET, SetBoolean, reads, writes
+from serp.model.instructions import compile_program
 from serp.model.transition_model import Outcome, TransitionModel, Vector
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError
@@ -60,7 +60,11 @@ def check_trace(
 ) -> None:
     """A trace has the flags of the step, and names what took part or what is to blame."""
     sites, flags = model.trace(state, index)
-    assert flags == model.transition(state.tolist(), index)[1]
+    out, same_flags, passages = model.traced(state.tolist(), index)
+    assert flags == same_flags == model.transition(state.tolist(), index)[1]
+    assert [passage.site for passage in passages] == sites
+    if found.applicable:
+        assert np.array(out).tobytes() == np.append(found.state, found.reward).tobytes()
     last = len(sites) if found.applicable else -1
     assert {site.what for site in sites[:last]} <= {"effect", "rate"}
     if found.applicable:
@@ -131,7 +135,7 @@ def with_number(generated: Generated, index: int, number: str) -> Texts:
 def test_a_number_of_a_file_is_a_parameter_with_its_place(
     drawn: tuple[Generated, Vector], choice: int, quarters: int
 ) -> None:
-    """Another number in the file and another θ are the same model, with the same code."""
+    """Another number in the file and another θ are the same model, with the same table."""
     generated, states = drawn
     model = generated.model
     written = [p for p in model.parameters if p.role != "goal"]  # which follows from the others
@@ -151,7 +155,7 @@ def test_a_number_of_a_file_is_a_parameter_with_its_place(
     replaced = model.replace(theta=theta)
     assert rewritten.theta.tobytes() == replaced.theta.tobytes()
     assert replaced.theta[index] == quarters / 4
-    codes = [generate_code(m.ground).text for m in (rewritten, model)]
+    codes = [compile_program(m.ground).code.tobytes() for m in (rewritten, model)]
     assert codes[0] == codes[1]
     for state in states:
         for action in range(len(model.actions)):

@@ -10,10 +10,10 @@ import pytest
 from serp.agent.registry import far_sight
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.array_graph import inert_fluents
 from serp.planning.closed_graph import ClosedGraph
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
+from serp.planning.inert import inert_fluents
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import marked, rank_of, step_risk
 from serp.settings import PlannerSettings

@@ -3,27 +3,36 @@
 from __future__ import annotations
 
 from random import Random
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
+from serp import _core
 from serp.agent.registry import far_sight
 from serp.model.flags import APPLICABLE, RISKY, UNSAFE
-from serp.planning import value_iteration as solution
-from serp.planning.array_graph import ENDED, GraphArrays
-from serp.planning.edges import Bound, FirstActions
-from serp.planning.forecast import SAFE, Forecast, score_of
+from serp.planning.forecast import SAFE, Forecast, forecast_of, score_of
 from serp.planning.preference import rank_of
-from serp.planning.value_iteration import ALIKE, look_up
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.worlds import load
 
+ENDED = -1
 ACTIONS = 3
 CLOSE = 1e-6
+ALIKE = 1e-7
+"""Values that differ by less than this fraction of the largest are equal."""
+MODEL = load(
+    "(define (domain three) (:functions (x))"
+    + "".join(
+        f"(:action a{k} :parameters () :precondition (and) :effect (and))" for k in range(ACTIONS)
+    )
+    + ")"
+)
+"""A model with the fluents and actions of the processes; its steps do not matter."""
 SLACK = st.sampled_from((0.01, 0.05, 0.3, 0.9))
 DISCOUNT = st.sampled_from((0.5, 0.9, 0.99))
 
@@ -56,21 +65,44 @@ def process(random: Random, *, chance: bool) -> Process:
     return [[out() for _ in range(random.randint(0, ACTIONS))] for _ in range(nodes)]
 
 
-def solved(of: Process, discount: float, accepted: float) -> GraphArrays:
+class Solved(NamedTuple):
+    """Columns of a graph, those of `serp/planning/graph.hpp`, and what a saved one shows."""
+
+    columns: dict[str, NDArray[Any]]
+    graph: _core.ClosedGraph
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        return self.columns[name]
+
+    def look_up(self, node: int) -> Forecast:
+        """The forecast for the node whose state is its number."""
+        fields = self.graph.forecast(np.array([float(node)]))
+        assert fields is not None
+        return forecast_of(fields)
+
+
+def solved(of: Process, discount: float, accepted: float) -> Solved:
     """The process as a closed graph, solved."""
     edges = [edge for node in of for edge in node]
     outcomes = [outcome for edge in edges for outcome in edge.outcomes]
-    graph = GraphArrays.allocate(len(of), len(edges) + 1, len(outcomes) + 1, 1)
-    graph.counters[:] = len(of), len(of), len(edges), len(outcomes)
-    graph.first_edge[:] = np.cumsum([0, *map(len, of)])
-    graph.first_outcome[: len(edges) + 1] = np.cumsum([0, *(len(e.outcomes) for e in edges)])
-    for k, edge in enumerate(edges):
-        graph.flags[k], graph.step_risk[k], graph.reward[k] = edge[:3]
-        graph.action[k] = k - graph.first_edge[np.searchsorted(graph.first_edge, k, "right") - 1]
-    for k, (share, target) in enumerate(outcomes):
-        graph.chance[k], graph.target[k] = share, target
-    solution.solve(tuple(graph), discount, accepted)
-    return graph
+    nodes, zeros = len(of), np.zeros(len(of))
+    marks = np.zeros(nodes, np.uint8)
+    graph = _core.ClosedGraph(MODEL.core, discount, accepted, 1_000)
+    graph.restore({
+        "states": np.arange(float(nodes)), "layer": np.zeros(nodes, np.int32),
+        "undefined": marks, "value": zeros, "risk": zeros, "steps": np.zeros(nodes, np.int64),
+        "inside": marks, "first_edge": np.cumsum([0, *map(len, of)]),
+        "action": np.array([k for node in of for k in range(len(node))], np.int32),
+        "flags": np.array([edge.flags for edge in edges], np.int64),
+        "reward": np.array([edge.reward for edge in edges], np.float64),
+        "step_risk": np.array([edge.step_risk for edge in edges], np.float64),
+        "first_outcome": np.cumsum([0, *(len(edge.outcomes) for edge in edges)]),
+        "target": np.array([target for _, target in outcomes], np.int32),
+        "chance": np.array([share for share, _ in outcomes], np.float64),
+        "inert": np.zeros(0, np.int64),
+    })  # fmt: skip
+    graph.solve()
+    return Solved(graph.columns(), graph)
 
 
 def after(edge: Out, values: list[float]) -> float:
@@ -117,10 +149,7 @@ def test_what_is_certain_is_never_accepted(seed: int, accepted: float, discount:
     for name in ("value", "risk", "steps", "best", "inside"):
         assert getattr(graph, name).tobytes() == getattr(strict, name).tobytes(), name
     for node in range(len(of)):
-        here = [
-            _looked_up(each, node, discount, r) for each, r in ((strict, 0.0), (graph, accepted))
-        ]
-        assert here[0] == here[1]
+        assert _looked_up(strict, node) == _looked_up(graph, node)
 
 
 @examples(150)
@@ -133,7 +162,7 @@ def test_a_decision_is_that_of_the_policy_and_counts_what_is_accepted_as_the_lea
     for node, out in enumerate(of):
         if not out:
             continue
-        choice, value, risk, steps = _looked_up(graph, node, discount, accepted)
+        choice, value, risk, steps = _looked_up(graph, node)
         assert choice == int(graph.action[graph.best[node]])
         assert risk[choice] == pytest.approx(float(graph.risk[node]), abs=CLOSE)
         same = [
@@ -144,12 +173,9 @@ def test_a_decision_is_that_of_the_policy_and_counts_what_is_accepted_as_the_lea
         assert all(steps[k] == SAFE for k in same if risk[k] == 0.0)
 
 
-def _looked_up(
-    graph: GraphArrays, node: int, discount: float, accepted: float
-) -> tuple[int, list[float], list[float], list[int]]:
-    found = FirstActions.allocate(ACTIONS)
-    choice = solution.look_up(tuple(graph), node, (discount, accepted), 0.0, tuple(found))
-    return int(choice), *(column.tolist() for column in found[:3])  # type: ignore[return-value]
+def _looked_up(graph: Solved, node: int) -> tuple[int, list[float], list[float], list[int]]:
+    shown = graph.look_up(node)
+    return shown.choice, shown.value.tolist(), shown.path_risk.tolist(), shown.safe_steps.tolist()
 
 
 @examples(200)
@@ -161,10 +187,7 @@ def test_what_is_shown_is_one_step_and_then_the_best_policy(
     graph = solved(of, discount, 0.0)
     alike = 10 * ALIKE * max(1.0, float(np.abs(graph.value).max()))
     for node, arcs in enumerate(of):
-        found = FirstActions.allocate(ACTIONS)
-        unit = ALIKE * float(np.abs(graph.value).max())
-        choice = look_up(tuple(graph), node, (discount, 0.0), unit, tuple(found))
-        forecast = Forecast(choice, *found, 0, Bound.EXHAUSTED)
+        forecast = graph.look_up(node)
         for action, edge in enumerate(arcs):
             value = edge.reward + discount * after(edge, graph.value.tolist())
             assert abs(forecast.value[action] - value) <= alike

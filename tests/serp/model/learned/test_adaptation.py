@@ -116,12 +116,12 @@ def test_steps_that_end_an_episode_teach_no_residual_and_equal_seeds_give_equal_
         return of
 
     one = learned(1, GOES_ON)
-    assert adapted(one).buffer.active
+    assert not adapted(one).as_written
     assert bits(learned(1, GOES_ON).state_dict()) == bits(one.state_dict())
     state = np.array([0.1, 0.2])
     expected = one.model.step(state, 0).state
     assert learned(1, CUT_OFF).model.step(state, 0).state.tobytes() == expected.tobytes()
-    assert not adapted(learned(1, OVER)).buffer.active
+    assert adapted(learned(1, OVER)).as_written
     assert learned(2, GOES_ON).model.step(state, 0).state.tobytes() != expected.tobytes()
 
 
@@ -177,18 +177,6 @@ def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
     expected = adapted(of).written.step(state, 0).state
     assert of.model.step(state, 0).state.tobytes() == expected.tobytes()
     assert of.visits.tolist() == [60, 0]
-
-
-# What is not adapted -------------------------------------------------------------------------
-
-
-def test_a_model_too_large_to_compile_is_used_as_written_and_that_is_said(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
-    of = adaptation(PLANE, "full")
-    assert type(of.model) is TransitionModel and of.notice is not None
-    observe(of, steps_of(of, 100, 0))
 
 
 # In a training ---------------------------------------------------------------------------------

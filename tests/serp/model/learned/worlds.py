@@ -9,20 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from serp._core import OutcomeTable, Regression
 from serp.model.domain import load_domain
-from serp.model.learned import outcome_table as c
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.model.learned.outcome_counts import new_table
-from serp.model.learned.outcome_table import CHANGE
-from serp.model.learned.residual_features import (
-    CURVED,
-    FEATURES,
-    FILE,
-    FULL,
-    LINEAR,
-    RegressionParameters,
-)
+from serp.model.learned.residual_features import CURVED, FEATURES, FILE, FULL, LINEAR
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from tests.generated import PLANNABLE, generate
@@ -112,7 +103,6 @@ def generated(seed: int) -> TransitionModel:
             and ground.fluents
             and flagged
             and effects < 40
-            and model.program.has_own_code
         ):
             return model.replace(dt=random.choice((1.0, 0.25)))
 
@@ -190,44 +180,43 @@ WILD = (*MILD, 1e6, -1e30, 1e200, -1e308, np.inf, -np.inf, np.nan, 5e-324)
 
 def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
     """Put arbitrary weights wherever an adaptation could put some: normal, or of these numbers."""
-    buffer = model.buffer
-    buffer.active = True
     if rng.random() < 0.5:
-        buffer.adopt(_weights(buffer.parameters.shape, rng, numbers))
-    for regression in buffer.regressions.values():
+        drawn = _weights(model.theta.shape, rng, numbers)
+        model.core.adopt(np.where(np.isfinite(drawn), drawn, model.theta))
+    for regression in model.regressions.values():
         _publish(regression, rng, numbers)
 
 
 def count(model: AdaptedModel, rng: np.random.Generator) -> None:
     """Put arbitrary counts of outcomes wherever some could be: of one in all, or by context."""
-    model.buffer.active = model.buffer.stochastic = True
     groups = {group.key: group for groups in model.feature_groups for group in groups}
     for key, group in groups.items():
         where = {column: place for place, column in enumerate(group.inputs)}
         places = np.array(sorted(where[c] for c in {*group.predicates, *group.targets}), np.int64)
         if not len(places) or rng.random() < 0.3:
             continue
-        table = new_table(places, np.zeros(0, np.int64))
-        kinds = int(rng.integers(2, 5))
-        table[c.T_KINDS] = kinds
-        changes = table[int(table[c.T_CHANGES]) :][: c.KINDS * len(places)].reshape(c.KINDS, -1)
+        table = OutcomeTable(places, np.zeros(0, np.int64))
+        contents, kinds = table.contents(), int(rng.integers(2, 5))
         numeric = [model.fluents[group.inputs[place]].numeric for place in places]
         schemas = len({action.schema for action in model.actions})
-        table[int(table[c.T_SCHEMAS]) :][1:kinds] = rng.integers(CHANGE, schemas, kinds - 1)
-        changes[1:kinds] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
+        changes = np.zeros((kinds, len(places)))
+        contents["schemas"] = np.array([-1.0, *rng.integers(-1, schemas, kinds - 1)])
+        changes[1:] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
+        contents["changes"] = changes
         counts = rng.choice((1.0, 3.0, 50.0), kinds)
-        start = int(table[c.T_COUNTS])
-        table[start : start + kinds] = counts
-        table[int(table[c.T_TOTALS])] = counts.sum()
-        model.buffer.shared[key].outcomes = table
+        contents["counts"][0, :kinds] = counts
+        contents["totals"][:] = counts.sum()
+        contents["sets"] = np.array([[1.0, counts.sum()]])
+        table.restore(**contents)
+        model.shared[key].outcomes = table
 
 
 def _publish(
-    part: RegressionParameters, rng: np.random.Generator, numbers: tuple[float, ...]
+    part: Regression, rng: np.random.Generator, numbers: tuple[float, ...]
 ) -> None:
     part.features = FEATURES if rng.random() < 0.5 else 0
     kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
-    part.kinds[:] = rng.choice(kinds, size=part.kinds.shape)
+    part.kinds = rng.choice(kinds, size=part.kinds.shape)
     for weights in (
         part.linear, part.amplitude, part.centre, part.shrink, part.frequency, part.phase
     ):  # fmt: skip

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp._util.compilation import cached_njit
+from serp._core import OutcomeTable
 from serp.agent.causes import causes_of
 from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import GOES_ON, OVER
-from serp.model.native import OUTCOMES, address_of, call_step, pointer_to
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from tests.serp.model.learned.rolls import from_text
@@ -40,9 +39,9 @@ def prediction(
     return np.array(out[:-1]), out[-1], flags
 
 
-def shared(adaptation: ModelAdaptation) -> list[Vector]:
+def shared(adaptation: ModelAdaptation) -> list[OutcomeTable]:
     """The tables that are in use."""
-    groups = adapted(adaptation).buffer.shared.values()
+    groups = adapted(adaptation).shared.values()
     return [group.outcomes for group in groups if group.outcomes is not None]
 
 
@@ -136,26 +135,12 @@ def chances(
     adaptation: ModelAdaptation, state: Vector, action: int
 ) -> dict[tuple[float, ...], float]:
     """Return the probability of each next state."""
-    model = adapted(adaptation)
-    width = len(state)
-    rows = np.zeros((OUTCOMES, width + 3))
-    room = rows.reshape(-1)
-    count = all_outcomes(
-        address_of(model.native_outcomes()), state, action, model.data, model.dt, room
-    )
     found: dict[tuple[float, ...], float] = {}
-    for row in rows[:count]:
-        after = tuple(row[:width].tolist())
+    for row in adapted(adaptation).core.outcomes(state, action):
+        after = tuple(row[: len(state)].tolist())
         found[after] = found.get(after, 0.0) + row[-1]
     assert sum(found.values()) == pytest.approx(1.0)
     return found
-
-
-@cached_njit(nogil=True)
-def all_outcomes(address, state, action, data, dt, room):  # type: ignore[no-untyped-def]
-    return call_step(
-        address, pointer_to(state, 0), action, pointer_to(data, 0), dt, pointer_to(room, 0)
-    )
 
 
 def test_who_slips_does_what_the_file_says_of_another_action() -> None:

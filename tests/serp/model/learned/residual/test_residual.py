@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.model.learned.adaptation import ModelAdaptation
-from serp.model.learned.adapted_step import uncertainty
 from serp.model.transition_model import Vector
 from tests.generated.profile import examples
 from tests.serp.model.learned.worlds import (
@@ -52,6 +51,11 @@ def typical(of: ModelAdaptation, world: World, draw: Draw | None = None) -> Vect
     errors = [error(of, state, a, world(state, a)) for state in states for a in (PUSH, REST)]
     rmse: Vector = np.sqrt(np.square(errors).mean(axis=0))
     return rmse
+
+
+def uncertainty(of: ModelAdaptation, state: Vector) -> float:
+    """How far the push is from the data."""
+    return float(adapted(of).uncertainty(state)[PUSH])
 
 
 def adapts_nothing(of: ModelAdaptation) -> bool:
@@ -151,22 +155,21 @@ def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: fl
 
 def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() -> None:
     of = adaptation(PLANE)
-    data = adapted(of).data
-    assert uncertainty(data, PUSH, np.zeros(2)) == 1.0
+    assert uncertainty(of, np.zeros(2)) == 1.0
     rng = np.random.default_rng(0)
     teach(of, pendulum, rng, 600, draw=lambda rng: rng.uniform(-1.0, 1.0, size=2))
-    near = [uncertainty(data, PUSH, rng.uniform(-1.0, 1.0, size=2)) for _ in range(50)]
-    far = [uncertainty(data, PUSH, 6.0 * sign) for sign in (np.ones(2), -np.ones(2))]
+    near = [uncertainty(of, rng.uniform(-1.0, 1.0, size=2)) for _ in range(50)]
+    far = [uncertainty(of, 6.0 * sign) for sign in (np.ones(2), -np.ones(2))]
     assert 0.0 <= np.mean(near) < 0.2 and max(near) < 0.4 < 0.9 < min(far) <= 1.0
 
 
 def test_an_action_that_was_never_tried_is_unknown_and_what_the_file_predicts_is_known() -> None:
     noise, right, wrong = np.random.default_rng(1), adaptation(PLANE), adaptation(PLANE)
     teach(right, as_written, np.random.default_rng(0), 100)
-    assert uncertainty(adapted(right).data, PUSH, np.full(2, 1e3)) == 0.0
+    assert uncertainty(right, np.full(2, 1e3)) == 0.0
     rng, draw = np.random.default_rng(0), lambda state, _: state + noise.normal(size=2)
     teach(wrong, draw, rng, 200, actions=(REST,))
-    assert uncertainty(adapted(wrong).data, PUSH, np.zeros(2)) > 0.5
+    assert uncertainty(wrong, np.zeros(2)) > 0.5
 
 
 # No regret -------------------------------------------------------------------------------------

@@ -1,0 +1,103 @@
+// The adapted model: the step of the file with parameters in use and learned parts.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "serp/model/learned/file_step.hpp"
+#include "serp/model/learned/outcome_table.hpp"
+#include "serp/model/learned/regression.hpp"
+#include "serp/model/model.hpp"
+#include "serp/model/written_model.hpp"
+
+namespace serp {
+
+/// What is learned of the feature groups of one key, and shared by them. It may change at any time
+/// between decisions.
+struct GroupParameters {
+    std::shared_ptr<Regression> regression;  ///< of the residual; none: too many inputs to learn
+    int head = 0;                            ///< of the action schema in the regression
+    std::shared_ptr<OutcomeTable> outcomes;  ///< the counts in use, or none
+
+    // What the outcomes must fit, see `OutcomeTable::check`.
+    std::vector<int> inputs;
+    int width = 0, schemas = 0;
+};
+
+/// A feature group of a ground action.
+struct FeatureGroup {
+    std::vector<int> inputs;   ///< columns that the change may depend on
+    std::vector<int> targets;  ///< columns of the numbers that may change
+    std::shared_ptr<GroupParameters> shared;
+    int place = 0;  ///< equal for groups of one regression with the same inputs
+};
+
+/// A transition model that is adapted to observed transitions.
+///
+/// A step applies the file's effects and processes with the parameters in use, adds a residual,
+/// replaces counted fluents by their likeliest outcome, and applies the file's events. The reward is
+/// its expectation over the counted outcomes. UNSAFE is set only where the file as written sets it;
+/// everything else is a risk: the probability that the file's events flag an outcome.
+class AdaptedModel : public Model {
+public:
+    /// `flagging`: whether events can make `unsafe` true. Throws std::invalid_argument where the
+    /// parts do not fit each other.
+    AdaptedModel(std::shared_ptr<const WrittenModel> written, SameArguments others, bool flagging,
+                 std::vector<std::vector<FeatureGroup>> groups);
+
+    int fluents() const override { return written_->fluents(); }
+    int actions() const override { return written_->actions(); }
+    std::unique_ptr<Stepper> stepper() const override;
+    bool branches() const override;
+    bool doubts() const override { return true; }
+
+    /// Whether anything adapted is in use.
+    bool active() const;
+    /// Whether counts of outcomes are used in the step of an action.
+    bool counted(int action) const;
+    /// Whether a residual is used in the step of an action.
+    bool corrected(int action) const;
+
+    /// Uses parameters [P] from now on.
+    void adopt(const std::vector<double>& parameters);
+    const std::vector<double>& parameters() const { return parameters_; }
+    /// Whether parameters in use differ from those written.
+    bool revised() const { return revised_; }
+    /// How often parameters were adopted.
+    int adoptions() const { return adoptions_; }
+
+    const WrittenModel& written() const { return *written_; }
+    bool flagging() const { return flagging_; }
+    const std::vector<FeatureGroup>& groups(int action) const { return groups_[action]; }
+    /// Number of `FeatureGroup::place`s.
+    int places() const { return places_; }
+
+    /// The step of the file with the parameters in use now; valid while the model exists.
+    FileStep file_step() const {
+        return FileStep(*written_->program(), parameters_.data(), written_->dt(), others_);
+    }
+    /// The step of the file as written.
+    FileStep written_step() const {
+        return FileStep(*written_->program(), written_->theta().data(), written_->dt(), others_);
+    }
+
+    /// Writes every outcome before events, as `Stepper::outcomes` does; flags are 0. Returns how many
+    /// there are, 0 where there is no result.
+    int branches_of(const double* state, int action, double* rows) const;
+
+private:
+    void place_groups();
+
+    std::shared_ptr<const WrittenModel> written_;
+    std::vector<double> parameters_;
+    bool revised_ = false;
+    int adoptions_ = 0;
+    SameArguments others_;
+    bool flagging_;
+    std::vector<std::vector<FeatureGroup>> groups_;  ///< of each action
+    std::vector<std::shared_ptr<GroupParameters>> shared_;
+    int places_ = 0;
+};
+
+}  // namespace serp

@@ -1,0 +1,157 @@
+// The counted outcomes of an action: what they predict, and how probable they are.
+//
+// An outcome is what the file predicts for the action, what it predicts for another action with the
+// same arguments (a robot that slips; walls and conditions of the file hold then, too), or a change
+// of the state. Outcomes are counted over all states and in contexts: states with the same
+// predicates and whole numbers.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <unordered_map>
+#include <vector>
+
+#include "serp/model/flags.hpp"
+#include "serp/model/learned/file_step.hpp"
+
+namespace serp {
+
+/// Most outcomes of an action that are distinguished; outcome 0 is the file's prediction.
+inline constexpr int KINDS = 12;
+/// Less likely outcomes are left out of predictions.
+inline constexpr double RARE = 1e-3;
+
+/// How an outcome fits an observation; one without a prediction is impossible.
+enum class Fit { IMPOSSIBLE, POSSIBLE, FITS };
+
+/// Scratch memory for the outcomes of one step: one for each thread.
+struct OutcomeRoom {
+    explicit OutcomeRoom(int width)
+        : probabilities(KINDS), values(static_cast<std::size_t>(KINDS) * width), step(width + 1),
+          fits(KINDS), ends(KINDS) {}
+
+    std::vector<double> probabilities;  ///< [KINDS]
+    std::vector<double> values;         ///< [kinds, columns] the counted fluents as predicted
+    std::vector<double> step;           ///< [F + 1] a state and reward
+    std::vector<Fit> fits;              ///< [KINDS]
+    std::vector<char> ends;             ///< [KINDS] whether an outcome ends the episode
+};
+
+/// An observed transition, beside what the file says of it.
+struct ObservedTransition {
+    const double* state;       ///< [F]
+    int action;                ///< the ground action
+    const double* next_state;  ///< [F]
+    bool over;                 ///< whether it ended the episode
+    const double* flowed;      ///< [F + 1] state and reward after effects and processes
+    Flags flags;               ///< of these
+};
+
+/// Counts of the outcomes of the ground actions that share the key of a feature group.
+///
+/// `inputs` are the columns of a feature group in a state; the table has positions within them.
+class OutcomeTable {
+public:
+    static constexpr int EXPERTS = 4;   ///< the last one counts over all contexts alone
+    static constexpr int CHANGE = -1;   ///< in place of an action schema: the outcome is a change
+    static constexpr int ROWS = 2048;   ///< most contexts, plus one
+    static constexpr int SETS = 64;     ///< most sets of outcomes; the rarest one makes room
+    /// Probability that an observation is taken to have had at least; least trust in an expert.
+    static constexpr double LEAST = 1e-6;
+
+    /// Counts over all states (row 0), or in one context.
+    struct Row {
+        double code = 0.0;                                   ///< hash of the context, below 2^53
+        std::array<double, KINDS> counts{};
+        double total = 0.0;
+        std::array<double, EXPERTS> evidence{1.0, 1.0, 1.0, 1.0};
+    };
+
+    /// Outcomes that explained observations together, as bits; and how many observations.
+    struct OutcomeSet {
+        int members = 0;
+        double number = 0.0;
+    };
+
+    /// All that is learned; `changes` is [kinds, columns].
+    struct Contents {
+        std::vector<int> schemas;
+        std::vector<double> changes;
+        std::array<double, EXPERTS> trust{1.0, 1.0, 1.0, 1.0};
+        std::vector<OutcomeSet> sets;
+        std::vector<Row> rows;
+    };
+
+    /// An empty table for the counted fluents, and those of a context: positions within the inputs,
+    /// in ascending order. Throws std::invalid_argument where they are not.
+    OutcomeTable(std::vector<int> places, std::vector<int> context);
+
+    int kinds() const { return static_cast<int>(contents_.schemas.size()); }
+    int columns() const { return static_cast<int>(places_.size()); }
+
+    /// Throws std::invalid_argument where the table does not fit inputs in states of F fluents, or
+    /// has outcomes of unknown schemas. Predictions and `count` rely on it.
+    void check(const std::vector<int>& inputs, int width, int schemas) const;
+
+    /// Computes the probabilities of the outcomes of an action in a state [F], no two of which
+    /// predict the same, and returns the likeliest; `put` applies one.
+    ///
+    /// `file` starts from that state; `flowed` [F] is it after effects, processes and residual.
+    int likeliest(FileStep& file, int action, const std::vector<int>& inputs, const double* state,
+                  const double* flowed, OutcomeRoom& room) const;
+
+    /// Sets the counted fluents in `out` [F] as an outcome predicts, after `likeliest`.
+    void put(int kind, const std::vector<int>& inputs, const OutcomeRoom& room, double* out) const;
+
+    /// Updates the losses with a new sample, and then counts it.
+    ///
+    /// `losses` [2] are moving averages of the Brier scores (Monthly Weather Review 78, 1950) of
+    /// the file and of the counts, `rate` the weight of this sample in them. Returns false where it
+    /// is no outcome, and there is no room for another.
+    bool count(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
+               double* losses, double rate, OutcomeRoom& room);
+
+    /// Counts samples that were as in the file, before all others.
+    void start(double samples);
+
+    /// Returns a table with the same outcomes, "nothing changes" among them, and no counts.
+    OutcomeTable emptied() const;
+
+    const Contents& contents() const { return contents_; }
+
+    /// Replaces the contents. Throws std::invalid_argument where they do not fit the table.
+    void restore(Contents contents);
+
+private:
+    const double* values_of(const OutcomeRoom& room, int kind) const;
+    double code_of(const std::vector<int>& inputs, const double* state) const;
+    int row_of(const std::vector<int>& inputs, const double* state) const;
+    int find_or_enter(const std::vector<int>& inputs, const double* state);
+
+    void fill_broadest(double* probabilities) const;
+    void refine(int row, double* probabilities) const;
+    void weigh_experts(int row, const OutcomeRoom& room);
+
+    bool predict(FileStep& file, int action, int kind, int schema, const std::vector<int>& inputs,
+                 const double* state, const double* flowed, OutcomeRoom& room) const;
+    bool alike(const OutcomeRoom& room, int kind, int other) const;
+    void merge(OutcomeRoom& room) const;
+
+    void compare(FileStep& file, int kind, const std::vector<int>& inputs,
+                 const ObservedTransition& seen, OutcomeRoom& room) const;
+    int fit_all(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
+                OutcomeRoom& room) const;
+    int find_new(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
+                 OutcomeRoom& room);
+    double score(const OutcomeRoom& room) const;
+    void add(int row, OutcomeRoom& room);
+    void add_share(int row, int kind, double share);
+    void count_set(int members);
+    void share_sets();
+
+    std::vector<int> places_, context_;
+    Contents contents_;
+    std::unordered_map<std::int64_t, int> row_of_code_;
+};
+
+}  // namespace serp

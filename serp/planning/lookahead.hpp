@@ -1,0 +1,114 @@
+// The planning graph of one state with a depth, thrown away after the decision.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "serp/model/model.hpp"
+#include "serp/planning/forecast.hpp"
+#include "serp/planning/hash_table.hpp"
+#include "serp/planning/leaf_values.hpp"
+#include "serp/planning/preference.hpp"
+
+namespace serp {
+
+/// Depth, preferences and budgets of a lookahead.
+struct LookaheadRules {
+    int depth;
+    double discount, accepted;
+    int max_nodes;           ///< most nodes that are expanded
+    std::int64_t max_edges;  ///< most edges, from the second layer on
+};
+
+/// A forecast, layers that were expanded, what ended that, and edges that were followed for it.
+struct LookaheadForecast {
+    FirstActions first;
+    int depth = 0;
+    Bound bound = Bound::DEPTH;
+    std::int64_t followed = 0;
+};
+
+/// Searches from one state at a time. Has scratch memory, which is bounded by the budgets: one for
+/// each thread.
+class LookaheadSearch {
+public:
+    /// The model must outlive the search.
+    LookaheadSearch(const Model& model, const LookaheadRules& rules);
+
+    /// Expands the planning graph of a state [F] and finds the best path of every first action.
+    ///
+    /// `leaves` are the values of the states that the last layer leads to; 0 without. Where a budget
+    /// ends the expansion, leaves are worth 0. States that differ by less than the tolerances of the
+    /// model are one node of a layer.
+    LookaheadForecast forecast(const double* state, const LeafValues* leaves);
+
+    /// The best path from a state.
+    struct Path {
+        double value = 0.0, risk = 0.0;
+        std::int64_t steps = SAFE;
+    };
+    /// Returns the best paths from the states of the newest forecast that were expanded, in the order
+    /// in which they were found.
+    const std::vector<Path>& paths() const { return paths_; }
+
+private:
+    /// An edge from a node to the next layer.
+    struct Edge {
+        double reward, risk;
+        std::int32_t child;  ///< -1 for none
+        std::uint8_t flags, rank;
+    };
+
+    bool expand(int start, int end, int depth, const LeafValues* leaves, LookaheadForecast& found);
+    int child_of(int position);
+    void choose(int node, int expanded, FirstActions& first);
+
+    double* state_at(int position) {
+        return states_.data() + static_cast<std::size_t>(position) * (width_ + 1);
+    }
+    const double* key_at(int position) {
+        return merges_ ? keys_.data() + static_cast<std::size_t>(position) * width_
+                       : state_at(position);
+    }
+
+    const Model& model_;
+    const LookaheadRules rules_;
+    const int width_, actions_;
+    const std::unique_ptr<Stepper> stepper_;
+    bool merges_ = false;             ///< whether any tolerance is above 0
+    std::vector<double> tolerances_;  ///< [F]
+    int stored_ = 0;                  ///< N, nodes that were found
+    std::vector<double> states_;      ///< [(N + 1) * (F + 1)] each followed by a reward
+    std::vector<double> keys_;        ///< [(N + 1) * F] what nodes are found by, if that is not the state
+    std::vector<Edge> edges_;         ///< [N * A]
+    std::vector<Path> paths_;         ///< of the expanded nodes
+    HashTable table_;                 ///< of the next layer
+};
+
+/// Monitor-replanning for use in every step of a training. Not thread-safe.
+class Lookahead {
+public:
+    /// The model must outlive the lookahead.
+    Lookahead(const Model& model, const LookaheadRules& rules);
+    Lookahead(const Lookahead&) = delete;
+
+    /// Returns the forecast for a state [F]; see `LookaheadSearch::forecast`.
+    LookaheadForecast forecast(const double* state, const LeafValues* leaves) {
+        return searches_[0]->forecast(state, leaves);
+    }
+
+    /// Returns the forecasts for states [B, F], computed by so many threads.
+    std::vector<LookaheadForecast> forecast_batch(const double* states, int count,
+                                                  const LeafValues* leaves, int threads);
+
+    const std::vector<LookaheadSearch::Path>& paths() const { return searches_[0]->paths(); }
+    int width() const { return model_.fluents(); }
+
+private:
+    const Model& model_;
+    const LookaheadRules rules_;
+    std::vector<std::unique_ptr<LookaheadSearch>> searches_;  ///< one for each thread
+};
+
+}  // namespace serp

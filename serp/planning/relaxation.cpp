@@ -1,0 +1,204 @@
+#include "serp/planning/relaxation.hpp"
+
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <tuple>
+#include <utility>
+
+#include "serp/_util/arrays.hpp"
+
+namespace serp {
+
+namespace {
+
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
+
+int checked(int position, int end, const char* what) {
+    if (position < 0 || position >= end)
+        throw std::invalid_argument("there is no " + std::string(what) + " " +
+                                    std::to_string(position));
+    return position;
+}
+
+}  // namespace
+
+Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
+                       const std::vector<Operator>& operators, const std::vector<Way>& ways)
+    : fluents_(fluents), facts_(2 * fluents + static_cast<int>(comparisons.size())) {
+    if (fluents < 0) throw std::invalid_argument("the number of fluents is negative");
+    for (const Comparison& comparison : comparisons) {
+        constant_.push_back(comparison.constant);
+        strict_.push_back(comparison.strict);
+        for (const Term& term : comparison.terms) {
+            checked(term.fluent, fluents_, "fluent");
+            terms_.add(term);
+        }
+        terms_.end_row();
+    }
+    std::vector<std::vector<int>> users(facts_);
+    for (const Operator& its : operators) {
+        const int number = static_cast<int>(cost_.size());
+        if (!(its.cost >= 0.0 && its.cost < INFINITE))
+            throw std::invalid_argument("an operator has a cost that is not usable");
+        int needs = 0;
+        for (const int fact : its.needs) {
+            auto& its_users = users[checked(fact, facts_, "fact")];
+            if (!its_users.empty() && its_users.back() == number) continue;
+            its_users.push_back(number);
+            ++needs;
+        }
+        if (needs == 0) free_.push_back(number);
+        needs_.push_back(needs);
+        cost_.push_back(its.cost);
+        for (const Addition& addition : its.adds) {
+            checked(addition.fact, facts_, "fact");
+            if (addition.gain > 0.0 && addition.fact < 2 * fluents_)
+                throw std::invalid_argument("a fact that is no comparison has a gain");
+            adds_.add(addition);
+        }
+        adds_.end_row();
+    }
+    for (const auto& its_users : users) {
+        for (const int user : its_users) users_.add(user);
+        users_.end_row();
+    }
+    for (const Way& way : ways) {
+        for (const int fact : way) ways_.add(checked(fact, facts_, "fact"));
+        ways_.end_row();
+    }
+}
+
+RelaxedCosts::RelaxedCosts(const Relaxation& relaxation)
+    : relaxation_(relaxation), cost_(relaxation.facts_), passed_(relaxation.facts_),
+      gap_(relaxation.constant_.size()), queue_(relaxation.facts_ + 1),
+      queued_(relaxation.facts_), sums_(relaxation.needs_.size()) {}
+
+void RelaxedCosts::push(int fact) {
+    if (queued_[fact]) return;
+    queued_[fact] = 1;
+    queue_[end_] = fact;
+    if (++end_ == queue_.size()) end_ = 0;
+}
+
+/// Lowers the costs of what an operator makes true.
+void RelaxedCosts::apply(int its_operator) {
+    const int base = 2 * relaxation_.fluents_;
+    for (const auto& [fact, gain] : relaxation_.adds_[its_operator]) {
+        const double times = gain > 0.0 ? std::max(1.0, std::ceil(gap_[fact - base] / gain)) : 1.0;
+        const double cost = sums_[its_operator] + times * relaxation_.cost_[its_operator];
+        if (cost < cost_[fact] - 1e-9) {
+            cost_[fact] = cost;
+            push(fact);
+        }
+    }
+}
+
+/// Sets the costs of the facts that hold to 0, and puts them into the ring.
+void RelaxedCosts::begin(const double* state) {
+    const int base = 2 * relaxation_.fluents_;
+    start_ = end_ = 0;
+    std::fill(cost_.begin(), cost_.end(), INFINITE);
+    std::fill(passed_.begin(), passed_.end(), INFINITE);
+    std::fill(queued_.begin(), queued_.end(), 0);
+    for (int i = 0; i < relaxation_.fluents_; ++i) cost_[2 * i + (state[i] != 0.0)] = 0.0;
+    for (std::size_t k = 0; k < gap_.size(); ++k) {
+        double total = relaxation_.constant_[k];
+        for (const auto& [fluent, factor] : relaxation_.terms_[k]) total += factor * state[fluent];
+        gap_[k] = -total;
+        if (total > 0.0 || (total == 0.0 && !relaxation_.strict_[k])) cost_[base + k] = 0.0;
+    }
+    for (int fact = 0; fact < relaxation_.facts_; ++fact)
+        if (cost_[fact] == 0.0 && !relaxation_.users_[fact].empty()) push(fact);
+    missing_ = relaxation_.needs_;
+    std::fill(sums_.begin(), sums_.end(), 0.0);
+    for (const int its_operator : relaxation_.free_) apply(its_operator);
+}
+
+RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
+    begin(state);
+    while (start_ != end_) {
+        const int fact = queue_[start_];
+        if (++start_ == queue_.size()) start_ = 0;
+        queued_[fact] = 0;
+        const double before = passed_[fact], cost = cost_[fact];
+        passed_[fact] = cost;
+        for (const int user : relaxation_.users_[fact]) {
+            if (before == INFINITE) {
+                --missing_[user];
+                sums_[user] += cost;
+            } else {
+                sums_[user] += cost - before;
+            }
+            if (missing_[user] == 0) apply(user);
+        }
+    }
+    Estimate found{INFINITE, relaxation_.facts_};
+    for (std::size_t way = 0; way < relaxation_.ways_.size(); ++way) {
+        double cost = 0.0;
+        int lacks = 0;
+        for (const int fact : relaxation_.ways_[way]) {
+            cost += cost_[fact];
+            lacks += cost_[fact] > 0.0;
+        }
+        found.cost = std::min(found.cost, cost);
+        found.left = std::min(found.left, lacks);
+    }
+    return found;
+}
+
+// For Python ---------------------------------------------------------------------------------------
+
+namespace {
+
+using Comparisons = std::vector<std::tuple<std::vector<std::pair<int, double>>, double, bool>>;
+using Operators =
+    std::vector<std::tuple<std::vector<int>, double, std::vector<std::pair<int, double>>>>;
+
+void make(Relaxation* self, int fluents, const Comparisons& comparisons,
+          const Operators& operators, const std::vector<Relaxation::Way>& ways) {
+    std::vector<Relaxation::Comparison> read;
+    for (const auto& [terms, constant, strict] : comparisons) {
+        auto& comparison = read.emplace_back(Relaxation::Comparison{constant, strict, {}});
+        for (const auto& [fluent, factor] : terms) comparison.terms.push_back({fluent, factor});
+    }
+    std::vector<Relaxation::Operator> made;
+    for (const auto& [needs, cost, adds] : operators) {
+        auto& its = made.emplace_back(Relaxation::Operator{needs, cost, {}});
+        for (const auto& [fact, gain] : adds) its.adds.push_back({fact, gain});
+    }
+    new (self) Relaxation(fluents, read, made, ways);
+}
+
+std::pair<double, int> estimate(const Relaxation& relaxation,
+                                const In<double, nb::ndim<1>>& state) {
+    if (state.size() != static_cast<std::size_t>(relaxation.fluents()))
+        throw std::invalid_argument("a state has " + std::to_string(relaxation.fluents()) +
+                                    " numbers");
+    const auto [cost, left] = RelaxedCosts(relaxation).estimate(state.data());
+    return {cost, left};
+}
+
+}  // namespace
+
+void bind_relaxation(nb::module_& module) {
+    nb::class_<Relaxation>(module, "Relaxation", "Facts and operators of a relaxed domain.")
+        .def("__init__", &make, nb::arg("fluents"), nb::arg("comparisons"), nb::arg("operators"),
+             nb::arg("ways"),
+             "Facts 2 i and 2 i + 1 say that fluent i is 0, or is not; the others are comparisons: "
+             "fluents and factors, constant, and whether the sum has to be positive. An operator "
+             "has the facts that it needs, a cost, and the facts that it makes true; for each of "
+             "these what one application adds to the sum of a comparison, 0 where one is enough. "
+             "A way to the goal is the facts that it needs.")
+        .def("estimate", &estimate, nb::arg("state"),
+             "Return how far away the goal is from a state [F]: its additive cost, infinite if it "
+             "is unreachable, and the least number of facts of a way to it that do not hold.");
+}
+
+}  // namespace serp

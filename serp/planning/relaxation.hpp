@@ -1,0 +1,110 @@
+// The relaxed domain; relaxation.py says what it is and makes it.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <vector>
+
+namespace serp {
+
+/// Rows of different lengths, one after the other.
+template <class Item>
+class Rows {
+public:
+    std::size_t size() const { return first_.size() - 1; }
+
+    std::span<const Item> operator[](std::size_t row) const {
+        return {items_.data() + first_[row], items_.data() + first_[row + 1]};
+    }
+
+    /// Adds an item to the newest row.
+    void add(const Item& item) { items_.push_back(item); }
+
+    /// Ends the newest row.
+    void end_row() { first_.push_back(items_.size()); }
+
+private:
+    std::vector<std::size_t> first_{0};
+    std::vector<Item> items_;
+};
+
+/// Facts and operators. Facts `2 i` and `2 i + 1` say that fluent i is 0, or is not; the others are
+/// comparisons: that a sum of factors times fluents and a constant is at least 0, or positive.
+class Relaxation {
+public:
+    struct Term {
+        int fluent;
+        double factor;
+    };
+    struct Comparison {
+        double constant;
+        bool strict;
+        std::vector<Term> terms;
+    };
+    /// A fact that becomes true. For a comparison, what one application adds to its sum; 0 where
+    /// one is enough.
+    struct Addition {
+        int fact;
+        double gain;
+    };
+    struct Operator {
+        std::vector<int> needs;
+        double cost;
+        std::vector<Addition> adds;
+    };
+    using Way = std::vector<int>;
+
+    /// `ways` are those to reach the goal: the facts that each needs.
+    /// Throws std::invalid_argument where a fact or fluent is not there, or a cost is negative.
+    Relaxation(int fluents, const std::vector<Comparison>& comparisons,
+               const std::vector<Operator>& operators, const std::vector<Way>& ways);
+
+    int fluents() const { return fluents_; }
+
+private:
+    friend class RelaxedCosts;
+
+    int fluents_;
+    int facts_;
+    std::vector<double> constant_;       ///< of each comparison
+    std::vector<std::uint8_t> strict_;   ///< of each comparison
+    Rows<Term> terms_;                   ///< of each comparison
+    Rows<int> users_;                    ///< operators that need each fact
+    std::vector<int> needs_;             ///< number of facts that each operator needs
+    std::vector<int> free_;              ///< operators that need none
+    std::vector<double> cost_;           ///< of each operator
+    Rows<Addition> adds_;                ///< of each operator
+    Rows<int> ways_;
+};
+
+/// Finds how far away the goal is, with scratch memory of its own.
+class RelaxedCosts {
+public:
+    struct Estimate {
+        double cost;  ///< additive cost of the cheapest way; infinite if none can be reached
+        int left;     ///< least number of facts of a way that do not hold
+    };
+
+    explicit RelaxedCosts(const Relaxation& relaxation);
+
+    /// Returns the estimate for a state [F].
+    Estimate estimate(const double* state);
+
+private:
+    void begin(const double* state);
+    void apply(int its_operator);
+    void push(int fact);
+
+    const Relaxation& relaxation_;
+    std::vector<double> cost_;     ///< of each fact; infinite while it is unreachable
+    std::vector<double> passed_;   ///< the cost of each fact that its operators know
+    std::vector<double> gap_;      ///< of each comparison: what the sum lacks
+    std::vector<int> queue_;       ///< facts whose operators are to be updated, a ring
+    std::vector<std::uint8_t> queued_;  ///< whether each fact is in it
+    std::vector<int> missing_;     ///< of each operator: facts that are unreachable
+    std::vector<double> sums_;     ///< of each operator: costs of the others
+    std::size_t start_ = 0, end_ = 0;  ///< of the ring
+};
+
+}  // namespace serp
