@@ -108,7 +108,6 @@ def adapted(name: str, rounds: int, train: int) -> None:
         settings = resolve("default", task.task.settings)
         with Trainer(task, settings, 0) as trainer:
             trainer.on_step = lambda step: states.append(step.state)
-            trainer.prepare()
             while trainer.env_steps < train:
                 trainer.run_episode()
             models = (task.model, trainer.agent.adaptation.model)
@@ -155,7 +154,7 @@ def closed(rounds: int, folder: Path) -> None:
     def grow() -> None:
         graph = ClosedGraph(model, PlannerSettings())
         graph.grow(model.initial_state)
-        assert graph.complete
+        assert graph.complete and graph.ends(model.initial_state)
         edges[0] = graph.edges
 
     (seconds,) = medians(rounds, grow)

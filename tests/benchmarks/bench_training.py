@@ -109,7 +109,6 @@ def trained(task: serp.Task, steps: int, changes: Any = None, seed: int = 0) -> 
     with task.bind() as bound:
         settings = resolve("default", bound.task.settings, changes)
         with Trainer(bound, settings, seed) as trainer:
-            trainer.prepare()
             Clocked.seconds, wall, start = 0.0, time.perf_counter(), time.process_time()
             while trainer.env_steps < steps:
                 for _ in trainer.run():
