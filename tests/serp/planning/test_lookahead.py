@@ -192,7 +192,7 @@ def leaves_of(model: TransitionModel, seed: int, size: float = 1.0) -> _core.Cel
     cells = np.floor((states - low) * 8.0 * unit)
     _, first = np.unique(cells, axis=0, return_index=True)
     values = size * random.standard_normal(len(first) + 1)
-    return _core.CellValues(low, 8.0 * unit, unit, states[first].ravel(), values, np.zeros(0))
+    return _core.CellValues(low, 8.0 * unit, unit, states[first].ravel(), values)
 
 
 @examples(50)
