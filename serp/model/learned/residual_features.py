@@ -140,7 +140,7 @@ def learnable(group: FeatureGroup, heads: int) -> bool:
     return depth <= _MAX_INPUTS and (1 + heads) * (1 + depth) <= _MAX_COLUMNS
 
 
-def rate_of(samples, memory):
+def rate_of(samples: float, memory: float) -> float:
     """Return the weight of the next sample; `memory` is that of the past in the long run.
 
     The n-th sample initially has the weight 3 / (2 + n), so that early samples soon lose weight.

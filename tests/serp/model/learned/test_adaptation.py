@@ -11,7 +11,6 @@ import pytest
 
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
-from serp.model.transition_model import TransitionModel
 from serp.runs import checkpoint
 from tests.serp.model.learned.rolls import from_text
 from tests.serp.model.learned.worlds import (

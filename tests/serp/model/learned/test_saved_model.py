@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp._core import GroupParameters, OutcomeTable, PredictionErrors, Regression
 from serp._core import AdaptedModel as Core
+from serp._core import GroupParameters, OutcomeTable, PredictionErrors, Regression
 from serp.errors import RunError
 from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.learned.residual_features import FEATURES, FULL, SMOOTH

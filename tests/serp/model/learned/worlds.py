@@ -212,9 +212,7 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         model.shared[key].outcomes = table
 
 
-def _publish(
-    part: Regression, rng: np.random.Generator, numbers: tuple[float, ...]
-) -> None:
+def _publish(part: Regression, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
     part.features = FEATURES if rng.random() < 0.5 else 0
     kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
     part.kinds = rng.choice(kinds, size=part.kinds.shape)
