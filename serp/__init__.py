@@ -81,9 +81,25 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
+    if name == "_core":
+        return _compiled()
     if name not in _HOMES:
         raise AttributeError(f"module `serp` has no attribute `{name}`")
     return getattr(import_module(_HOMES[name]), name)
+
+
+def _compiled() -> Any:
+    """Return the compiled part, or raise a SerpError that says how to build it."""
+    try:
+        return import_module("serp._core")
+    except ImportError as error:
+        from serp.errors import SerpError
+
+        missing = isinstance(error, ModuleNotFoundError)
+        what = "is not built" if missing else f"cannot be loaded ({error})"
+        raise SerpError(
+            f"the compiled part of serp {what}; in the folder of the checkout: pip install -e ."
+        ) from None
 
 
 def __dir__() -> list[str]:

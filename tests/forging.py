@@ -5,8 +5,6 @@ resumes each; it says on every line what it is about to do, so that a process th
 raises anything but a `SerpError` is known by its seed.
 """
 
-from __future__ import annotations
-
 import copy
 import faulthandler
 import json

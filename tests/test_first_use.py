@@ -1,7 +1,5 @@
 """What a newcomer does, in an empty folder, with the command as it is installed."""
 
-from __future__ import annotations
-
 import os
 import pty
 import select

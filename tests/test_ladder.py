@@ -1,7 +1,5 @@
 """The ladder of benchmarks: its differences pair the seeds, and its mechanisms exist."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The shape of the code: imports go one way, files are small, names are unique."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from functools import cache
@@ -32,8 +30,6 @@ ROOMS = (
 )
 """Rooms of `serp` from the bottom up: a room imports from itself and from the rooms before it."""
 MOST_PARAMETERS = 11
-CIRCLES = [{"serp.tasks.task"}]
-"""Files that import one another and are known: `Task.bind` returns a `BoundTask`."""
 
 
 @cache

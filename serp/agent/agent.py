@@ -58,12 +58,6 @@ def exploration_bonus(visits: NDArray[np.int64], min_visits: int, forecast: Fore
     return forecast._replace(choice=int(least.argmin()))
 
 
-_FOR_LEARNER = (
-    f"too large for the learner, which computes in float32 (up to {FLOAT32_MAX:.2g}); use other "
-    "units, or clip it"
-)
-
-
 def _too_large(values: Vector) -> int:
     """Return the index of a number that is not finite in float32; -1 if there is none."""
     fits = np.abs(values) <= FLOAT32_MAX
@@ -173,17 +167,21 @@ class Agent:
 
         Errors are those of `perceive`; the observation is a flat vector.
         """
+        advice = (
+            f"too large for the learner, which computes in float32 (up to {FLOAT32_MAX:.2g}); use "
+            "other units, or clip it"
+        )
         place = _too_large(observation)
         if place >= 0:
             raise EnvironmentFailure(
                 f"task {self.task.name}: the observation: {self.task.observations.name(place)} "
-                f"is {observation[place]:g}, {_FOR_LEARNER}"
+                f"is {observation[place]:g}, {advice}"
             )
         place = _too_large(state)
         if place >= 0:
             raise TaskError(
                 f"task {self.task.name}: grounding: fluent `{self.task.model.fluents[place].name}` "
-                f"is {state[place]:g}, {_FOR_LEARNER}"
+                f"is {state[place]:g}, {advice}"
             )
         return state, np.concatenate((observation, state))
 

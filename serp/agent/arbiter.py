@@ -8,8 +8,9 @@ from typing import ClassVar
 
 from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
-from serp.agent.explanation import explain
+from serp.agent.explanation import Alternative, explain
 from serp.agent.protocols import Planner, Proposer
+from serp.agent.sentences import why_refused
 from serp.agent.strategy import Mixture, Situation, Strategy
 from serp.agent.veto import VetoPolicy
 from serp.learning.dqn import Proposal
@@ -181,21 +182,15 @@ class Arbiter(Declared):
         if decision.reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED, Reason.ACCEPTED):
             return ""
         shown = decision.proposed if decision.proposed >= 0 else decision.action
-        why = self.remark(decision.forecast, state, shown)
-        if decision.reason is Reason.LOW_REWARD:
-            reward = decision.forecast.reward[shown]
-            why = f"predicted reward {reward:.4g} is below R_min {self.settings.r_min:g}"
-        ground = int(decision.forecast.ground[shown])
-        name = self.actions.name(shown) if ground < 0 else self.model.actions[ground].name
-        return f"{name}: {why}"
+        of = self.alternatives(decision.forecast, state)[shown]
+        why = why_refused(decision.reason, of.causes, of.reward, of.safe_steps)
+        return f"{of.name}: {decision.reason}{why}"
 
-    def remark(self, forecast: ActionForecast, state: Vector, action: int) -> str:
-        """Return what is special about an action, in terms of the domain file; may be empty."""
+    def alternatives(self, forecast: ActionForecast, state: Vector) -> tuple[Alternative, ...]:
+        """Return what is predicted for each action of the environment, in terms of the file."""
         names = [self.actions.name(number) for number in range(self.actions.size)]
-        account = explain(
-            self.model, state, forecast, None, names=names, ground=forecast.ground.tolist()
-        )
-        return account.alternatives[action].remark
+        ground = forecast.ground.tolist()
+        return explain(self.model, state, forecast, None, names=names, ground=ground).alternatives
 
 
 def _proposer(proposal: Proposal) -> Actor:

@@ -35,9 +35,9 @@ class ChosenPlanner:
         planner: The planner.
         model: The model that it plans with.
         settings: Its settings.
-        seconds: Time that a plan, or a search for other choices, may take.
         name: Its name in messages.
         undisturbed: Makes a context at whose end the planner is as it was before.
+        seconds: Time that a plan, or a search for other choices, may take.
 
     Attributes:
         lookahead: The lookahead of the same model and settings.
@@ -48,9 +48,9 @@ class ChosenPlanner:
         planner: Planner,
         model: TransitionModel,
         settings: PlannerSettings,
-        seconds: float,
         name: str,
         undisturbed: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
+        seconds: float = 10.0,
     ) -> None:
         self.lookahead = MonitorReplanner(model, settings, time_budget=seconds)
         self.model, self.settings, self.name = model, settings, name
@@ -58,7 +58,7 @@ class ChosenPlanner:
 
     @classmethod
     def of_settings(
-        cls, model: TransitionModel, settings: PlannerSettings, task: Task | None, seconds: float
+        cls, model: TransitionModel, settings: PlannerSettings, task: Task | None
     ) -> ChosenPlanner:
         """Return the planner that settings name, of a task's own planners or the installed ones.
 
@@ -68,7 +68,7 @@ class ChosenPlanner:
         own = {} if task is None else task.planners
         refuse_unknown_names(Settings(planner=settings), own)
         planner = make_planner(model, settings, own)
-        return cls(planner, model, settings, seconds, f"The planner {settings.name}")
+        return cls(planner, model, settings, f"The planner {settings.name}")
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the planner's own forecast for a state `[F]`."""

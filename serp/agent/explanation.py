@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,11 +22,6 @@ from serp.planning.preference import PathScore, path_score, rank_of
 from serp.tasks.action_map import ActionForecast
 
 By = Literal["rank", "risk", "safe steps", "value", "delay", "order"]
-_BY: Final[tuple[By, ...]] = ("rank", "risk", "safe steps", "value")
-"""What decides, in this order: see `serp.planning.preference`."""
-_ALIKE: Final = 1e-12
-"""Share of two values up to which they are alike: what is put off is worth the same at discount 1,
-and a planner that sees this tells the two apart by the least number that there is."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +54,12 @@ def compared(
     own, others = _score(predicted, chosen), _score(predicted, other)
     if not int(predicted.flags[chosen]) & APPLICABLE:
         own = path_score(3, 1.0, -1, -np.inf)
-    by: By = next((by for by, a, b in zip(_BY, own, others, strict=True) if a != b), "order")
+    of_score: tuple[By, ...] = ("rank", "risk", "safe steps", "value")  # see `PathScore`
+    by: By = next((by for by, a, b in zip(of_score, own, others, strict=True) if a != b), "order")
     value, worse = float(predicted.value[chosen]), float(predicted.value[other])
     gap = 0.0 if value == worse else value - worse  # both may be infinite
-    if by == "value" and abs(gap) <= _ALIKE * abs(value) < np.inf:
+    # A planner that puts off the same tells the two apart by the least number that there is.
+    if by == "value" and abs(gap) <= 1e-12 * abs(value) < np.inf:
         by = "delay"
     risks = float(predicted.path_risk[chosen]), float(predicted.path_risk[other])
     return RunnerUp(other, names[other], (own, -chosen) > (others, -other), by, gap, risks)

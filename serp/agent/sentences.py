@@ -27,9 +27,6 @@ PARTIAL: Final = (
 """What a bound that is `partial` means."""
 
 
-_OF_ALL: Final = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
-
-
 def kind_of_return(partial: bool) -> str:
     """Return what the return of an action is called; `partial` as in `Explanation`."""
     return "partial return" if partial else "best return"
@@ -154,6 +151,7 @@ def who_decided(
     `proposed` and `executed` are names of actions and whose they are; the former is empty for no
     proposal. ρ is NaN if it need not be told. `why` follows a refusal, see `why_refused`.
     """
+    of_all = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
     (proposal, proposer), (action, actor) = proposed, executed
     who = "Exploration, at random," if proposer is Actor.EXPLORATION else f"The {proposer}"
     if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
@@ -166,9 +164,9 @@ def who_decided(
         lines = [f"{who} chose {action}{lead}. Nothing refused it."]
     else:
         lines = [f"{who} proposed {proposal}."] if proposal else []
-        if reason in _OF_ALL and why and proposal:  # what is behind it is its alone
+        if reason in of_all and why and proposal:  # what is behind it is its alone
             why = f"; {proposal}{why}"
-        problem = str(reason).capitalize() if reason in _OF_ALL else f"Refused: {reason}"
+        problem = str(reason).capitalize() if reason in of_all else f"Refused: {reason}"
         lines.append(f"{problem}{why}.")
         whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
         lines.append(

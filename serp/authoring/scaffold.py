@@ -34,7 +34,6 @@ MOST: Final = 64
 """Most actions, and most numbers of an observation, that a file is filled in with."""
 _NAME: Final = re.compile(r"[a-z][a-z0-9_-]*")
 _RESERVED: Final = RESERVED_WORDS | {"reward", "unsafe", "terminal", "over", "at-start", "at-end"}
-_LONGEST: Final = 40
 _ASIDE: Final = re.compile(r"\([^()]*\)|\[[^\[\]]*\]|`")
 _MINUS: Final = re.compile(r"(?<![\w.])[-−](?=\d)")
 _HEADING: Final = re.compile(r"^\s*#+\s*(.+?)\s*$", re.M)
@@ -325,13 +324,14 @@ def _name_of(text: str, otherwise: str, used: set[str]) -> str:
 
     It is made of `otherwise` where the text has no letters.
     """
+    longest = 40
     plain = unicodedata.normalize("NFKD", _ASIDE.sub("", text)).encode("ascii", "ignore")
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", _MINUS.sub("minus ", plain.decode()))
     words = re.split(r"[.;:,](?:\s|$)", words.strip())[0].lower().replace("'", "")
     name = "-".join(re.findall(r"[a-z0-9]+", words))
-    while len(name) > _LONGEST and "-" in name:
+    while len(name) > longest and "-" in name:
         name = name.rpartition("-")[0]
-    name = name[:_LONGEST].strip("-")
+    name = name[:longest].strip("-")
     if not re.search("[a-z]", name):
         name = "-".join(re.findall(r"[a-z0-9]+", otherwise.lower())) or "entry"
     if not name[0].isalpha() or name in _RESERVED:

@@ -1,8 +1,7 @@
 """The flags of a predicted step, and the risk that a learned model adds to them.
 
 Flags are a 64-bit integer. Its lower eight bits are those below; the others hold the risk in fixed
-point, in units of 2⁻²⁴. The first three functions run in CPython and are also compiled by numba, so
-none of them calls another.
+point, in units of 2⁻²⁴. `flags.hpp` is the same for compiled code.
 """
 
 from __future__ import annotations

@@ -16,7 +16,6 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.ground_model import REWARD_TARGET, GroundModel
 from serp.model.grounder import GoalValue
 from serp.model.instructions import compile_program
-from serp.model.program import Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
 from serp.model.traced_step import Amendment, Passage, Site, Traced, TracedStep
 
@@ -66,7 +65,6 @@ class TransitionModel(StateSpace):
         ground: The model.
         dt: Control period Δt > 0 in the time unit of the domain's rates (seconds by custom).
         theta: Parameters `[P]`; None: as written.
-        own_code: Whether a small model is compiled; else it runs as bytecode, slower but at once.
 
     Attributes:
         ground: The model.
@@ -79,11 +77,9 @@ class TransitionModel(StateSpace):
     revision: int = 0
 
     def __init__(
-        self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None,
-        own_code: bool = True,
-    ) -> None:  # fmt: skip
+        self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None
+    ) -> None:
         super().__init__(ground)
-        self.program = Program(ground, own_code)
         # Made when they are first used, and shared by all copies that `replace` makes.
         self._compiled = functools.cache(functools.partial(compile_program, ground))
         self._traced = functools.cache(functools.partial(TracedStep, ground))
@@ -105,7 +101,6 @@ class TransitionModel(StateSpace):
             vector[self.ground.goal_parameter] = value
         vector.flags.writeable = False
         self.theta: Vector = vector
-        self._bytecode: Vector | None = None
         self._core: _core.WrittenModel | None = None
         self.dt: float = float(dt)
         self._theta_list: list[float] = vector.tolist()
@@ -203,45 +198,6 @@ class TransitionModel(StateSpace):
         if self._core is None:
             self._core = _core.WrittenModel(self._compiled(), self.theta, self.dt)
         return self._core
-
-    # Machine code, for what does not take `core` yet -------------------------------------------
-
-    @property
-    def data(self) -> Vector:
-        """The data that `native_step` reads beside the state: the parameters θ, or bytecode."""
-        machine = self.program.machine
-        if machine is None:
-            return self.theta
-        if self._bytecode is None:
-            self._bytecode = machine.data(self.theta)
-        return self._bytecode
-
-    @property
-    def machine_code(self) -> tuple[np.intp, Vector, float]:
-        """What compiled loops take: the address of `native_step`, its data, and Δt."""
-        from serp.model.native import address_of
-
-        return address_of(self.native_step()), self.data, self.dt
-
-    def native_step(self) -> Any:
-        """Return the compiled C callback of `step` (numba), compiling it when first called."""
-        return self.program.native()
-
-    def native_outcomes(self) -> Any:
-        """Return the compiled C callback that gives all outcomes of a step; None for one outcome.
-
-        It takes what `native_step` takes, and returns the number of outcomes. For each, `out`
-        receives F + 3 numbers: the next state, the reward, the flags and the probability.
-        """
-        return None
-
-    def native_uncertainty(self) -> Any:
-        """Return the compiled C callback that says what is known of a step; None: everything.
-
-        It takes what `native_step` takes. The last number of `out` receives a distance to data,
-        from 0 where much is known to 1 where nothing is; see `UNKNOWN`.
-        """
-        return None
 
     # Observed transitions ----------------------------------------------------------------------
 

@@ -23,7 +23,6 @@ from serp.pddl.scope import (
 from serp.pddl.source import DomainError, Place
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?\Z", re.ASCII)
-_MAX_CHAIN = 100
 _OPERANDS: dict[tuple[int, int | None], str] = {
     (1, 1): "one operand",
     (1, 2): "one or two operands",
@@ -97,6 +96,7 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
 
 
 def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
+    max_chain = 100
     operator = group.head
     if operator in x.MATH_FUNCTIONS and not scope.math:
         raise DomainError(
@@ -121,9 +121,9 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
         if undefined:
             raise DomainError(undefined, last.place, "it never has a result", code="no-result")
     expression = x.Arithmetic(operator, operands, group.place)
-    if _chain(expression) > _MAX_CHAIN:
+    if _chain(expression) > max_chain:
         raise DomainError(
-            f"an expression of more than {_MAX_CHAIN} operations in a row",
+            f"an expression of more than {max_chain} operations in a row",
             expression.place,
             "give a part of it a function of its own",
             code="too-large",
@@ -136,9 +136,6 @@ def _chain(expression: x.Expression) -> int:
     if not isinstance(expression, x.Arithmetic):
         return 0
     return max(map(_chain, expression.operands)) + max(1, len(expression.operands) - 1)
-
-
-_COMPARATORS = ("<", "<=", "=", ">=", ">")
 
 
 def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
@@ -155,7 +152,7 @@ def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
         parameters, body = parse_quantifier(group, scope)
         inner = scope.bind(parameters)
         return x.Quantified(head, parameters, required_condition(body, inner), group.place)
-    if head in _COMPARATORS:
+    if head in ("<", "<=", "=", ">=", ">"):
         return _comparison(group, scope)
     if head == "preference":
         raise unsupported("preferences are not supported", group.place, "preference")

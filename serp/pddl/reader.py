@@ -107,7 +107,6 @@ def _unbalanced(problem: str, place: Place | None, write: str | None = None) -> 
 
 _BLANK = re.compile(r"(?:[ \t\r\n\f\v]+|;[^\r\n]*)*")
 _TOKEN = re.compile(r"[](){}[]|[^](){}\s;[]+")
-_MAX_NESTING = 100
 _BRACKETS = {"{": "(", "[": "(", "}": ")", "]": ")"}
 _SECTION_AHEAD = re.compile(rf"\(\s*(?:{'|'.join(sorted(SECTIONS))})(?![^\s();])", re.IGNORECASE)
 _FOREIGN_COMMENT = re.compile(r"//|#(?!t(?![a-z]))", re.IGNORECASE)
@@ -223,6 +222,7 @@ class _Reader:
         return self._top
 
     def _take(self, token: str, place: Place) -> None:
+        max_nesting = 100
         if self._top is not None:
             raise _after_the_end(self._balance, place)
         if not self._open and token != "(":
@@ -239,8 +239,8 @@ class _Reader:
         self._balance.see(word, place)
         if token == "(":
             self._open.append([])
-            if len(self._open) > _MAX_NESTING:
-                raise _unbalanced(f"nested deeper than {_MAX_NESTING} parentheses", place)
+            if len(self._open) > max_nesting:
+                raise _unbalanced(f"nested deeper than {max_nesting} parentheses", place)
         elif token == ")":
             group = Group(tuple(self._open.pop()), self._source.place(begin, place.end))
             if self._open:

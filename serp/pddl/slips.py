@@ -37,17 +37,18 @@ _EFFECTS = {
 }
 _ARITHMETIC = "+-*/"
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
-_GROUNDED = "declare a function whose value the grounding gives"
 _MATH = {
     **dict.fromkeys(("^", "**", "pow"), "write a product, or `(sqrt ...)` for a root"),
     "tan": "write `(/ (sin ...) (cos ...))`",
     "hypot": "write `(sqrt (+ (* a a) (* b b)))`",
     **dict.fromkeys(("atan", "arctan", "arctan2"), "write `(atan2 y x)`, or `(atan2 y 1)`"),
     **{"fabs": "write `abs`", "minimum": "write `min`", "maximum": "write `max`"},
-    **dict.fromkeys(("exp", "log", "mod", "%", "floor", "round", "asin", "acos"), _GROUNDED),
+    **dict.fromkeys(
+        ("exp", "log", "mod", "%", "floor", "round", "asin", "acos"),
+        "declare a function whose value the grounding gives",
+    ),
 }
 """Function of other languages → what to write in its stead."""
-_SUPPORTED = f"`+`, `-`, `*`, `/` and, with `{MATH_REQUIREMENT}`, `{'`, `'.join(MATH_FUNCTIONS)}`"
 Declared = Mapping[str, Declaration]
 
 
@@ -110,7 +111,9 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
     if head in declared:
         return None
     if head in _MATH:
-        problem = f"`{head}` is not supported; numbers have {_SUPPORTED}"
+        more = "`, `".join(MATH_FUNCTIONS)
+        problem = f"`{head}` is not supported; numbers have `+`, `-`, `*`, `/` and, with "
+        problem += f"`{MATH_REQUIREMENT}`, `{more}`"
         return DomainError(problem, group.items[0].place, _MATH[head], code="math-functions")
     if len(group.items) == 1 and head[:1].isdigit():
         return _foreign("a number has no parentheses", group.place, head)

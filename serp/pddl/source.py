@@ -75,10 +75,6 @@ def newline_of(text: str) -> str:
 
 
 _LINE_END = re.compile(r"\r\n|\n|\r")
-_LARGEST: Final = 1 << 28
-"""Bytes of a file that is read."""
-_WINDOW = 160
-"""Most characters of a line that a message shows."""
 _OPENING = re.compile(r"\([^\s();]+(?:[ \t]+[^\s();]+)?")
 _LONG_QUOTE = re.compile(r"`([^`]{160,})`")
 
@@ -112,15 +108,15 @@ class Source:
             raise DomainError(
                 f"a file is given by its path, not by {path!r}", code="unreadable-file"
             )
-        path, advice = Path(path), ""
+        path, advice, most = Path(path), "", 1 << 28
         try:
             status = path.stat()
             if path.is_dir():
                 reason = "it is a folder"
             elif not stat.S_ISREG(status.st_mode):
                 reason = "it is not a regular file"
-            elif status.st_size > _LARGEST:
-                reason = f"it has {status.st_size:,} bytes, and a PDDL file at most {_LARGEST:,}"
+            elif status.st_size > most:
+                reason = f"it has {status.st_size:,} bytes, and a PDDL file at most {most:,}"
             else:  # some editors put a byte order mark first; it is not part of the text
                 return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
             problem = f"{path}: cannot be read ({reason})"
@@ -372,10 +368,11 @@ def _visible(text: str) -> str:
 
 def _window(line: str, at: int) -> tuple[str, int]:
     """Return what of a line is around a column (from 0), and where that column is in it."""
-    if len(line) <= _WINDOW:
+    most = 160  # characters that a message shows
+    if len(line) <= most:
         return _visible(line), at
-    begin = max(0, min(at - _WINDOW // 2, len(line) - _WINDOW))
-    end = begin + _WINDOW
+    begin = max(0, min(at - most // 2, len(line) - most))
+    end = begin + most
     before, after = ("... " if begin else ""), (" ..." if end < len(line) else "")
     return before + _visible(line[begin:end]) + after, at - begin + len(before)
 

@@ -202,6 +202,7 @@ std::int64_t CellGraph::expand_node(Stepper& first, Stepper& further, int action
 void CellGraph::interpolate() {
     first_outcome_.assign(1, 0), target_.clear(), chance_.clear();
     const int width = cells_.width();
+    CellsBeside beside(cells_);
     for (int k = 0; k < edges(); ++k) {
         const HeldEdge& edge = edges_[k];
         const double* row = reached_.data() + static_cast<std::size_t>(k) * width;
@@ -211,12 +212,15 @@ void CellGraph::interpolate() {
             target_.push_back(node), chance_.push_back(near);
             total += near;
         };
-        if (edge.node >= 0) add(edge.node, cells_.nearness(row, state(edge.node)));
+        if (edge.node >= 0) {
+            add(edge.node, cells_.nearness(row, state(edge.node)));
+            beside.from(row);
+        }
         for (int i = 0; i < width && edge.node >= 0; ++i) {
             if (!(cells_.scale[i] > 0.0)) continue;
             for (const int by : {1, -1}) {
                 if (target_.size() - begin == MOST_AROUND) break;
-                const int node = index_.find(cells_.cell_of(row, i, by));
+                const int node = index_.find(beside.digest_of(i, by));
                 if (node < 0) continue;
                 const double near = cells_.nearness(row, state(node));
                 if (near > SMALL * total) add(node, near);

@@ -1,6 +1,7 @@
 #include "serp/planning/cells.hpp"
 
 #include <nanobind/stl/map.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
@@ -25,6 +26,12 @@ std::int64_t bin_of(double number, double low, double scale) {
     return static_cast<std::int64_t>(place > -FAR ? std::min(place, FAR) : -FAR);
 }
 
+/// Returns what a fluent, whose scale is not negative, contributes to the digest of a cell.
+std::uint64_t bits_in_cell(const Cells& cells, const double* state, int i) {
+    return cells.scale[i] > 0.0 ? bin_of(state[i], cells.low[i], cells.scale[i])
+                                : bits_of(state[i]);
+}
+
 }  // namespace
 
 Cells::Cells(std::vector<double> low, std::vector<double> scale, std::vector<double> area)
@@ -33,14 +40,10 @@ Cells::Cells(std::vector<double> low, std::vector<double> scale, std::vector<dou
         throw std::invalid_argument("low, scale and area differ in length");
 }
 
-Digest Cells::cell_of(const double* state, int moved, int by) const {
+Digest Cells::cell_of(const double* state) const {
     Digest digest = START;
-    for (int i = 0; i < width(); ++i) {
-        if (scale[i] > 0.0)
-            digest = mixed(digest, bin_of(state[i], low[i], scale[i]) + (i == moved ? by : 0));
-        else if (scale[i] == 0.0)
-            digest = mixed(digest, bits_of(state[i]));
-    }
+    for (int i = 0; i < width(); ++i)
+        if (scale[i] >= 0.0) digest = mixed(digest, bits_in_cell(*this, state, i));
     return finished(digest);
 }
 
@@ -68,10 +71,26 @@ double Cells::nearness(const double* state, const double* other) const {
     return std::exp(-2.0 * total) + 1e-9;
 }
 
+void CellsBeside::from(const double* state) {
+    Digest digest = START;
+    for (int i = 0; i < cells_.width(); ++i) {
+        before_[i] = digest;
+        if (!(cells_.scale[i] >= 0.0)) continue;
+        bits_[i] = bits_in_cell(cells_, state, i);
+        digest = mixed(digest, bits_[i]);
+    }
+}
+
+Digest CellsBeside::digest_of(int fluent, int by) const {
+    Digest digest = mixed(before_[fluent], bits_[fluent] + by);
+    for (int i = fluent + 1; i < cells_.width(); ++i)
+        if (cells_.scale[i] >= 0.0) digest = mixed(digest, bits_[i]);
+    return finished(digest);
+}
+
 CellValues::CellValues(Cells cells, std::vector<double> states, std::vector<double> value,
-                       std::vector<double> area_value)
-    : cells_(std::move(cells)), states_(std::move(states)), value_(std::move(value)),
-      area_value_(std::move(area_value)) {
+                       std::optional<std::vector<double>> area_value)
+    : cells_(std::move(cells)), states_(std::move(states)), value_(std::move(value)) {
     if (value_.empty() || states_.size() != (value_.size() - 1) * cells_.width())
         throw std::invalid_argument(std::to_string(states_.size()) + " numbers of states for " +
                                     std::to_string(value_.size()) + " values");
@@ -88,7 +107,7 @@ CellValues::CellValues(Cells cells, std::vector<double> states, std::vector<doub
         least_of_all = std::min(least_of_all, value_[k]);
     }
     least.push_back(count ? least_of_all : 0.0);
-    if (area_value_.empty()) area_value_ = std::move(least);
+    area_value_ = area_value ? std::move(*area_value) : std::move(least);
     if (area_value_.size() != static_cast<std::size_t>(area_index_.size()) + 1)
         throw std::invalid_argument("area_value has " + std::to_string(area_value_.size()) +
                                     " numbers, not " + std::to_string(area_index_.size() + 1));
@@ -105,10 +124,12 @@ double CellValues::at(const double* state) const {
     };
     if (const int own = cell_index_.find(cells_.cell_of(state)); own >= 0) {
         add(own);
+        CellsBeside beside(cells_);
+        beside.from(state);
         for (int i = 0; i < width; ++i) {
             if (!(cells_.scale[i] > 0.0)) continue;
             for (const int by : {-1, 1})
-                if (const int cell = cell_index_.find(cells_.cell_of(state, i, by)); cell >= 0)
+                if (const int cell = cell_index_.find(beside.digest_of(i, by)); cell >= 0)
                     add(cell);
         }
     }
@@ -153,14 +174,16 @@ void bind_cells(nb::module_& module) {
     nb::class_<CellValues, LeafValues>(module, "CellValues", "The values of N cells.")
         .def("__init__", [](CellValues* self, const Numbers& low, const Numbers& scale,
                             const Numbers& area, const Numbers& states, const Numbers& value,
-                            const Numbers& area_value) {
+                            const std::optional<Numbers>& area_value) {
+                std::optional<std::vector<double>> least;
+                if (area_value) least = vector_of(*area_value);
                 new (self) CellValues({vector_of(low), vector_of(scale), vector_of(area)},
-                                      vector_of(states), vector_of(value), vector_of(area_value));
+                                      vector_of(states), vector_of(value), std::move(least));
             }, nb::arg("low"), nb::arg("scale"), nb::arg("area"), nb::arg("states"),
-            nb::arg("value"), nb::arg("area_value"),
+            nb::arg("value"), nb::arg("area_value") = nb::none(),
             "Take a division of the state space: low ends, bins per unit of cells and of areas [F]; "
             "a state of every cell [N * F]; the values [N + 1] of the cells and of what is not "
-            "known; those of the areas [A + 1], or none.")
+            "known; those of the areas [A + 1], the least of their cells where they are not given.")
         .def("at", [](const CellValues& values, const Numbers& state) {
                 return values.at(state_of(values, state));
             }, nb::arg("state"), "Return the value of a state [F].")

@@ -1,6 +1,7 @@
 // Cells of the state space, and their values.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "serp/planning/hash_table.hpp"
@@ -27,15 +28,32 @@ struct Cells {
 
     int width() const { return static_cast<int>(low.size()); }
 
-    /// Returns the digest of the cell of a state [F], or of the cell that lies `by` bins beside it
-    /// in the direction of a fluent.
-    Digest cell_of(const double* state, int moved = -1, int by = 0) const;
+    /// Returns the digest of the cell of a state [F].
+    Digest cell_of(const double* state) const;
     /// Returns the digest of the area of a state [F].
     Digest area_of(const double* state) const;
     /// Returns whether a state [F] is close to the range of what was visited.
     bool in_range(const double* state) const;
     /// Returns the weight of another state in an interpolation, by the distance in widths of cells.
     double nearness(const double* state, const double* other) const;
+};
+
+/// The cells beside the cell of a state. Has scratch memory: one for each thread.
+class CellsBeside {
+public:
+    explicit CellsBeside(const Cells& cells) : cells_(cells), bits_(cells.width()),
+                                               before_(cells.width()) {}
+
+    /// Sets the state [F].
+    void from(const double* state);
+    /// Returns the digest of the cell that lies `by` bins further in the direction of a fluent,
+    /// which is divided.
+    Digest digest_of(int fluent, int by) const;
+
+private:
+    const Cells& cells_;
+    std::vector<std::uint64_t> bits_;  ///< [F] what is mixed into a digest
+    std::vector<Digest> before_;       ///< [F] digests of the fluents before each
 };
 
 /// Distinct digests, numbered in the order in which they were added.
@@ -67,11 +85,11 @@ private:
 class CellValues : public LeafValues {
 public:
     /// Takes a state of every cell [N * F], and the values [N + 1] of the cells, then of states that
-    /// are not known. `area_value` [A + 1] has the least value in each area, then of all; where it
-    /// is empty, it is made from the others.
+    /// are not known. `area_value` [A + 1] has the least value in each area, then of all; without it
+    /// it is made from the others.
     /// Throws std::invalid_argument where lengths do not fit, or two states lie in one cell.
     CellValues(Cells cells, std::vector<double> states, std::vector<double> value,
-               std::vector<double> area_value = {});
+               std::optional<std::vector<double>> area_value = std::nullopt);
 
     /// Returns the value of a state [F], interpolated between its cell and those beside it.
     ///

@@ -33,8 +33,6 @@ def restored_values(arrays: Mapping[str, NDArray[Any]], width: int) -> CellValue
     low = columns["low"]
     if len(low) != width:
         raise saved.wrong(f"low has {len(low)} numbers for {width} fluents")
-    if not columns["area_value"].size:
-        raise saved.wrong("area_value is empty")
     try:
         return CellValues(**columns)
     except ValueError as error:

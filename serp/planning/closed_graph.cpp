@@ -328,8 +328,8 @@ void bind_closed_graph(nb::module_& module) {
              nb::sig("def columns(self) -> dict[str, numpy.typing.NDArray[typing.Any]]"),
              "Return copies of all columns.")
         .def("restore", &restore, nb::arg("columns"),
-             nb::sig("def restore(self, columns: collections.abc.Mapping[str, "
-                     "numpy.typing.NDArray[typing.Any]]) -> None"),
+             nb::sig("def restore(self, columns: dict[str, numpy.typing.NDArray[typing.Any]]) "
+                     "-> None"),
              "Take a graph with these columns, or raise a ValueError where they do not fit "
              "together. What follows from the others is not read.");
 }

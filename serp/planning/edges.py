@@ -7,7 +7,6 @@ from typing import Final
 
 from serp.settings import PlannerSettings
 
-
 MAX_EDGES: Final = 4_000_000
 """Most edges that are tried."""
 MAX_NUMBERS: Final = 10_000_000

@@ -7,8 +7,6 @@ in the other (best-first width search: Lipovetzky & Geffner, AAAI 2017).
 
 from __future__ import annotations
 
-import numpy as np
-
 from serp._core import Relaxation, find_way
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.inert import inert_fluents

@@ -87,7 +87,7 @@ class _Relaxation:
             fluents=self.fluents,
             comparisons=[
                 (
-                    [(fluent, float(factor)) for fluent, factor in form.terms.items()],
+                    [(f, float(factor)) for f, factor in form.terms.items() if isinstance(f, int)],
                     float(form.constant),
                     strict,
                 )

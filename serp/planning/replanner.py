@@ -110,7 +110,7 @@ class PlanningGraph:
             part = np.array(nodes[start : start + size])
             sources, actions = np.repeat(part, count), np.tile(np.arange(count), len(part))
             states = np.array([self.states[node] for node in sources.tolist()])
-            out, flags = self.model.core.step_batch(states.reshape(-1, width), actions)
+            out, flags = self.model.core.step_batch(states.reshape(len(sources), width), actions)
             for k in np.flatnonzero(flags & APPLICABLE).tolist():
                 *state, reward = out[k].tolist()
                 self._add(int(sources[k]), int(actions[k]), tuple(state), reward, int(flags[k]),

@@ -32,14 +32,6 @@ NEWEST: Final = "checkpoint.safetensors"
 PREVIOUS: Final = "checkpoint-previous.safetensors"
 DAMAGED: Final = "checkpoint-damaged.safetensors"
 
-_BEGUN: Final = "A run can be continued or evaluated once it has written its first checkpoint."
-_NONE_LEFT: Final = (
-    "No checkpoint is left to continue from: restore a checkpoint from a copy, or train again with "
-    "another --out. metrics.csv and decisions.csv can still be read."
-)
-_ENTRY: Final = "serp"
-_LENGTH_BYTES: Final = 8  # a safetensors file begins with the length of its header
-
 
 class CheckpointDamaged(RunError):
     """A checkpoint is truncated or altered."""
@@ -111,16 +103,21 @@ def load_newest(folder: Path) -> Checkpoint:
     says so.
     """
     newest, previous = folder / NEWEST, folder / PREVIOUS
+    none_left = (
+        "No checkpoint is left to continue from: restore a checkpoint from a copy, or train again "
+        "with another --out. metrics.csv and decisions.csv can still be read."
+    )
     try:
         return Checkpoint(*load(newest), newest)
     except CheckpointDamaged as error:
-        fallback, advice = str(error), _NONE_LEFT
+        fallback, advice = str(error), none_left
     except FileNotFoundError:
-        fallback, advice = f"there is no checkpoint {newest}.", _BEGUN
+        fallback = f"there is no checkpoint {newest}."
+        advice = "A run can be continued or evaluated once it has written its first checkpoint."
     try:
         return Checkpoint(*load(previous), previous, fallback)
     except CheckpointDamaged as error:
-        raise RunError(f"{fallback} The one before it: {error} {_NONE_LEFT}") from error
+        raise RunError(f"{fallback} The one before it: {error} {none_left}") from error
     except FileNotFoundError:
         raise RunError(f"{fallback} {advice}") from None
 
@@ -130,7 +127,7 @@ def encoded(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any])
     plain = {name: _plain(name, array) for name, array in arrays.items()}
     text = json.dumps(meta, default=_as_json)
     entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
-    return safetensors.numpy.save(plain, {_ENTRY: json.dumps(entry)})
+    return safetensors.numpy.save(plain, {"serp": json.dumps(entry)})
 
 
 def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -150,14 +147,15 @@ def _as_json(value: object) -> Any:
 
 def decoded(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
     """Read the content of a checkpoint; `path` names it in errors."""
+    length_bytes = 8  # a safetensors file begins with the length of its header
     damaged = f"the checkpoint {path} is damaged:"
     try:
         loaded = safetensors.numpy.load(data)
-        size = int.from_bytes(data[:_LENGTH_BYTES], "little")
-        header = json.loads(data[_LENGTH_BYTES : _LENGTH_BYTES + size])
+        size = int.from_bytes(data[:length_bytes], "little")
+        header = json.loads(data[length_bytes : length_bytes + size])
     except (SafetensorError, ValueError, KeyError, RecursionError) as error:
         raise CheckpointDamaged(f"{damaged} it is truncated or altered ({error}).") from error
-    text = (header.get("__metadata__") or {}).get(_ENTRY)
+    text = (header.get("__metadata__") or {}).get("serp")
     if text is None:
         raise RunError(f"{path} is a safetensors file, but not a checkpoint of serp.")
     try:

@@ -25,7 +25,6 @@ EPISODES: Final = 100
 """Default number of episodes."""
 ENOUGH: Final = WINDOW
 """Number of episodes below which mean and interval are rough."""
-CONFIDENCE: Final = 0.95
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def interval_of(returns: Sequence[float]) -> tuple[float, float] | None:
     from scipy.stats import t  # takes half a second to import
 
     mean, error = float(np.mean(returns)), float(np.std(returns, ddof=1)) / math.sqrt(len(returns))
-    reach = float(t.ppf((1.0 + CONFIDENCE) / 2.0, len(returns) - 1)) * error
+    reach = float(t.ppf((1.0 + 0.95) / 2.0, len(returns) - 1)) * error
     return mean - reach, mean + reach
 
 

@@ -120,20 +120,6 @@ class _Config(BaseModel):
     machine: dict[str, Any]
 
 
-_PACKAGES = (
-    "serp",
-    "numpy",
-    "torch",
-    "gymnasium",
-    "scipy",
-    "unified-planning",
-    "networkx",
-    "pymunk",
-    "safetensors",
-    "stable-baselines3",
-)
-
-
 def config_text(
     config: Mapping[str, Any],
     domain_files: Mapping[str, str],
@@ -202,8 +188,20 @@ def read_config(folder: Path) -> dict[str, Any]:
 @functools.cache
 def versions() -> Mapping[str, str | None]:
     """Return distribution → installed version (None if not installed), without importing any."""
+    packages = (
+        "serp",
+        "numpy",
+        "torch",
+        "gymnasium",
+        "scipy",
+        "unified-planning",
+        "networkx",
+        "pymunk",
+        "safetensors",
+        "stable-baselines3",
+    )
     found: dict[str, str | None] = {}
-    for name in _PACKAGES:
+    for name in packages:
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

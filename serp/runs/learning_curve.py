@@ -11,8 +11,6 @@ from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 from serp._util.figures import ACTORS, INK, LINE, PLANNER, STYLE, caption, label_ends
 from serp.runs.summary import WINDOW, Metrics, binned_shares, moving_interval, moving_mean
 
-_MANY = 5_000  # episodes above which an SVG holds the points of single episodes as pixels
-
 
 def learning_curve(metrics: Metrics, title: str) -> Figure:
     """Draw the returns of a run, and below them the shares of the actors and ρ.
@@ -36,7 +34,8 @@ def learning_curve(metrics: Metrics, title: str) -> Figure:
 def _draw_returns(axes: Axes, metrics: Metrics) -> None:
     steps, returns = metrics["env_steps"], metrics["return"]
     mean, (low, high) = moving_mean(returns), moving_interval(returns)
-    many = len(steps) > _MANY
+    # Of many episodes an SVG holds the points as pixels.
+    many = len(steps) > 5_000
     axes.plot(
         steps, returns, color=LINE, linestyle="none", marker=".", markersize=4, alpha=0.4,
         markeredgewidth=0, rasterized=many, clip_on=False,

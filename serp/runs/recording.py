@@ -18,7 +18,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
@@ -52,19 +52,14 @@ EVALUATIONS: Final = "evaluations"
 HEADER: Final = "recording.json"
 ACTORS: Final = tuple(Actor)
 REASONS: Final = tuple(Reason)
-_BOUNDS: Final = tuple(Bound)
 Columns = dict[str, NDArray[Any]]
 """Name of a column → values `[n]`, `[n, F]` or `[n, E]` of n steps."""
 VETO_COLUMNS: Final = ("proposed_by", "reason")
 """What `vetoed` is told by."""
 
-_BLOCK_BYTES: Final = 1 << 20
 _BLOCK_STEPS: Final = 1024
-_LARGEST_FILE: Final = 1 << 28
 _NAME: Final = re.compile(r"block-(\d{6,9})\.npz")
 _AGAIN: Final = "Restore it from a copy; metrics.csv and decisions.csv can still be read."
-_KEPT = 8
-"""Blocks that are kept in memory."""
 
 _HUGE: Final = float(np.finfo(np.float64).max)
 _SUMMED: Final = 1e280
@@ -121,7 +116,7 @@ _COLUMNS: Final[Mapping[str, _Column]] = {
 }
 _ENTERED: Final = [name for name, column in _COLUMNS.items() if column.of]
 _entries: Final = attrgetter(*(_COLUMNS[name].of for name in _ENTERED))  # in one call, so fast
-_LISTED: Final = {"actors": ACTORS, "reasons": REASONS, "bounds": _BOUNDS}
+_LISTED: Final = {"actors": ACTORS, "reasons": REASONS, "bounds": tuple(Bound)}
 _POSITIONS: Final = [
     {value: k for k, value in enumerate(_LISTED.get(str(_COLUMNS[name].high), ()))}
     for name in _ENTERED
@@ -200,11 +195,12 @@ class Layout(BaseModel):
     @property
     def block(self) -> int:
         """Number of steps of a block, which takes about `_BLOCK_BYTES`; the last may have fewer."""
+        block_bytes = 1 << 20
         size = sum(
             np.dtype(column.kind).itemsize * int(np.prod(self.shape(name, 1)))
             for name, column in _COLUMNS.items()
         )
-        return min(_BLOCK_STEPS, max(16, _BLOCK_BYTES // size))
+        return min(_BLOCK_STEPS, max(16, block_bytes // size))
 
     def shape(self, name: str, steps: int) -> tuple[int, ...]:
         """Return the shape of a column of so many steps."""
@@ -247,7 +243,7 @@ def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Column
     """
     found: Columns = {}
     try:
-        data = io.BytesIO(read_regular(file, _LARGEST_FILE))
+        data = io.BytesIO(read_regular(file, 1 << 28))
         with zipfile.ZipFile(data) as archive:
             for name in dict.fromkeys(("number", *names)):
                 steps = len(found["number"]) if found else layout.block
@@ -342,7 +338,7 @@ class Recording:
                 raise RunError(f"{folder} has no block {number}. Restore it from a copy.")
         last = len(self._read_block(len(blocks) - 1, ("number",))["number"]) if blocks else 0
         self._steps = max(0, len(blocks) - 1) * self.layout.block + last
-        self._block = functools.lru_cache(_KEPT)(self._read_block)
+        self._block = functools.lru_cache(8)(self._read_block)
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -415,44 +411,18 @@ class Recording:
         columns = self._block(block)
 
         def at(name: str) -> Any:
-            value = columns[name][row]
-            return value.copy() if isinstance(value, np.ndarray) else value.item()
+            value, known = columns[name][row], _LISTED.get(str(_COLUMNS[name].high))
+            if known is not None:
+                return known[value]
+            if isinstance(value, np.ndarray):  # a copy
+                return value.astype(np.int64 if value.dtype.kind == "i" else value.dtype)
+            return value.item()
 
-        forecast = ActionForecast(
-            choice=at("choice"),
-            ground=at("ground").astype(np.int64),
-            value=at("value"),
-            path_risk=at("path_risk"),
-            safe_steps=at("safe_steps").astype(np.int64),
-            reward=at("reward"),
-            flags=at("flags"),
-            depth=at("depth"),
-            bound=_BOUNDS[at("bound")],
-            indifferent=at("indifferent"),
-        )
-        decision = Decision(
-            action=at("action"),
-            executed_by=ACTORS[at("executed_by")],
-            reason=REASONS[at("reason")],
-            proposed=at("proposed"),
-            proposed_by=ACTORS[at("proposed_by")],
-            rho=at("rho"),
-            forecast=forecast,
-            admissible=at("admissible"),
-        )
-        return StoredStep(
-            step=step,
-            episode=at("episode"),
-            number=at("number"),
-            state=at("state"),
-            next_state=at("next_state"),
-            decision=decision,
-            env_reward=at("env_reward"),
-            domain_reward=at("domain_reward"),
-            unsafe=at("unsafe"),
-            terminated=at("terminated"),
-            truncated=at("truncated"),
-        )
+        forecast = ActionForecast(**{name: at(name) for name in ActionForecast._fields})
+        of_decision = [name for name in Decision._fields if name != "forecast"]
+        decision = Decision(forecast=forecast, **{name: at(name) for name in of_decision})
+        own = [each.name for each in fields(StoredStep) if each.name in _COLUMNS]
+        return StoredStep(step=step, decision=decision, **{name: at(name) for name in own})
 
     def find(self, episode: int, number: int) -> int:
         """Return the position of a step of an episode, both from 1.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,6 @@ from serp.tasks.environment import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
 
-_TRAINING: Final = 1
-_EVALUATION: Final = 2
-"""Spawn keys of the environment's seeds."""
-
 Perceive = Callable[[Any, Mapping[str, Any], Any], tuple[Vector, Vector]]
 """(observation, info, environment that gave them) → (state, input of the learner)."""
 Decide = Callable[[Vector, Vector], Decision]
@@ -29,12 +25,12 @@ Decide = Callable[[Vector, Vector], Decision]
 
 def training_seed(seed: int, episode: int) -> int:
     """Return the environment's seed for an episode, from 0, of a training."""
-    return _seed(seed, _TRAINING, episode)
+    return _seed(seed, 1, episode)
 
 
 def evaluation_seed(seed: int, episode: int) -> int:
     """Return the environment's seed for an episode, from 0, of an evaluation."""
-    return _seed(seed, _EVALUATION, episode)
+    return _seed(seed, 2, episode)
 
 
 def _seed(seed: int, use: int, episode: int) -> int:

@@ -160,7 +160,7 @@ def _candidates(run: RunModel) -> Iterator[ChosenPlanner]:
     settings = run.settings.planner
     make = FarSightPlanner if settings.name == "far-sight" else Lookahead
     written = make(run.model, settings)
-    yield ChosenPlanner(written, run.model, settings, _SECONDS, "the file as written")
+    yield ChosenPlanner(written, run.model, settings, "the file as written", seconds=_SECONDS)
     if not run.has_checkpoint or (make is Lookahead and run.adapted is None):
         return
     model = run.adaptation.model
@@ -169,7 +169,7 @@ def _candidates(run: RunModel) -> Iterator[ChosenPlanner]:
         planner.visited = run.adaptation.experience
         planner.load_state_dict(*run.saved_planner)
     learned = "what the newest checkpoint has learned"
-    yield ChosenPlanner(planner, model, settings, _SECONDS, learned)
+    yield ChosenPlanner(planner, model, settings, learned, seconds=_SECONDS)
 
 
 def refusal_of(run: RunModel, step: StoredStep) -> Callable[[Forecast], int] | None:

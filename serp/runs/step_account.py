@@ -35,9 +35,7 @@ class PredictedFluent:
         before: Its value before the step.
         predicted: What the file as written predicts; None where it predicts nothing.
         observed: Its value after the step.
-        error: Observed less predicted, in units of what the fluent usually changes by in a step
-            (root mean square over the recording); infinite where it never changes, of a predicate
-            1 where it is not as predicted.
+        error: Size of the error in the units of `error_units`; 0 where nothing is predicted.
         learned: What the model of the newest checkpoint predicts, where that is something else.
     """
 
@@ -51,24 +49,22 @@ class PredictedFluent:
 
 def predictions_of(run: RunModel, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
     """Return what was predicted for a step and what came of it, the largest error first."""
-    before, after = run.model.values(step.state), run.model.values(step.next_state)
+    model = run.model
+    before, after = model.values(step.state), model.values(step.next_state)
     ground = int(step.decision.forecast.ground[step.decision.action])
     written, learned = (
-        {} if model is None or ground < 0 else _predicted(model, step.state, ground)
-        for model in (run.model, run.adapted)
+        {} if each is None or ground < 0 else _predicted(each, step.state, ground)
+        for each in (model, run.adapted)
     )
+    expected = np.array([float(written.get(name, after[name])) for name in after])
+    units = error_units(model, recording.usual_change, np.abs(expected - step.state))
+    errors = in_units(step.next_state - expected, units).tolist()
     found = []
-    for (name, observed), usual in zip(after.items(), recording.usual_change, strict=True):
+    for (name, observed), error in zip(after.items(), errors, strict=True):
         predicted, other = written.get(name), learned.get(name)
-        error = 0.0
-        if predicted is not None and predicted != observed:
-            off = observed - predicted
-            error = off / float(usual) if usual > 0.0 else math.copysign(math.inf, off)
-            if isinstance(observed, bool):
-                error = 1.0
         other = None if predicted is None or other == predicted else other
         found.append(PredictedFluent(name, before[name], predicted, observed, error, other))
-    return sorted(found, key=lambda each: -abs(each.error))
+    return sorted(found, key=lambda each: -each.error)
 
 
 def _predicted(model: TransitionModel, state: Vector, ground: int) -> dict[str, float | bool]:
@@ -316,10 +312,8 @@ def prediction_line(each: PredictedFluent) -> str:
     line = (
         f"{each.fluent}: {readable(each.predicted)} predicted, {readable(each.observed)} observed"
     )
-    if math.isinf(each.error):
-        line += "; it never changed before"
-    elif not isinstance(each.observed, bool):
-        line += f", error: {percent(abs(each.error))} of a typical change"
+    if not isinstance(each.observed, bool):
+        line += f", error: {percent(each.error)} of a typical change"
     if each.learned is not None:
         line += f"; {readable(each.learned)} by what the run has learned"
     return line + f" (before: {readable(each.before)})"
@@ -329,7 +323,7 @@ def what_came(account: StepAccount) -> list[str]:
     """Compare what was predicted with what was observed, the largest errors first."""
     predictions, step = account.predictions, account.step
     # Up to a twentieth of a usual change a fluent is as predicted.
-    wrong = [each for each in predictions if abs(each.error) > 0.05]
+    wrong = [each for each in predictions if each.error > 0.05]
     if predictions and predictions[0].predicted is None:
         lines = ["The file predicts nothing for this action."]
     elif wrong:

@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import NonNegativeInt, PositiveInt, field_validator
@@ -31,19 +31,12 @@ from serp.settings import Changes
 from serp.tasks.registry import find_task
 from serp.tasks.task import Task
 
-FIRST_SEED: Final = 1_000
-"""Seeds from here on are for tuning, those from 0 on for the results that are reported."""
-_JOURNAL: Final = "study.log"
-_ASKED: Final = "serp"
-_FAILED: Final = "error"
-"""Names of Optuna's attributes: the digest of what a study is for; why a trial failed."""
-
 
 class TuningRequest(TrialsRequest):
     """The options of `serp.tune`, which describes them; None stands for the default."""
 
-    first_seed: ClassVar[int] = FIRST_SEED
-    seeds: tuple[NonNegativeInt, ...] = tuple(range(FIRST_SEED, FIRST_SEED + 3))
+    first_seed: ClassVar[int] = 1_000  # seeds from 0 on are for the results that are reported
+    seeds: tuple[NonNegativeInt, ...] = tuple(range(first_seed, first_seed + 3))
     vary: Mapping[str, Any]
     algorithm: str = "serp"
     objective: Literal["training", "evaluation"] = "training"
@@ -168,6 +161,8 @@ def tune(task: Task | str, **options: Any) -> Tuned:
         SerpError: Task, options, settings or folder are wrong, or no trial succeeded.
         Interrupted: Ctrl-C, SIGTERM or SIGHUP; the study can be continued.
     """
+    journal = "study.log"
+    asked = "serp"
     with needs_extra("tune", "tuning"):
         import optuna
     from serp.runs.tuning_space import changes_of
@@ -180,15 +175,15 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     search = _Search(find_task(task) if isinstance(task, str) else task, request)
     folder = request.out or default_path(f"tune-{search.name}")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    with locked(folder, _JOURNAL):
-        storage = optuna.storages.journal.JournalFileBackend(str(folder / _JOURNAL))
+    with locked(folder, journal):
+        storage = optuna.storages.journal.JournalFileBackend(str(folder / journal))
         study = optuna.create_study(
             study_name=search.name, storage=optuna.storages.JournalStorage(storage),
             direction="maximize", load_if_exists=True,
         )  # fmt: skip
         if not study.user_attrs:
-            study.set_user_attr(_ASKED, search.digest)
-        if study.user_attrs.get(_ASKED) != search.digest:
+            study.set_user_attr(asked, search.digest)
+        if study.user_attrs.get(asked) != search.digest:
             raise RunError(
                 f"{folder} holds a study of another task, or with other settings, values, seeds or "
                 "budget. Give another folder (--out)."
@@ -201,7 +196,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
         )
     complete = [trial for trial in ended if trial.value is not None]
     if not complete:
-        why = study.user_attrs.get(f"{_FAILED} {ended[0].number}")
+        why = study.user_attrs.get(f"error {ended[0].number}")
         raise RunError(f"none of {len(ended)} trials succeeded; the first failed: {why}")
     best = max(complete, key=lambda trial: trial.value)
     before = next((trial.value for trial in complete if trial.params == search.own), None)
@@ -255,7 +250,7 @@ def _run(optuna: Any, study: Any, search: _Search, folder: Path) -> int | None:
                             "measured; give a larger --env-steps"
                         )
                 if number in errors:
-                    study.set_user_attr(f"{_FAILED} {number}", errors[number])
+                    study.set_user_attr(f"error {number}", errors[number])
                     study.tell(number, state=state.FAIL)
                     text = f"failed. {errors[number]}"
                 if text is not None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from optuna.distributions import (
     BaseDistribution,
@@ -22,8 +22,6 @@ from optuna.distributions import (
 
 from serp.errors import SettingsError
 from serp.settings import Changes, Settings, setting_value
-
-_FORMS: Final = "A..B, log:A..B or A,B,..."
 
 Space = dict[str, BaseDistribution]
 """`section.setting` → its values; choices are texts, because Optuna takes no lists."""
@@ -75,7 +73,8 @@ def _distribution(name: str, given: Any) -> BaseDistribution:
         return _choices(_all_values(name, _kind(name)))
     if not isinstance(given, str):
         if not isinstance(given, list | tuple) or not given:
-            raise SettingsError(f"{name}: expected a list of values or a text such as {_FORMS}")
+            forms = "A..B, log:A..B or A,B,..."
+            raise SettingsError(f"{name}: expected a list of values or a text such as {forms}")
         return _choices([_checked(name, value) for value in given])
     ends = re.fullmatch(r"\s*(log:)?\s*([^,\s]+?)\s*\.\.\s*([^,\s]+?)\s*", given)
     if ends is None:
@@ -125,5 +124,5 @@ def _all_values(name: str, kind: Any) -> list[Any]:
     if get_origin(kind) is Literal:
         return list(get_args(kind))
     if not get_args(kind) or get_origin(kind) in (tuple, Annotated):
-        raise SettingsError(f"{name}: say which values: {_FORMS}")
+        raise SettingsError(f"{name}: say which values: A..B, log:A..B or A,B,...")
     return [value for part in get_args(kind) for value in _all_values(name, part)]

@@ -7,16 +7,13 @@ import math
 import reprlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from numbers import Real
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp.errors import EnvironmentFailure
-
-MOST_COMBINATIONS: Final = 4096
-"""Each is an output of the learner's network, and a column of every forecast."""
 
 
 class ActionSpace:
@@ -30,6 +27,8 @@ class ActionSpace:
     """
 
     def __init__(self, space: Any) -> None:
+        # Each is an output of the learner's network, and a column of every forecast.
+        most_combinations = 4096
         self.space = space
         self._shape: tuple[int, ...] | None = None
         if isinstance(space, spaces.Discrete):
@@ -45,9 +44,9 @@ class ActionSpace:
                 "controllers as actions: serp_envs.MacroActions"
             )
         self.size = int(np.prod(self._shape, dtype=object))
-        if self.size > MOST_COMBINATIONS:
+        if self.size > most_combinations:
             raise ValueError(
-                f"{space} has {self.size:,} combinations, more than {MOST_COMBINATIONS:,}; "
+                f"{space} has {self.size:,} combinations, more than {most_combinations:,}; "
                 "offer those that make sense as a Discrete space, through "
                 "gymnasium.wrappers.TransformAction"
             )

@@ -6,7 +6,7 @@ import copy
 import inspect
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Final
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -17,8 +17,6 @@ from serp.errors import TaskError
 
 FAR = 1e9
 """Replaces an infinite bound of a space."""
-_BESIDE: Final = ("info", "env")
-"""What a grounding may take beside the observation, by the names of its parameters."""
 
 
 class Grounding:
@@ -32,13 +30,15 @@ class Grounding:
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        # What a grounding may take beside the observation, by the names of its parameters.
+        beside = ("info", "env")
         self._function = function
         try:
             signature = inspect.signature(function)
         except (TypeError, ValueError):  # some callables written in C have no signature
             self.takes: tuple[str, ...] = ()
             return
-        self.takes = tuple(name for name in _BESIDE if name in list(signature.parameters)[1:])
+        self.takes = tuple(name for name in beside if name in list(signature.parameters)[1:])
         try:
             signature.bind(None, **dict.fromkeys(self.takes))
         except TypeError as error:

@@ -19,7 +19,6 @@ from serp.model.domain import Domain, load_domain
 from serp.tasks.task import Task
 
 GROUP = "serp.tasks"
-FORMS = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
 
 
 def custom_task(name: str) -> Task:
@@ -32,9 +31,10 @@ def custom_task(name: str) -> Task:
     Raises:
         TaskError: There is no such file, module or function, it fails, or it returns no task.
     """
+    forms = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
     where, colon, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
     if not where or (colon and not attribute):
-        raise TaskError(f"--task {name}: expected {FORMS}")
+        raise TaskError(f"--task {name}: expected {forms}")
     option = f"--task {name}"
     is_file = where.endswith(".py")
     module = import_file(Path(where), option) if is_file else _import_module(where, Path(), option)

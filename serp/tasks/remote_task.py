@@ -8,7 +8,7 @@ import sys
 import traceback
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
-from typing import Any, Final
+from typing import Any
 
 from gymnasium.vector.utils import CloudpickleWrapper
 
@@ -17,10 +17,6 @@ from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp.errors import EnvironmentFailure, SerpError
 from serp.model.transition_model import Vector
 from serp.tasks.task import BoundTask
-
-_START: Final = "fork" if sys.platform == "linux" else "spawn"
-"""How the processes begin. `fork` needs no import and no `__main__` guard in a user's script."""
-_BIND: Final = "making the environment"
 
 
 class RemoteTask(Closing):
@@ -43,7 +39,8 @@ class RemoteTask(Closing):
     def __init__(self, task: BoundTask, number: int) -> None:
         self._task, self._number = task, number
         self.perceived: tuple[Vector, Vector]
-        context: Any = multiprocessing.get_context(_START)
+        # `fork` needs no import and no `__main__` guard in a user's script.
+        context: Any = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
         self._pipe, other = context.Pipe()
         bind: Any = task.task.bind
         arguments = other, CloudpickleWrapper(bind)  # pickles closures, too
@@ -55,7 +52,7 @@ class RemoteTask(Closing):
 
     def wait_until_made(self) -> None:
         """Wait until the environment is made; raise the error if that failed."""
-        self._answer(_BIND)
+        self._answer("making the environment")
 
     # Steps -------------------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,9 +15,6 @@ from serp.model.transition_model import Vector
 
 if TYPE_CHECKING:
     from serp.tasks.task import BoundTask
-
-_TOLERANCE: Final = 1e-4
-"""Relative, because observations are usually float32."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +142,8 @@ def check_grounding(
     mirrored = reflection.of_inputs(np.concatenate((observation, state)))
     size = len(observation)
     got = task.ground(mirrored[:size].reshape(space.shape).astype(space.dtype))
-    wrong = np.abs(mirrored[size:] - got) > _TOLERANCE * np.maximum(1.0, np.abs(got))
+    # Relative, because observations are usually float32.
+    wrong = np.abs(mirrored[size:] - got) > 1e-4 * np.maximum(1.0, np.abs(got))
     if wrong.any():
         k = int(wrong.argmax())
         raise TaskError(

@@ -261,10 +261,6 @@ def declared_reward(task: Task, model: TransitionModel) -> Literal["domain", "en
     return task.reward or ("domain" if model.rewarding else "environment")
 
 
-_SAMPLES = 8
-"""Number of sampled observations on which the grounding is tried."""
-
-
 class BoundTask(Closing):
     """A task with an environment, its loaded domain and its resolved actions.
 
@@ -365,7 +361,8 @@ class BoundTask(Closing):
         """
         if self.grounding.takes:
             return self._grounded(*self.reset(seed=0), self.env)
-        return next(self.grounding.on_samples(self.observations.space, _SAMPLES), None)
+        # Number of sampled observations on which the grounding is tried.
+        return next(self.grounding.on_samples(self.observations.space, 8), None)
 
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
         if render_mode is not None and self.task.world is not None:

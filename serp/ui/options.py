@@ -52,8 +52,7 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
     option = click.option("--policy", type=click.Choice(get_args(Policy)),
                           default="serp", show_default=True,
                           help="serp: the trained policy, within the vetoes; planner: the "
-                               "planner alone; learner: the learner alone, no veto; training: who "
-                               "acts in training, planner or learner, within the vetoes. None "
+                               "planner alone; learner: the learner alone, no veto. None "
                                "explores.")  # fmt: skip
     run = click.argument("run", type=click.Path(path_type=Path))
     return run(option(own_task_option(command)))

@@ -172,7 +172,7 @@ class Player:
         from serp.agent.chosen_planner import ChosenPlanner
 
         model = domain.model.replace(dt=self.dt)
-        return ChosenPlanner.of_settings(model, self.settings.planner, self.task, 10.0)
+        return ChosenPlanner.of_settings(model, self.settings.planner, self.task)
 
     def _save(self, title: str) -> str:
         """Write the situation as a scenario, with what holds there; return a message.

@@ -93,7 +93,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "far-sight": ["planner.name=lookahead"],
     "closed-graph": [(f"{PLANNER}._may_search", lambda self, state: False)],
     "goal-search": [(f"{FAR}.goal_search:GoalSearch.goal", always(False))],
-    "cells": [(f"{PLANNER}._find_cells", lambda self, state, visited: False)],
+    "cells": [(f"{PLANNER}._find_cells", lambda self, state, visited: None)],
     "unknown": [(f"{FAR}.cell_graph:CellGraph.explores", always(False))],
     "budget": [(f"{PLANNER}._saved", always(200_000)), (f"{PLANNER}._wait", always(0))],
     "inert": [(f"{FAR}.{module}:inert_fluents", lambda ground: NOTHING)

@@ -21,8 +21,6 @@ Python blocks run in the order of their page and share their names. A `text` blo
 one of them, or after commands that are run, is what it prints.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

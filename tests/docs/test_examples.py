@@ -1,7 +1,5 @@
 """Blocks of the pages: commands succeed, Python runs and prints what is shown, domains load."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import csv

@@ -1,7 +1,5 @@
 """Columns, files, messages and names of the code that the pages list are those of the code."""
 
-from __future__ import annotations
-
 import ast
 import pkgutil
 import re

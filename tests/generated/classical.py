@@ -1,7 +1,5 @@
 """Blocks and gripper of any size, as texts that every planner for PDDL reads."""
 
-from __future__ import annotations
-
 from random import Random
 
 from tests.generated.writer import Texts

@@ -1,7 +1,5 @@
 """Loaded random domains, states of them, and the strategies that hypothesis draws both from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from random import Random

@@ -5,8 +5,6 @@ dictionary from ground terms to values. Nothing here is shared with `serp.model.
 `serp.model.instructions`; only the parsed syntax is the same.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

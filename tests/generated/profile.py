@@ -1,7 +1,5 @@
 """How hypothesis runs here: the same examples every time, and no clock."""
 
-from __future__ import annotations
-
 from hypothesis import HealthCheck, settings
 
 

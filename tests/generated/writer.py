@@ -4,8 +4,6 @@ Everything is drawn from a `random.Random`, so that hypothesis can drive (and sh
 `st.randoms()` and a plain seed can too. Numbers are quarters, so that arithmetic on them is exact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from random import Random

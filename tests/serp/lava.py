@@ -4,8 +4,6 @@ Between two pools of lava every move does damage at times, so that no risk can b
 The lava costs nothing, and every step does: what keeps out of it is the flag alone.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

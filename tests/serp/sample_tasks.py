@@ -1,7 +1,5 @@
 """A small real task to train on: a Gymnasium environment, its domain, and what can go wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any

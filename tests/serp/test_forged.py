@@ -1,7 +1,5 @@
 """Runs that somebody forged go on or are refused; nothing else ever happens."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The slippery cliff: what the wrapper shows is what Gymnasium's table says, falls included."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Files that claim to leave nothing out predict every step of their environments exactly."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from functools import partial

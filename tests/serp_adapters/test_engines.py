@@ -1,7 +1,5 @@
 """The engine of Ray."""
 
-from __future__ import annotations
-
 import importlib
 import pickle
 import socket

@@ -1,7 +1,5 @@
 """Every shipped task and domain file fits together, with the observations that really come."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple

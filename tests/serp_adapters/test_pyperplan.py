@@ -1,7 +1,5 @@
 """Plans of pyperplan lead to the goal by the file's own model, and are followed to it."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import subprocess

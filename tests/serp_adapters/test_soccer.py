@@ -1,7 +1,5 @@
 """The soccer tasks: sound fluents, one unsafe action, and the planner's choice in situations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import asin, atan2, hypot
 from types import ModuleType
@@ -23,7 +21,6 @@ from serp_envs.soccer.corner_kick import CornerKick
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.physics.rolling import meeting
 
-Point = tuple[float, float]
 Vector = NDArray[np.float64]
 
 

@@ -1,7 +1,5 @@
 """The environments of `serp_envs`, and ways to play them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

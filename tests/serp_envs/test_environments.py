@@ -1,7 +1,5 @@
 """Properties of all environments: Gymnasium's rules, exact repetition, pictures."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

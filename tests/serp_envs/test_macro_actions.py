@@ -1,7 +1,5 @@
 """Macro-actions: an option does what its controller would do step by step."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from typing import Any
 

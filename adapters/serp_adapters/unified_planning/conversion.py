@@ -60,7 +60,7 @@ class ConvertedProblem:
         domain = Domain.parse(
             Source("the problem's domain", text[0]), Source("the problem", text[1])
         )
-        self.model = TransitionModel(domain.model.ground, own_code=False)
+        self.model = TransitionModel(domain.model.ground)
         self._item_named = writer.get_item_named
 
     def instance(self, action: int) -> ActionInstance:

@@ -11,9 +11,9 @@ import numpy as np
 from serp.model import ground_model as g
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change
-from serp.planning.inert import inert_fluents
 from serp.planning.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.goal_search import GoalSearch
+from serp.planning.inert import inert_fluents
 from serp.settings import PlannerSettings
 
 _SMALL: Final = 20_000

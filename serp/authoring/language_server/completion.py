@@ -146,8 +146,6 @@ def _variables(text: str) -> list[types.CompletionItem]:
 # Hover -------------------------------------------------------------------------------------------
 
 _WORD = re.compile(r"[^\s();]+")
-_MOST = 12
-"""Places of one kind that are listed."""
 
 
 def explained(index: Index, source: Source, position: int) -> tuple[str, Place] | None:
@@ -211,9 +209,10 @@ def _sections(occurrences: Iterable[Occurrence]) -> str:
 
 
 def _listed(texts: Iterable[str]) -> str:
+    most = 12  # Places of one kind that are listed.
     distinct = list(dict.fromkeys(texts))
-    more = f" and {len(distinct) - _MOST} more" if len(distinct) > _MOST else ""
-    return ", ".join(distinct[:_MOST]) + more
+    more = f" and {len(distinct) - most} more" if len(distinct) > most else ""
+    return ", ".join(distinct[:most]) + more
 
 
 def _other(index: Index, occurrence: Occurrence) -> list[str]:

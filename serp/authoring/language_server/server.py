@@ -191,9 +191,6 @@ def code_actions(
 
 # The server --------------------------------------------------------------------------------------
 
-_PAUSE = 0.15
-"""Seconds without a key after which the open files are checked."""
-
 
 class PddlServer(LanguageServer):
     """Knows the files that are open in an editor."""
@@ -285,7 +282,8 @@ async def _opened(ls: PddlServer, params: object) -> None:
 
 @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
 async def _changed(ls: PddlServer, params: types.DidChangeTextDocumentParams) -> None:
-    await ls.check(_PAUSE)
+    # Seconds without a key after which the open files are checked.
+    await ls.check(0.15)
 
 
 @server.feature(

@@ -21,8 +21,6 @@ _RANGES: dict[str, tuple[_Limit, ...]] = {
     "atan2": ((">=", Fraction("-3.1416")), ("<=", Fraction("3.1416"))),
 }
 """What functions cannot leave; π is rounded up."""
-_MOST_ALTERNATIVES = 32
-"""Alternatives of a disjunction that are tried."""
 
 
 def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | None:
@@ -36,7 +34,7 @@ def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | Non
         if pair := known.add(test, later):
             return pair
     for alternatives in later:
-        if len(alternatives.operands) <= _MOST_ALTERNATIVES:
+        if len(alternatives.operands) <= 32:
             pairs = [known.copy().add(operand, []) for operand in alternatives.operands]
             if all(pairs):
                 return next((p for p in pairs if p and p[0] != p[1]), pairs[0])

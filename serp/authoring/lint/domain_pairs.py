@@ -11,8 +11,6 @@ from serp.errors import SerpError
 from serp.pddl.reader import read_what_can_be
 from serp.pddl.source import DomainError, Source
 
-_SUFFIX = "-problem"
-
 
 class DomainFiles(NamedTuple):
     """One domain to check.
@@ -96,6 +94,6 @@ def domain_not_found(problem: Source) -> DomainError:
 
 def domain_beside(problem: Path, title: Title) -> Path | None:
     """Return the domain file beside a problem file; None where there is none."""
-    names = (problem.stem.removesuffix(_SUFFIX), title.domain, "domain")
+    names = (problem.stem.removesuffix("-problem"), title.domain, "domain")
     files = (problem.with_name(f"{name}.pddl") for name in names if name and name != problem.stem)
     return next((file for file in files if file.is_file()), None)

@@ -11,13 +11,12 @@ from serp._util.files import write_durably
 from serp.authoring.lint.findings import Finding, findings_of
 from serp.pddl.source import Edit, Source, edited
 
-_MOST_ROUNDS = 50
 _MARK = "\ufeff".encode()
 
 
 def mended(domain: Source, problem: Source | None = None) -> tuple[Source, Source | None]:
     """Return the files with every fix made that is sure, and with those that appear by it."""
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(50):
         sources = [domain] if problem is None else [domain, problem]
         findings = findings_of(domain, problem)
         texts = [edited(source.text, _edits(findings, source)) for source in sources]

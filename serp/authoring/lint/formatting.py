@@ -15,7 +15,6 @@ from serp.pddl.source import Source, newline_of
 
 _LINE_END = re.compile(r"\r\n|\n|\r")
 _TOKEN = re.compile(r"[()]|[^\s();]+")
-_STEP = 2
 
 
 def formatted(source: Source) -> str:
@@ -125,6 +124,7 @@ def _indent(lines: list[_TextLine]) -> None:
 
 def _begin(forms: list[_OpenForm], token: str, column: int) -> int:
     """Return where a line begins whose first token has a column in the file."""
+    step = 2
     if not forms:
         return 0
     form = forms[-1]
@@ -134,7 +134,7 @@ def _begin(forms: list[_OpenForm], token: str, column: int) -> int:
         return form.second[1]
     if form.listed and column == form.column[0] + 1:
         return form.column[1] + 1
-    return form.indent + (2 * _STEP if form.field else _STEP)
+    return form.indent + (2 * step if form.field else step)
 
 
 def _place_comments(lines: list[_TextLine]) -> None:

@@ -21,9 +21,6 @@ from serp.pddl.syntax import Change, Kind
 
 _BEYOND = {"<": ">", "<=": ">", ">": "<", ">=": "<"}
 """Comparison → what holds where it does not hold, but for one number."""
-_MOST_OPERANDS = 40
-"""Operands of one list that are compared with one another."""
-_WRONG_WAY = "is a sign, or the comparison, the wrong way round?"
 _POSITIVE = re.compile(r"\s(\d[\d.]*)\s*\)\Z")
 _CANNOT = {
     Kind.ACTION: "can never be applied",
@@ -112,9 +109,10 @@ def _alternatives(test: object, subject: LintSubject) -> Iterator[tuple[g.Compar
     if isinstance(test, g.Compare):
         yield (test,)
     elif isinstance(test, g.AnyOf):
+        # Operands of one list that are compared with one another.
         comparisons = [
             operand
-            for operand in test.operands[:_MOST_OPERANDS]
+            for operand in test.operands[:40]
             if isinstance(operand, g.Compare)
             and operand.operator in _BEYOND
             and not any(operand.place.within(place) for place in subject.quantified)
@@ -256,6 +254,7 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
     One is the condition of the change itself, where nothing else waits for the number farther on;
     the other one is that of an event which sets the number back to the limit.
     """
+    wrong_way = "is a sign, or the comparison, the wrong way round?"
     theta = subject.theta
 
     @cache  # instances share many comparisons
@@ -297,13 +296,13 @@ def _one_way(subject: LintSubject) -> Iterator[DomainWarning]:
         for limit in stops[fluent]:
             if limit.side == -sign:
                 text = f"{never}, so `{limit.place.text}` does not come about"
-                yield DomainWarning(text, limit.place, advice=_WRONG_WAY)
+                yield DomainWarning(text, limit.place, advice=wrong_way)
         for _, limits, place in ways if not stops[fluent] else ():
             behind = bool(limits) and all(limit.side == sign for limit in limits)
             if behind and farthest[fluent, sign] <= min(limit.number * sign for limit in limits):
                 shown = limits[0].place.text
                 text = f"{never}, and `{shown}` does not stop this change of it"
-                yield DomainWarning(text, place, advice=_WRONG_WAY)
+                yield DomainWarning(text, place, advice=wrong_way)
 
 
 def _sign(change: Change, number: float | None) -> int:

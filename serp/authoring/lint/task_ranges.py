@@ -17,7 +17,6 @@ from serp.pddl.syntax import Change, Kind
 from serp.tasks.grounding import FAR
 from serp.tasks.task import BoundTask
 
-_SAMPLES = 256
 _OPEN = FAR / 1e3
 """A range as wide as this comes of a bound that the observation space leaves open."""
 
@@ -50,7 +49,7 @@ def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
 def _ranges(bound: BoundTask) -> NDArray[np.float64]:
     """Return the least and greatest value of every fluent, `[F, 2]`; infinities for none known."""
     model, rows = bound.model, []
-    for sample in bound.grounding.on_samples(bound.env.observation_space, _SAMPLES):
+    for sample in bound.grounding.on_samples(bound.env.observation_space, 256):
         with contextlib.suppress(SerpError):  # of an observation that never comes
             mapping = isinstance(sample, Mapping)
             rows.append(model.state(sample) if mapping else model.check_state(sample))

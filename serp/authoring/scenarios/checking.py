@@ -209,7 +209,9 @@ class _Checker:
     @functools.cached_property
     def _planner(self) -> ChosenPlanner:
         planner, seconds = self._decider.arbiter.planner, 5.0
-        return ChosenPlanner(planner, self._decider.model, self._decider.settings, seconds, "")
+        return ChosenPlanner(
+            planner, self._decider.model, self._decider.settings, "", seconds=seconds
+        )
 
     @functools.cached_property
     def _alternatives(self) -> Sequence[Alternative]:

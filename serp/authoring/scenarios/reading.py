@@ -26,13 +26,8 @@ EXAMPLES: Final = {
     "after": "after 3 steps (pole-angle) is about 0.05",
 }
 """How an expectation begins → an example."""
-MOST_STEPS: Final = 10_000
-"""Steps that one expectation looks ahead at most."""
-_NUMBER = r"[-−+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?"
 _WORD = re.compile(r"[(),=]|[^\s(),=]+")
 _OR, _BECAUSE, _IS = (rf"(?<=\s){word}(?=\s|\Z)" for word in ("or", "because", "is"))
-_FLUENT = r"\(|(?<=\s)not(?=[\s(])"
-"""Where the name of an action ends."""
 
 
 def observed_in(source: Source, domain: Domain) -> Domain:
@@ -242,17 +237,19 @@ class _Statement:
         return words
 
     def _after(self, example: str) -> s.After:
+        fluent = r"\(|(?<=\s)not(?=[\s(])"  # Where the name of an action ends.
+        most_steps = 10_000  # Steps that one expectation looks ahead at most.
         steps: int | tuple[int, ...]
         if match := self._take(r"(\d{1,12})(?=\s|\Z)"):
             steps, place = int(match[1]), self.place.source.place(*match.span(1))
             if not self.skip("steps") and not self.skip("step"):
                 raise self._missing("`steps`", example)
-            if not 1 <= steps <= MOST_STEPS:
-                raise DomainError(f"{steps:,} steps", place, f"write 1 to {MOST_STEPS:,} steps")
+            if not 1 <= steps <= most_steps:
+                raise DomainError(f"{steps:,} steps", place, f"write 1 to {most_steps:,} steps")
             if self.skip("of"):
-                steps = (self._action(_FLUENT),) * steps
+                steps = (self._action(fluent),) * steps
         else:
-            steps = self._actions(",", f",|{_FLUENT}")
+            steps = self._actions(",", f",|{fluent}")
         negated = self.skip("not")
         name, numeric, _ = self._fluent()
         if not numeric:
@@ -320,10 +317,11 @@ class _Statement:
 
     def _number(self) -> tuple[float, str]:
         """Return a number, and the number as it is written."""
+        number = r"[-−+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?"
         word = self.next_word
         if not word.text:
             raise self._missing("a number", "")
-        match = self._take(rf"({_NUMBER})(?=\s|\Z)")
+        match = self._take(rf"({number})(?=\s|\Z)")
         if match is None:
             raise DomainError(f"`{word.text}` is not a number", word)
         written = match[1].replace("−", "-")

@@ -232,7 +232,7 @@ class Flow:
         bare = dataclasses.replace(model.ground, events=(), goal=None, metric=None)
         if not processes:
             bare = dataclasses.replace(bare, processes=())
-        self._bare = TransitionModel(bare, dt=model.dt, own_code=False)
+        self._bare = TransitionModel(bare, dt=model.dt)
 
     def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
         """Return the predictions with parameters `[P]`, `[N, F]`; NaN without a next state."""
@@ -275,12 +275,7 @@ def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int6
 
 
 def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN without any.
-
-    A model that is not compiled yet runs as bytecode, with the same results.
-    """
-    if not model.program.compiled:
-        model = TransitionModel(model.ground, dt=model.dt, theta=model.theta, own_code=False)
+    """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN without any."""
     finite = np.isfinite(states)
     step = model.step(np.where(finite, states, 0.0), actions)
     ahead = np.column_stack((step.state, step.reward, step.terminal))

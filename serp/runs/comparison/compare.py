@@ -53,7 +53,6 @@ from serp.tasks.registry import find_domain_file, find_task, load_task, task_ent
 from serp.tasks.task import BoundTask, Task
 
 _PLAN: Final = "plan.json"
-_PROTOCOL: Final = tuple(TrialProtocol.model_fields)
 
 
 class ComparisonRequest(TrialsRequest):
@@ -181,7 +180,7 @@ def _planned(
     folder: Path, before: ComparisonPlan | None, bound: BoundTask, request: ComparisonRequest
 ) -> tuple[ComparisonPlan, dict[str, Task]]:
     """Return the existing plan extended by a request, and the task with each domain file."""
-    asked = request.model_dump(include={*_PROTOCOL}, exclude_none=True)
+    asked = request.model_dump(include={*TrialProtocol.model_fields}, exclude_none=True)
     if before is None:
         specification = bound.env.spec
         steps = request.env_steps or resolve("default", bound.task.settings).training.env_steps

@@ -12,7 +12,7 @@ from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import matplotlib.style
 import numpy as np
@@ -41,7 +41,6 @@ from serp.runs.summary import WINDOW
 NOTHING: Final = "–"
 Content = tuple[list[str], list[list[str]]]
 """A table: titles of columns, and rows; plain text."""
-_FIGURES: Final = "figures"
 
 
 def write_report(
@@ -55,18 +54,19 @@ def write_report(
     `report.html` (which embeds its figures), `figures/*.png` and `*.svg`, and `measures.csv`. Files
     of an earlier report are replaced.
     """
+    figures = "figures"
     drawn = pictures(results)
     try:
-        make_inside(folder, _FIGURES)
+        make_inside(folder, figures)
     except OSError as error:
-        raise cannot_write(folder / _FIGURES, error, "No report was written.") from error
+        raise cannot_write(folder / figures, error, "No report was written.") from error
     files: dict[str, bytes | str] = {
-        f"{_FIGURES}/{picture.name}.{kind}": render(picture.figure, kind)
+        f"{figures}/{picture.name}.{kind}": render(picture.figure, kind)
         for picture in drawn
         for kind in ("svg", "png")
     }
     embedded = {
-        picture.name: (picture, _address(files[f"{_FIGURES}/{picture.name}.svg"]))
+        picture.name: (picture, _address(files[f"{figures}/{picture.name}.svg"]))
         for picture in drawn
     }
     files["report.html"] = report_page(results, jobs, notes, embedded)
@@ -211,8 +211,6 @@ def settings_table(results: Results, jobs: Sequence[Job]) -> Content:
 
 # Okabe and Ito's palette, told apart by colour-blind readers too, without its yellow, which does
 # not show on white. The numbers of colours and dashes share no divisor.
-_COLOURS: Final = ("vermilion", "blue", "green", "purple", "sky", "orange", "ink")
-_DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
 
 
 class Picture(NamedTuple):
@@ -225,7 +223,8 @@ class Picture(NamedTuple):
 
 
 def _colour(place: int) -> str:
-    return PALETTE[_COLOURS[place % len(_COLOURS)]][0]
+    colours = ("vermilion", "blue", "green", "purple", "sky", "orange", "ink")
+    return PALETTE[colours[place % len(colours)]][0]
 
 
 def pictures(results: Results) -> list[Picture]:
@@ -258,6 +257,7 @@ def _curves(
     results: Results, curves: Mapping[str, Curves], label: str, *, planner: bool = False
 ) -> Figure:
     """Return a figure of a curve with its band for each algorithm; no axes if there is no curve."""
+    dashes = ("-", (0, (5, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
     shown = {name: curve for name, curve in curves.items() if curve.y.size}
     height = max(4.6, 0.22 * len(shown) + 1.5)
     figure = Figure(figsize=(9.0, height), layout="constrained")
@@ -268,7 +268,7 @@ def _curves(
     for place, (name, curve) in enumerate(shown.items()):
         colour, (centre, low, high) = _colour(place), curve.band()
         axes.plot(
-            curve.x, centre, color=colour, linestyle=_DASHES[place % len(_DASHES)], label=name,
+            curve.x, centre, color=colour, linestyle=dashes[place % len(dashes)], label=name,
             linewidth=1.7 if place else 2.6, marker="o" if len(curve.x) == 1 else "none",
             zorder=2 - place / 1_000,
         )  # fmt: skip

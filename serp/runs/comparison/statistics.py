@@ -27,8 +27,6 @@ Array = NDArray[np.float64]
 RESAMPLES: Final = 5_000
 ENOUGH: Final = 5
 """Number of seeds below which intervals are rough; they tend to be too narrow."""
-_MOST_NUMBERS: Final = 10_000_000
-"""Numbers that are resampled at once: many seeds would need more memory than there is."""
 GRID: Final = 200
 """Largest number of points of a curve."""
 
@@ -251,11 +249,12 @@ def _interval(samples: Sequence[Array], statistic: Callable[..., Array]) -> Esti
 def _bootstrap(samples: Sequence[Array], statistic: Callable[..., Array]) -> tuple[Array, Array]:
     """Return the ends of the percentile interval; seeds are on the last axis."""
     size = sum(sample.size for sample in samples)
+    # Numbers that are resampled at once: many seeds would need more memory than there is.
     result = bootstrap(
         samples,
         lambda *parts, axis: statistic(*parts),
         n_resamples=RESAMPLES,
-        batch=min(RESAMPLES, max(1, _MOST_NUMBERS // size)),
+        batch=min(RESAMPLES, max(1, 10_000_000 // size)),
         vectorized=True,
         paired=False,
         axis=-1,

@@ -28,9 +28,8 @@ from serp.model.learned.regression_data import (
 from serp.model.learned.robust_regression import CERTAIN
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
+from serp.pddl.syntax import REWARD, TERMINAL
 from serp.runs.diagnosis.findings import (
-    END,
-    REWARD,
     Findings,
     MissingEffect,
     ObservedOutcome,
@@ -177,7 +176,7 @@ def _units(model: TransitionModel, before: Vector, after: Vector, predicted: Vec
 
 def symbols_of(model: TransitionModel) -> NDArray[np.str_]:
     """Return the symbol of each column of `Steps`."""
-    return np.array([*(fluent.symbol for fluent in model.fluents), REWARD, END])
+    return np.array([*(fluent.symbol for fluent in model.fluents), REWARD, TERMINAL])
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,7 @@ def quantities_of(
 ) -> tuple[Quantity, ...]:
     """Return all quantities that change or are predicted to, reward and end last."""
     names, units = symbols_of(model), steps.units
-    predicates = {fluent.symbol for fluent in model.fluents if not fluent.numeric} | {END}
+    predicates = {fluent.symbol for fluent in model.fluents if not fluent.numeric} | {TERMINAL}
     moves = steps.after - steps.before
     errors, left, chance = (
         np.nan_to_num(square) / units**2

@@ -30,10 +30,9 @@ from serp.model.learned.transitions import TransitionMemory
 from serp.model.traced_step import Site
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import Place
+from serp.pddl.syntax import REWARD, TERMINAL
 from serp.runs.diagnosis.accuracy import Steps, forecast_with
 from serp.runs.diagnosis.findings import (
-    END,
-    REWARD,
     EffectTerm,
     Findings,
     MissingEffect,
@@ -44,9 +43,6 @@ from serp.runs.diagnosis.findings import (
 )
 
 _MOST_ROWS = 4_000  # of a regression and of a count
-_MOST_PAIRS = 20_000  # rows over all objects: each object adds a row per transition
-_RARE = 0.02  # least probability of other outcomes that is worth mentioning
-_FEW = 5  # fewest steps of an action whose outcomes are counted
 
 
 def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
@@ -60,7 +56,8 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
     if not len(sample):
         return Findings()
     objects = max(Counter(f.symbol for f in model.fluents if f.numeric).values(), default=1)
-    part = sample.part(max(500, min(_MOST_ROWS, _MOST_PAIRS // objects)))
+    # Each object adds a row per transition.
+    part = sample.part(max(500, min(_MOST_ROWS, 20_000 // objects)))
     fit = fit_jointly(model, part)
     costs = _Costs(model, fit, sample.part(_MOST_ROWS // 2), steps.units)
     return Findings(
@@ -181,7 +178,7 @@ def _stochastic_effect(
 ) -> StochasticEffect | None:
     """Return the stochastic effect of a group of fluents; None where the file is right."""
     action, group, counts, _ = counted
-    if counts.samples < _FEW:
+    if counts.samples < 5:
         return None
     shares, _, changes = counts.outcomes()
     sets, number = counts.explanations()
@@ -199,7 +196,8 @@ def _stochastic_effect(
     shares = np.array([shares[kinds].sum() for kinds in merged.values()])
     sets = np.stack([sets[:, kinds].any(axis=1) for kinds in merged.values()], axis=1)
     errors = _standard_errors(sets, number, shares)
-    if 1.0 - shares[0] < max(_RARE, 3.0 * errors[0]):
+    # Other outcomes that are rarer than 2 % are not worth mentioning.
+    if 1.0 - shares[0] < max(0.02, 3.0 * errors[0]):
         return None
     outcomes = [
         ObservedOutcome(text, p, e, k == 0, like[text])
@@ -287,7 +285,7 @@ class _Case(NamedTuple):
 def _rules(model: TransitionModel, steps: Steps) -> tuple[RuleFinding, ...]:
     """Return the lines whose rewards or ends differ from the observed ones, the worst first."""
     sample, lines = steps.sample, _Lines(model)
-    cases: dict[str, dict[_Line, list[_Case]]] = {REWARD: {}, END: {}}
+    cases: dict[str, dict[_Line, list[_Case]]] = {REWARD: {}, TERMINAL: {}}
     pairs = np.stack((steps.predicted[:, -2:], steps.after[:, -2:]), axis=1)
     for row in np.flatnonzero((pairs != 0.0).any(axis=(1, 2)) & np.isfinite(pairs).all((1, 2))):
         state, action = sample.states[row], int(sample.actions[row])
@@ -360,7 +358,7 @@ class _Lines:
 
     def _applied(self, sites: Iterable[Site], reward: float, end: float) -> dict[str, set[_Line]]:
         """Return the lines among the sites; goal or metric where there are none."""
-        found: dict[str, set[_Line]] = {REWARD: set(), END: set()}
+        found: dict[str, set[_Line]] = {REWARD: set(), TERMINAL: set()}
         for site in sites:
             effect = site.item
             if site.schema is None or site.what not in ("effect", "rate"):
@@ -369,9 +367,9 @@ class _Lines:
             if isinstance(effect, g.SetNumber) and effect.target == g.REWARD_TARGET:
                 found[REWARD].add(line)
             elif isinstance(effect, g.SetBoolean) and effect.target == g.TERMINAL_TARGET:
-                found[END] |= {line} if effect.value else set()
-        if end and not found[END] and self._goal is not None:
-            found[END].add(self._goal)
+                found[TERMINAL] |= {line} if effect.value else set()
+        if end and not found[TERMINAL] and self._goal is not None:
+            found[TERMINAL].add(self._goal)
         if reward and not found[REWARD] and (unwritten := self._metric or self._goal) is not None:
             found[REWARD].add(unwritten)
         return found

@@ -10,16 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
 from serp._util.text import measured, percent_measured, plain, plural, readable
 from serp.model.ground_model import GroundModel, Parameter
 from serp.model.learned.robust_regression import CERTAIN
 from serp.pddl.source import Place
-
-REWARD: Final = "reward"
-END: Final = "terminal"
-"""Names of the quantities beside the fluents."""
+from serp.pddl.syntax import TERMINAL
 
 
 @dataclass(frozen=True)
@@ -239,7 +235,7 @@ class RuleFinding:
 
     def observation(self, ground: GroundModel) -> str:
         """Return what was observed of the line, as a part of a sentence."""
-        ends, unpredicted = self.fluent == END, plural(self.unpredicted, "step")
+        ends, unpredicted = self.fluent == TERMINAL, plural(self.unpredicted, "step")
         observed = readable(self.observed)
         if not self.schema:
             if ends:

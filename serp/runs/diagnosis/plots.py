@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import Literal
 
 import matplotlib.style
 import numpy as np
@@ -13,9 +13,6 @@ from serp._util.text import percent
 from serp.runs.diagnosis.accuracy import symbols_of
 from serp.runs.diagnosis.diagnosis import Diagnosis
 
-PANELS: Final = 12
-"""Most panels of a picture."""
-
 
 def picture(diagnosis: Diagnosis, kind: Literal["png", "svg"]) -> bytes:
     """Draw predicted against observed changes of the at most 12 quantities with the largest errors.
@@ -23,7 +20,7 @@ def picture(diagnosis: Diagnosis, kind: Literal["png", "svg"]) -> bytes:
     A point is a pair of changes, the larger the more steps have it. Returns the bytes of a file,
     equal for equal diagnoses.
     """
-    quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)[:PANELS]
+    quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)[:12]
     steps = diagnosis.steps
     symbols = symbols_of(diagnosis.recorded.model)
     wide = min(4, max(1, len(quantities)))

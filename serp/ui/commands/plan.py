@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from serp.settings import Changes
     from serp.tasks.task import Task
 
-_SECONDS = 10.0
-"""Time that a plan, and the search for other choices, may take each."""
-
 
 @click.command(
     "plan",
@@ -162,7 +159,7 @@ def _planner_of(run: Run) -> MakePlanner:
         if domain.model.fluents != model.fluents:
             raise SerpError("--state gives a value to what the problem file of the run fixes")
         name = "The planner of the run"
-        return ChosenPlanner(planner, model, settings, _SECONDS, name, agent.undisturbed)
+        return ChosenPlanner(planner, model, settings, name, agent.undisturbed)
 
     return make_planner
 
@@ -191,6 +188,6 @@ def _planning(
 
     def make_planner(domain: Domain) -> ChosenPlanner:
         model = domain.model.replace(dt=period)
-        return ChosenPlanner.of_settings(model, chosen, task, _SECONDS)
+        return ChosenPlanner.of_settings(model, chosen, task)
 
     return make_planner

@@ -33,8 +33,6 @@ HOLD: Final = 1.5
 """Time that a mark is shown, unless another one follows, s."""
 END: Final = 1.0
 """Additional duration of the last picture of an episode, s."""
-_TICK, _FEWEST_TICKS = 0.01, 2  # unit of durations in a GIF, s; browsers slow down shorter frames
-_SAMPLES, _TRANSPARENT = 60, 255  # frames of which the palette is made; an index in it
 _BACKGROUND, _INK = "#16191F", "#F2F4F7"
 Picture = NDArray[np.uint8]
 OnEpisode = Callable[[int, StepRecord], None]
@@ -190,10 +188,9 @@ def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
         what = f"Refused in step {step.number}: {name}, proposed by {decision.proposed_by}"
         marks.append(Mark(what, why))
     if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
-        name = arbiter.actions.name(decision.action)
-        why = arbiter.remark(decision.forecast, step.state, decision.action)
+        taken = arbiter.alternatives(decision.forecast, step.state)[decision.action]
         what = "Unsafe" if decision.unsafe else "Risky"
-        marks.append(Mark(f"{what}, executed in step {step.number}: {name}", why))
+        marks.append(Mark(f"{what}, executed in step {step.number}: {taken.name}", taken.remark))
     return tuple(marks)
 
 
@@ -381,14 +378,14 @@ def write_gif(path: Path, frames: Iterator[Frame]) -> None:
     Pillow stores only the pixels that change, and keeps one byte per pixel of every frame until the
     end.
     """
-    first = list(itertools.islice(frames, _SAMPLES))
+    first = list(itertools.islice(frames, 60))
     palette = _palette([frame.image for frame in first])
 
     def images() -> Iterator[Image.Image]:
         due, spent = 0.0, 0
         for frame in itertools.chain(first, frames):
-            due += frame.seconds / _TICK
-            ticks = max(round(due) - spent, _FEWEST_TICKS)
+            due += frame.seconds / 0.01  # the unit in a GIF; browsers slow down shorter frames
+            ticks = max(round(due) - spent, 2)
             spent += ticks
             image = frame.image.quantize(palette=palette, dither=Image.Dither.NONE)
             image.info["duration"] = 10 * ticks
@@ -397,7 +394,7 @@ def write_gif(path: Path, frames: Iterator[Frame]) -> None:
     rest = images()
     next(rest).save(
         path, "GIF", save_all=True, append_images=rest, loop=0, optimize=True, disposal=1,
-        palette=bytes(palette.getpalette() or ()), transparency=_TRANSPARENT,
+        palette=bytes(palette.getpalette() or ()), transparency=255,
     )  # fmt: skip
 
 
@@ -406,8 +403,8 @@ def _palette(images: list[Image.Image]) -> Image.Image:
     red, white = (np.array(ImageColor.getrgb(name)) for name in (REFUSED, _INK))
     shades = [red + (white - red) * k // 4 for k in range(5)]  # for smooth letters
     fixed = np.concatenate([*shades, *(ImageColor.getrgb(name) for name in ACTORS.values())])
-    sample = np.concatenate([np.asarray(image) for image in images[:: _SAMPLES // 8]])
-    free = _TRANSPARENT - len(fixed) // 3
+    sample = np.concatenate([np.asarray(image) for image in images[::7]])
+    free = 255 - len(fixed) // 3  # 255 is the transparent one
     others = Image.fromarray(sample).quantize(free, Image.Quantize.MAXCOVERAGE).getpalette() or []
     palette = Image.new("P", (1, 1))
     palette.putpalette([*fixed.tolist(), *others[: 3 * free]])

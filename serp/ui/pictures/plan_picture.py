@@ -39,10 +39,9 @@ _ENDS: Final = {
     "elsewhere": "same state as another one here",
     "collapsed": "goes on, not drawn",
 }
-_ROOT_FAN, _PATH_FAN = 12, 3  # edges out of the root; at least so many out of the best path
-_CHARACTER, _SIZE = 7.4, 13  # average width and size of letters, pixels
-_ROW, _TURN, _MARGIN = 23.0, 34.0, 14.0
-_NARROWEST, _LINE, _EDGE, _SAMPLE = 560.0, 19.0, 16.0, 40.0
+_CHARACTER = 7.4  # average width of letters, pixels
+_TURN, _MARGIN = 34.0, 14.0
+_LINE, _EDGE, _SAMPLE = 19.0, 16.0, 40.0
 
 
 @dataclass(eq=False)
@@ -131,7 +130,7 @@ def _select(graph: nx.MultiDiGraph, weight: float, keep: int, most: int) -> tupl
     whether all of that fitted into `most` rows.
     """
     root = Branch(0, 0, -1, -1, "", False, "", 0.0, 0.0, "fork", None, False)
-    root.children, root.rest = _fan(graph, root, weight, _ROOT_FAN)
+    root.children, root.rest = _fan(graph, root, weight, 12)
     layout = PlanLayout(root, list(root.children))
     rows = len(root.children) + bool(root.rest)
     forked: set[int] = set()
@@ -152,7 +151,7 @@ def _select(graph: nx.MultiDiGraph, weight: float, keep: int, most: int) -> tupl
     path = [branch for branch in layer if branch.chosen]
     for branch in path:
         if graph.out_degree(branch.target):
-            unfold(branch, max(keep, _PATH_FAN), math.inf)
+            unfold(branch, max(keep, 3), math.inf)
             path += [child for child in branch.children if child.chosen]
     while layer:
         for branch in sorted(layer, key=lambda branch: branch.rank):
@@ -321,10 +320,10 @@ def plan_svg(plan: Plan, planner: MonitorReplanner, *, rows: int = MAX_ROWS) -> 
 def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning graph") -> bytes:
     """Return the picture of a decision as an SVG file; equal decisions give equal bytes."""
     drawing = _Drawing(plan, planner, MAX_ROWS)
-    width = max(_NARROWEST, drawing.width)
+    width = max(560.0, drawing.width)
     wide = int(width / _CHARACTER)
     y = _LINE
-    lines = [_text(0, y, title, "ink", f' font-weight="600" font-size="{_SIZE + 4}"')]
+    lines = [_text(0, y, title, "ink", ' font-weight="600" font-size="17"')]
     for text in _head(plan, planner, wide):
         y += _LINE
         lines.append(_text(0, y, text))
@@ -357,13 +356,13 @@ def _svg(width: float, height: float, lines: list[str], label: str) -> str:
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(label)}" '
-        f'font-family="system-ui, sans-serif" font-size="{_SIZE}">'
+        f'font-family="system-ui, sans-serif" font-size="13">'
     )
     return "\n".join([head, *lines, "</svg>"])
 
 
 def _y(row: float) -> float:
-    return _MARGIN + _ROW * row
+    return _MARGIN + 23.0 * row
 
 
 def _text(x: float, y: float, text: str, shade: str = "faint", more: str = "") -> str:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from serp._util.text import plural
 from serp.agent.decision import Reason
 from serp.errors import RunError
-from serp.model.transition_model import Vector
 from serp.runs.evaluation import interval_of
 from serp.runs.recording import (
     REASONS,
@@ -26,11 +25,6 @@ from serp.runs.run import Run
 from serp.runs.summary import Metrics, binned_shares, moving_interval, moving_mean
 
 _NO_SAFE: Final = [REASONS.index(each) for each in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)]
-_SHOWN: Final = (
-    "state", "action", "executed_by", "reason", "proposed", "proposed_by", "ground", "value",
-    "path_risk", "safe_steps", "reward", "flags", "indifferent", "bound", "unsafe",
-)  # fmt: skip
-_MOST, _POINTS = 3_000, 600  # episodes and points of the mean in the curve; more are thinned out
 
 
 @dataclass(frozen=True)
@@ -68,7 +62,6 @@ class RecordedSteps:
         episodes: The episodes, in the order in which they begin.
         positions: Positions in the recording.
         columns: Columns of a recording.
-        next_states: `[N, F]`.
         ground: Ground action executed, -1 where the model does not know it.
         vetoed: Whether a proposal was refused.
         no_safe: Whether no action was predicted safe.
@@ -77,7 +70,6 @@ class RecordedSteps:
     episodes: tuple[RecordedEpisode, ...]
     positions: NDArray[np.int64]
     columns: dict[str, NDArray[Any]]
-    next_states: Vector
     ground: NDArray[np.int64]
     vetoed: NDArray[np.bool_]
     no_safe: NDArray[np.bool_]
@@ -152,15 +144,18 @@ def chosen_steps(
             chosen.append(episode)
             room -= len(episode)
     chosen.sort(key=lambda each: each.number)
-    everything = recording.columns(*_SHOWN, "next_state")
+    everything = recording.columns(
+        "state", "action", "executed_by", "reason", "proposed", "proposed_by", "ground", "value",
+        "path_risk", "safe_steps", "reward", "flags", "indifferent", "bound", "unsafe",
+        "next_state",
+    )  # fmt: skip
     rows = np.concatenate([np.zeros(0, np.int64), *(each.positions for each in chosen)])
-    columns = {name: everything[name][rows] for name in _SHOWN}
+    columns = {name: column[rows] for name, column in everything.items()}
     executed = columns["action"][:, None]
     return RecordedSteps(
         episodes=tuple(chosen),
         positions=rows,
         columns=columns,
-        next_states=everything["next_state"][rows],
         ground=np.take_along_axis(columns["ground"], executed, 1)[:, 0].astype(np.int64),
         vetoed=vetoed(columns),
         no_safe=np.isin(columns["reason"], _NO_SAFE),
@@ -180,7 +175,7 @@ def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[
     known = min(len(ended), len(numbers))
     numbers[:known] = [each.number for each in ended[:known]]
     steps, returns = metrics["env_steps"], metrics["return"]
-    drawn, points = _spread(len(returns), _MOST), _spread(len(returns), _POINTS)
+    drawn, points = _spread(len(returns), 3_000), _spread(len(returns), 600)
     mean, (low, high) = moving_mean(returns), moving_interval(returns)
     at, shares = binned_shares(metrics)
     return {

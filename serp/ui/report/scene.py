@@ -23,8 +23,6 @@ from serp.ui.report.recorded_steps import RecordedSteps, by_interest
 with needs_extra("report", "a report of a run"):
     from PIL import Image
 
-_WIDTH, _QUALITY = 320, 60
-
 
 @dataclass
 class DrawnScenes:
@@ -106,12 +104,13 @@ def drawn_scenes(
 
 
 def _webp(picture: NDArray[np.uint8]) -> bytes:
+    width = 320
     image = Image.fromarray(picture)
-    if image.width > _WIDTH:
-        size = (_WIDTH, max(1, round(image.height * _WIDTH / image.width)))
+    if image.width > width:
+        size = (width, max(1, round(image.height * width / image.width)))
         image = image.resize(size, Image.Resampling.HAMMING)
     buffer = io.BytesIO()
-    image.save(buffer, "WEBP", quality=_QUALITY, method=2)
+    image.save(buffer, "WEBP", quality=60, method=2)
     return buffer.getvalue()
 
 

@@ -55,7 +55,6 @@ def packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[str, Layout]:
 
 VETOED, UNSAFE, NO_SAFE, LARGE_ERROR, DRAWN = (1 << k for k in range(5))
 """Bits of a step; `page/replay.js` has the same."""
-_NONE, _ALL_SAFE = 0xFFFF, 0xFFFE
 _LABELS: Final = {
     "reward": "reward",
     "unsafe": "unsafe",
@@ -75,6 +74,7 @@ def step_arrays(
 
     `drawn` `[N]` is whether steps have a picture.
     """
+    none = 0xFFFF
     bits = (
         VETOED * steps.vetoed
         + UNSAFE * steps["unsafe"]
@@ -86,16 +86,16 @@ def step_arrays(
     flags = (steps["flags"] & 0xFF) | (128 * (steps["ground"] < 0))
     ends = [rows.stop - 1 for rows in steps.rows]
     safe = steps["safe_steps"]
-    safe = np.where(safe == SAFE, _ALL_SAFE, np.where(safe < 0, _NONE, np.minimum(safe, 60_000)))
+    safe = np.where(safe == SAFE, 0xFFFE, np.where(safe < 0, none, np.minimum(safe, 60_000)))
     return {
         "position": steps.positions.astype(np.uint32),
         "bits": bits.astype(np.uint8),
         "executed": steps["action"].astype(np.uint16),
-        "proposed": np.where(steps["proposed"] < 0, _NONE, steps["proposed"]).astype(np.uint16),
+        "proposed": np.where(steps["proposed"] < 0, none, steps["proposed"]).astype(np.uint16),
         "executedBy": steps["executed_by"],
         "reason": steps["reason"],
         "state": steps["state"].T,
-        "last": steps.next_states[ends].T,
+        "last": steps["next_state"][ends].T,
         "predicted": errors.predicted.T,
         "errors": errors.errors.T,
         "value": steps["value"].T,

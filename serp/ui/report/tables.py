@@ -122,7 +122,7 @@ def model_errors(model: TransitionModel, steps: RecordedSteps, usual: Vector) ->
     changes = np.nan_to_num(predicted - states)
     own = np.sqrt(np.square(changes).sum(axis=0) / max(1, len(changes)))
     units = error_units(model, usual, own)
-    errors = in_units(predicted - steps.next_states, units)
+    errors = in_units(predicted - steps["next_state"], units)
     largest = np.nan_to_num(errors).max(axis=1, initial=0.0)
     limit = float(np.quantile(largest, 0.95)) if len(largest) else 0.0
     return ModelErrors(predicted, units, errors, largest, max(1.0, limit))

@@ -22,7 +22,6 @@ from serp.errors import SerpError
 from serp.ui.studio.pages.page import show_page
 from serp.ui.studio.session import Session
 
-_LOOPBACK: Final = "127.0.0.1"
 _POLICY: Final = (
     # The pages are templates that the browser compiles, hence the two `unsafe-` of scripts. What
     # counts here: nothing is fetched from, sent to or framed by anybody else.
@@ -56,8 +55,8 @@ class Guard:
         self.token = secrets.token_urlsafe(32)
         self._cookie = secrets.token_urlsafe(32)
         self._cookie_name = f"serp-studio-{port}"
-        self._hosts = (f"{_LOOPBACK}:{port}", f"localhost:{port}")
-        self.address = f"http://{_LOOPBACK}:{port}/?token={self.token}"
+        self._hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
+        self.address = f"http://127.0.0.1:{port}/?token={self.token}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
@@ -182,7 +181,9 @@ def serve(
 
 def _listening(port: int) -> socket.socket:
     try:
-        return socket.create_server((_LOOPBACK, port))  # who calls before the server is ready waits
+        return socket.create_server(
+            ("127.0.0.1", port)
+        )  # who calls before the server is ready waits
     except OSError as error:
         raise SerpError(
             f"port {port} cannot be used ({error.strerror}); give another one, or --port 0 for any "

@@ -1,7 +1,5 @@
 """Files are replaced in one step; links, pipes and folders in a run are refused."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

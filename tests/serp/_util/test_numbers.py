@@ -1,7 +1,5 @@
 """Numbers as users give them, and the largest of several."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

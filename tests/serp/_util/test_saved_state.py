@@ -1,7 +1,5 @@
 """The one place in which what a checkpoint holds is checked."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

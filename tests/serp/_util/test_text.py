@@ -1,7 +1,5 @@
 """Words and numbers in messages."""
 
-from __future__ import annotations
-
 import math
 
 from serp._util.text import did_you_mean, duration, percent, readable

@@ -1,7 +1,5 @@
 """Decisions in random worlds, and what the model itself predicts where they are made."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -85,7 +83,7 @@ class View:
     applicable: list[bool]
 
     @classmethod
-    def of(cls, arbiter: Arbiter, state: Vector) -> View:
+    def of(cls, arbiter: Arbiter, state: Vector) -> "View":
         view, model, actions = cls([], [], [], []), arbiter.model, arbiter.actions
         written = getattr(model, "written", model)
         accepted = arbiter.planner.settings.accepted_risk  # type: ignore[attr-defined]

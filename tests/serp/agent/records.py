@@ -1,7 +1,5 @@
 """Records of env steps that were never made."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

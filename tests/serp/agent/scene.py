@@ -1,7 +1,5 @@
 """A planner's view and a learner whose values are known, to see what a strategy makes of both."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

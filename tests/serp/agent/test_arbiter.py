@@ -1,7 +1,5 @@
 """Who acts, what is refused and what a decision says of itself; `test_guarantee` has the rest."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from random import Random
@@ -14,7 +12,6 @@ from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.strategy import Mixture
 from serp.learning.dqn import Proposal
-from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
@@ -126,29 +123,6 @@ def test_the_reason_is_one_that_holds(cases: list[Case]) -> None:
                 assert decision.executed_by is Actor.FALLBACK
     assert set(reasons) == set(Reason) - {Reason.LITTLE_TRIED}
     assert min(reasons.values()) >= 5
-
-
-def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file(cases: list[Case]) -> None:
-    said: dict[str, tuple[str, ...]] = {
-        "unknown": ("domain does not mention",),
-        "not applicable": ("does not hold",),
-        "unsafe": ("(unsafe)", "contradicts", "neither true nor false", "no finite"),
-        "undefined": ("contradicts", "neither true nor false", "no finite"),
-        "safe": ("below R_min", "then nothing is left that is predicted safe"),
-    }
-    for arbiter, view, state, decision in cases:
-        explanation = arbiter.explain(decision, state)
-        if isinstance(arbiter.model, AdaptedModel):
-            continue  # what it says of learned risks, the tests of the model ask
-        if decision.reason in (Reason.PLANNER_TURN, Reason.ACCEPTED):
-            assert explanation == ""
-            continue
-        shown = decision.proposed if decision.proposed >= 0 else decision.action
-        assert any(text in explanation for text in said[view.kind[shown]]), explanation
-        name = explanation.split(":")[0]
-        assert name in [action.name for action in arbiter.model.actions] or name.startswith(
-            "action"
-        )
 
 
 # Algorithm 1 ------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """The account of a decision says what the model says, in the words of the file."""
 
-from __future__ import annotations
-
 from random import Random
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The numbers that a run says of its decisions follow from `decisions.csv`, wherever said."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import Counter

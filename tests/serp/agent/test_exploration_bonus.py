@@ -1,7 +1,5 @@
 """The planner prefers actions with few visits, where that is safe."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

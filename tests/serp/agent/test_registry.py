@@ -1,7 +1,5 @@
 """Planners, learners and strategies are found by name; `tests.docs` installs another strategy."""
 
-from __future__ import annotations
-
 from importlib.metadata import EntryPoint
 
 import pytest

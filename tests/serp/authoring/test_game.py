@@ -1,7 +1,5 @@
 """A game is the file's world, with what each step changed and why, and can be taken back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The files of `serp new` work at once, whatever the environment calls its things."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 from pathlib import Path
 from typing import Any

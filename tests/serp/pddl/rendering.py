@@ -1,7 +1,5 @@
 """What a rendered `DomainError` must look like."""
 
-from __future__ import annotations
-
 import re
 
 from serp.pddl.source import DomainError

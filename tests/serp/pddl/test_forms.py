@@ -1,10 +1,9 @@
 """Forms that are no standard PDDL but in wide use: they load, with a warning each."""
 
-from __future__ import annotations
-
 import pytest
 
 from serp.model.domain import Domain
+from serp.pddl.source import Source, comment_of
 from tests.generated import Texts, load_texts
 
 DOMAIN = """(define (domain car)
@@ -83,3 +82,43 @@ def test_a_form_in_wide_use_means_what_the_standard_one_does_and_is_warned_of(fo
 def test_an_object_may_be_called_like_a_connective() -> None:
     problem = "(define (problem p) (:objects b or - boat) (:init (= (speed) 0) (linked or or)))"
     assert load_texts(Texts(DOMAIN, problem)).model.ground.static["linked or or"] == 1.0
+
+
+TEXT = """; The head of the file.
+
+(define
+  (far)     ; what is far, serp: ignore[unused-name]
+            ; and farther
+  (near)    ; serp: ignore[unused-name]
+
+  ; A goal,
+  ;; and its price.
+  (goal)
+
+  ; ------------- The end ------------
+  (section)
+
+  ; not this one
+
+  (alone) (second) ; of both
+  ; at the top (commented) out
+  (last))"""
+
+
+@pytest.mark.parametrize(
+    ("form", "comment"),
+    [
+        ("(far)", "what is far, and farther"),
+        ("(near)", ""),
+        ("(goal)", "A goal, and its price."),
+        ("(section)", ""),
+        ("(alone)", "of both"),
+        ("(second)", "of both"),
+        ("(last)", "at the top (commented) out"),
+        ("(define", ""),
+    ],
+)
+def test_the_comment_beside_or_right_above_belongs_to_a_place(form: str, comment: str) -> None:
+    source = Source("file", TEXT)
+    start = TEXT.index(form)
+    assert comment_of(source.place(start, start + len(form))) == comment

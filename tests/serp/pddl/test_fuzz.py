@@ -1,7 +1,5 @@
 """Broken files load or are refused with a place; nothing else happens, and soon."""
 
-from __future__ import annotations
-
 import re
 import time
 from pathlib import Path

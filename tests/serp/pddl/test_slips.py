@@ -1,7 +1,5 @@
 """Slips that experts make: the message names the place and writes the line as it should be."""
 
-from __future__ import annotations
-
 import pytest
 
 from serp.pddl.parser import parse_domain

@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from serp._core import AREAS, CellValues
 from serp.agent.registry import far_sight
 from serp.errors import RunError
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import GOES_ON, TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.cell_graph import CellGraph
-from serp.planning.cells import AREAS, CellValues, value_at
+from serp.planning.cells import restored_values, saved_values
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
 from serp.settings import AdaptationSettings, PlannerSettings
@@ -44,6 +45,10 @@ def track() -> TransitionModel:
 
 def along(low: float, high: float) -> Vector:
     return np.linspace(low, high, 200)[:, None] + 0.001
+
+
+def contents(values: CellValues | None) -> dict[str, list[float]]:
+    return {name: column.tolist() for name, column in saved_values(values).items()}
 
 
 def planner_after(
@@ -87,7 +92,7 @@ def test_the_way_avoids_what_the_file_flags() -> None:
 def test_what_was_found_is_restored_bit_for_bit() -> None:
     planner, other = planner_after(along(-1.0, 4.999)), planner_after(along(-1.0, 4.999))
     near = planner.forecast(np.array([0.1]))
-    assert planner.cells.values.value.size
+    assert planner.cells.values is not None
     other.load_state_dict(*planner.state_dict())
     for x in (0.1, 1.3, 4.1):
         one, again = planner.forecast(np.array([x])), other.forecast(np.array([x]))
@@ -107,7 +112,7 @@ def test_the_account_bounds_what_is_predicted() -> None:
         planner.forecast(state)
         spent += cells.steps
         memory.add(state, 0, state, 0)
-    assert cells.values.value.size
+    assert cells.values is not None
     earned = 1 + 0.25 * (3 + 9 + 27)
     # Coarser and finer attempts come on top of what was saved.
     assert spent <= 4 * earned * decisions
@@ -117,7 +122,7 @@ def test_without_continuous_fluents_or_experience_there_are_no_cells() -> None:
     graph = CellGraph(track(), SETTINGS)
     assert not graph.build(np.zeros(1), along(0.0, 2.0)[:5], 9_000)
     assert not graph.build(np.zeros(1), np.round(along(0.0, 9.0)), 9_000)
-    assert not graph.values.value.size
+    assert graph.values is None
 
 
 def test_what_nothing_depends_on_tells_no_cells_apart() -> None:
@@ -139,9 +144,33 @@ def test_a_graph_keeps_within_its_budget(most: int) -> None:
     assert built or most < 300
     if built:
         assert graph.edges <= most + 3
-        assert graph.values.value.size
+        assert graph.values is not None
     else:
-        assert not graph.values.value.size
+        assert graph.values is None
+
+
+def test_states_and_former_values_of_other_fluents_are_refused() -> None:
+    graph, one, two = CellGraph(track(), SETTINGS), np.ones(1), np.ones(2)
+    core, model = graph._core, track().core
+    for low, scale, area, roots in (
+        (one, one, one, np.zeros((3, 2))),
+        (two, two, two, np.zeros((3, 2))),
+        (one, two, one, np.zeros((3, 1))),
+        (one, one, two, np.zeros((3, 1))),
+    ):
+        with pytest.raises(ValueError, match=r"\w"):
+            core.expand(model, low, scale, area, roots, 100)
+    assert core.expand(model, 0 * one, one, one, np.zeros((1, 1)), 900)[1]
+    with pytest.raises(ValueError, match="no values"):
+        core.solve(0.0, 0.0)
+    with pytest.raises(ValueError, match="other fluents"):
+        core.begin(CellValues(two, two, two, two, np.ones(2)), 0.0)
+    values = CellValues(two, two, two, two, np.ones(2))
+    for state in (np.ones(1), np.ones(3)):
+        with pytest.raises(ValueError, match="2 numbers"):
+            values.at(state)
+        with pytest.raises(ValueError, match="2 numbers"):
+            values.set(state, 1.0)
 
 
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=20), st.floats(-9, 9))
@@ -152,14 +181,14 @@ def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the
     low, scale, area = np.array([-3.0]), np.array([2.0]), np.array([AREAS / 6.0])
     by_cell = {int(np.floor(2.0 * (x + 3.0))): x for x in visited}
     states = np.array(list(by_cell.values()))
-    values = CellValues.of(low, scale, area, states, np.append(states**2, -7.0))
-    found = value_at(values, np.array([at]), 0)
+    values = CellValues(low, scale, area, states, np.append(states**2, -7.0))
+    found = values.at(np.array([at]))
     if -4.5 <= at <= 4.5:  # the range and a quarter of it
         assert (states**2).min() - 1e-9 <= found <= (states**2).max() + 1e-9
     else:
         assert found == -7.0
-    again = CellValues.restored(values.state_dict(), 1)
-    assert all(map(np.array_equal, again, values))
+    again = restored_values(saved_values(values), 1)
+    assert contents(again) == contents(values)
 
 
 @given(
@@ -172,12 +201,17 @@ def test_values_of_cells_that_were_forged_are_refused_or_do_no_harm(
     name: str, place: int, number: float
 ) -> None:
     states, one = np.linspace(0.0, 3.0, 20), np.ones(1)
-    saved = CellValues.of(0 * one, 8 * one, 2 * one, states, np.append(states, -1.0)).state_dict()
+    values = CellValues(0 * one, 8 * one, 2 * one, states, np.append(states, -1.0))
+    saved = saved_values(values)
     with pytest.raises(RunError):
-        CellValues.restored(saved | {name: saved[name][:-1]}, 1)
+        restored_values(saved | {name: saved[name][:-1]}, 1)
+    with pytest.raises(RunError):
+        restored_values(saved | {name: np.zeros(0)}, 1)
     saved[name][place % len(saved[name])] = number
     with contextlib.suppress(RunError):
-        value_at(CellValues.restored(saved, 1), np.array([1.0]), 0)
+        again = restored_values(saved, 1)
+        assert again is not None
+        again.at(np.array([1.0]))
 
 
 def test_a_lookahead_that_reached_its_budget_sets_no_value() -> None:
@@ -187,9 +221,9 @@ def test_a_lookahead_that_reached_its_budget_sets_no_value() -> None:
     planner.forecast(np.array([0.1]))
     cut.load_state_dict(*planner.state_dict())
     cut.visited = planner.visited
-    before = cut.cells.values.value.tolist()
+    before = contents(cut.cells.values)
     assert cut.forecast(np.array([0.1])).bound is Bound.NODES
-    assert cut.cells.values.value.tolist() == before
+    assert contents(cut.cells.values) == before
 
 
 # Without a word on dynamics in the file, what it promises far away is found ---------------------

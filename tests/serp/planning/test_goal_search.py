@@ -6,20 +6,22 @@ import functools
 import itertools
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
 
+from serp._core import Relaxation, find_way
 from serp.agent.registry import far_sight
 from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground_model import comparisons_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.array_graph import inert_fluents
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.goal_search import GoalSearch
-from serp.planning.relaxation import RelaxedCosts, relaxed, relaxed_cost
+from serp.planning.inert import inert_fluents
+from serp.planning.relaxation import relaxed
 from serp.settings import PlannerSettings
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
 from tests.generated.classical import gripper
@@ -119,15 +121,51 @@ def test_a_way_is_safe_and_a_domain_without_a_goal_has_none() -> None:
 def test_nothing_is_left_of_the_goal_where_it_holds(seed: int) -> None:
     random = Random(f"left {seed}")
     model = generate(random, PLANNABLE if seed % 2 else FULL).model
-    goal, tables = model.ground.goal, relaxed(model.ground, model.theta.tolist())
+    goal, relaxation = model.ground.goal, relaxed(model.ground, model.theta.tolist())
     if goal is None:
         return
-    assert tables is not None
+    assert relaxation is not None
     exact = not any(comparisons_of(goal))  # a comparison may be more than the relaxation can say
     for state in random_states(random, model, 6, exact=True):
-        cost, left = relaxed_cost(tuple(tables), tuple(RelaxedCosts.allocate(tables)), state)
+        cost, left = relaxation.estimate(state)
         assert (cost == 0.0) == (left == 0)
         assert left == 0 if model.at_goal(state) else left > 0 or not exact
+
+
+def test_what_leads_outside_of_tables_or_states_is_refused() -> None:
+    sound: dict[str, Any] = {
+        "fluents": 2,
+        "comparisons": [([(1, 2.0)], -3.0, False)],
+        "operators": [([0, 0, 2], 1.0, [(4, 0.5), (1, 0.0)])],
+        "ways": [[4]],
+    }
+    # The operator is applied 6 times; in the other state it lacks that fluent 1 is 0.
+    assert Relaxation(**sound).estimate(np.zeros(2)) == (6.0, 1)
+    assert Relaxation(**sound).estimate(np.array([0.0, 1.0])) == (np.inf, 1)
+    for wrong in (
+        {"comparisons": [([(2, 2.0)], -3.0, False)]},
+        {"operators": [([5], 1.0, [])]},
+        {"operators": [([-1], 1.0, [])]},
+        {"operators": [([], 1.0, [(5, 0.0)])]},
+        {"operators": [([], 1.0, [(3, 0.5)])]},  # not a comparison
+        {"operators": [([], -1.0, [])]},
+        {"ways": [[0], [5]]},
+        {"fluents": -1},
+    ):
+        with pytest.raises(ValueError, match=r"\w"):
+            Relaxation(**sound | wrong)
+    with pytest.raises(ValueError, match="2 numbers"):
+        Relaxation(**sound).estimate(np.zeros(3))
+    core, tables = boat(9.0).core, relaxed(boat(9.0).ground, boat(9.0).theta.tolist())
+    assert tables is not None
+    for relaxation, inert, state in (
+        (Relaxation(**sound), [], np.zeros(4)),
+        (tables, [], np.zeros(3)),
+        (tables, [4], np.zeros(4)),
+        (tables, [-1], np.zeros(4)),
+    ):
+        with pytest.raises(ValueError, match="fluent"):
+            find_way(core, relaxation, np.array(inert, np.int64), False, 0.0, state, 10)
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -169,7 +169,7 @@ def test_forecasts_that_threads_compute_are_those_of_one(
     states, leaves = states_of(model, Random(number), 20), leaves_of(model, number)
     alone, together = Lookahead(model), Lookahead(model)
     alone.leaves = together.leaves = leaves
-    with together.prefetch(states):
+    with together.prefetch(list(states)):
         for state in states:
             found = together.forecast(state)
             assert found is together.forecast(state)
@@ -192,7 +192,7 @@ def leaves_of(model: TransitionModel, seed: int, size: float = 1.0) -> _core.Cel
     cells = np.floor((states - low) * 8.0 * unit)
     _, first = np.unique(cells, axis=0, return_index=True)
     values = size * random.standard_normal(len(first) + 1)
-    return _core.CellValues(low, 8.0 * unit, unit, states[first].ravel(), values)
+    return _core.CellValues(low, 8.0 * unit, unit, states[first].ravel(), values, np.zeros(0))
 
 
 @examples(50)

@@ -1,7 +1,5 @@
 """Runs of the corridor on the disk, and what they leave behind."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import json

@@ -1,7 +1,5 @@
 """A checkpoint comes back exactly, or is refused; there is always a whole one."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

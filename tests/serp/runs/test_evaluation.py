@@ -1,7 +1,5 @@
 """Evaluating is only looking: nothing of the agent changes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any, get_args

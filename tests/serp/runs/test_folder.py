@@ -1,7 +1,5 @@
 """The run folder: begun once, written by one process, continued where its checkpoint was made."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import os

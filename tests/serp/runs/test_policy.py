@@ -1,7 +1,5 @@
 """An exported policy decides as the run does; damaged folders are refused."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

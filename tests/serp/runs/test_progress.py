@@ -1,7 +1,5 @@
 """The display of a training."""
 
-from __future__ import annotations
-
 import io
 import re
 from types import SimpleNamespace
@@ -80,21 +78,6 @@ def test_a_refresh_comes_every_five_seconds_on_a_pipe_and_five_times_a_second_on
         assert stream.getvalue().splitlines()[-1] == (
             "step 2,100, return 23 (rising), planner acts 25 %, unsafe 0"
         )
-
-
-def test_a_terminal_gets_a_bar_with_the_figures(
-    training: Training, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "120")
-    stream = Terminal()
-    with display(training, stream, units=28) as progress:
-        progress.refresh()
-        training.to(10, 1000, 10.0, units=7)
-    assert "[cart] → runs/x" in shown(stream)
-    last = shown(stream).splitlines()[-1]
-    assert "━" in last
-    assert "game 7/28, return 23 (rising), planner acts 25 %, unsafe 0, time left 30.0 s" in last
-    assert stream.getvalue().count("\x1b[?25l") == stream.getvalue().count("\x1b[?25h") == 1
 
 
 @pytest.mark.parametrize("kind", [Terminal, io.StringIO])

@@ -1,7 +1,5 @@
 """What is recorded of a step is read back, and nothing else is read."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

@@ -1,7 +1,5 @@
 """Whatever stops a run, continuing it gives what an undisturbed one gives."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

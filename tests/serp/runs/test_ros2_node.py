@@ -1,7 +1,5 @@
 """The ROS 2 node of the examples, with stubs of rclpy and of the messages."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 from pathlib import Path

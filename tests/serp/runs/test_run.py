@@ -1,7 +1,5 @@
 """A run on the disk: what it holds, what it is read back as, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +11,11 @@ from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.model.domain import load_domain
 from serp.runs.diagnosis.diagnosis import read_recorded
 from serp.runs.folder import RunFolder
-from serp.runs.run import load_run, read_run_metadata
+from serp.runs.run import Run, load_run, read_run_metadata
 from serp.runs.train import plan_and_learn
+from serp.settings import resolve
 from serp.tasks.task import Task
-from tests.serp.runs.runs import resume, train
+from tests.serp.runs.runs import everything, resume, train, without_pictures
 from tests.serp.sample_tasks import Corridor, corridor, corridor_file
 
 
@@ -159,3 +158,77 @@ def test_a_run_whose_own_files_were_changed_is_not_continued(
         resume(corridor(tmp_path), file.parent, episodes=3)
     with pytest.raises(RunError, match=said):
         _ = load_run(file.parent, corridor(tmp_path)).agent
+
+
+def metadata_run(folder: Path, **changes: Any) -> RunFolder:
+    config: dict[str, Any] = {
+        "task": "corridor",
+        "seed": 2**80,
+        "reward": "domain",
+        "control_period": 0.1,
+        "max_ground_schemas": 50_000,
+        "budget": {"episodes": None, "env_steps": 30, "units": None},
+        "settings": resolve("default", None, {"training": {"random_steps": 1}}).as_dict(),
+    }
+    with RunFolder.create(
+        folder / "metadata_run", {**config, **changes}, [("d.pddl", "(define)")]
+    ) as made:
+        return made
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"seed": 1.5},
+        {"control_period": 0},
+        {"max_ground_schemas": 0},
+        {"budget": {"episodes": 1.5, "env_steps": None, "units": None}},
+        {"budget": None},
+        {"settings": {"planner": 3}},
+    ],
+)
+def test_metadata_that_does_not_fit_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
+    with pytest.raises(RunError, match=r"config\.json was changed or damaged: .+restore it"):
+        read_run_metadata(metadata_run(tmp_path, **changes))
+
+
+PLANNERS: dict[str, Any] = {
+    "rightwards": lambda state: "right",
+    "up-and-away": lambda state: "up",
+    "blind": lambda state: state["y"],
+}
+
+
+@without_pictures()
+def train_with(folder: Path, out: Path, planner: str, episodes: int) -> Run:
+    return plan_and_learn(
+        corridor(folder, planners=PLANNERS),
+        settings={"planner": {"name": planner, "depth": 2}},
+        episodes=episodes,
+        seed=3,
+        out=out,
+        quiet=True,
+    )
+
+
+def test_a_run_with_a_planner_of_its_own_resumes_as_if_uninterrupted(tmp_path: Path) -> None:
+    run = train_with(tmp_path, tmp_path / "whole", "rightwards", 6)
+    assert run.evaluate("planner", episodes=1, quiet=True).returns
+    train_with(tmp_path, tmp_path / "half", "rightwards", 3)
+    resume(corridor(tmp_path, planners=PLANNERS), tmp_path / "half", episodes=6)
+    assert everything(tmp_path / "half") == everything(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("planner", "failure", "message"),
+    [
+        ("up-and-away", TaskError, "planner `up-and-away` advises 'up': unknown action `up`"),
+        ("blind", TaskError, "planner `blind`: KeyError: 'y'"),
+        ("rightward", SettingsError, "no planner `rightward`; did you mean `rightwards`"),
+    ],
+)
+def test_a_planner_that_cannot_be_used_is_refused(
+    tmp_path: Path, planner: str, failure: type[SerpError], message: str
+) -> None:
+    with pytest.raises(failure, match=message):
+        train_with(tmp_path, tmp_path / "run", planner, 2)

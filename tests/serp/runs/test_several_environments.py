@@ -1,7 +1,5 @@
 """Several environments that are stepped at the same time train as one after another would."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections import defaultdict

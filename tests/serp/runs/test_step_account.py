@@ -1,7 +1,5 @@
 """The account of a recorded step is that of the decision that was made."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

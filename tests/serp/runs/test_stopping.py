@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and SIGHUP during a training."""
 
-from __future__ import annotations
-
 import re
 import signal
 from collections.abc import Iterator

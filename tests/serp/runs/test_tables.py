@@ -1,7 +1,5 @@
 """Tables: what is written is read back, row by row, wherever the file or the process ended."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Algorithm 1: what a step does, and what the learner is given."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 from typing import Any
@@ -13,10 +11,11 @@ from serp.agent.step_record import StepRecord
 from serp.errors import SettingsError
 from serp.runs.evaluation import evaluate
 from serp.runs.tables import MetricsRow, decision_row
+from serp.runs.train import plan_and_learn
 from serp.runs.trainer import Trainer
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
-from tests.serp.runs.runs import CHANGES
+from tests.serp.runs.runs import CHANGES, everything, resume, rows, train
 from tests.serp.sample_tasks import Corridor, corridor
 
 
@@ -203,3 +202,44 @@ def test_a_unit_that_the_environment_does_not_count_is_refused(
     settings = resolve("default", task.settings, {"arbiter": {"rho_unit": unit}})
     with pytest.raises(SettingsError, match=said):
         Trainer(task.bind(), settings, 1).run_episode()
+
+
+def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path: Path) -> None:
+    rewards: list[float] = []
+    seen: list[MetricsRow] = []
+    train(corridor(tmp_path), tmp_path / "alone", episodes=3)
+    train(
+        corridor(tmp_path), tmp_path / "seen", episodes=3,
+        on_step=lambda step: rewards.append(step.env_reward), on_episode=seen.append,
+    )  # fmt: skip
+    assert everything(tmp_path / "seen") == everything(tmp_path / "alone")
+    table = rows(tmp_path / "seen", "metrics")
+    assert [str(row.return_) for row in seen] == [row["return"] for row in table]
+    assert len(rewards) == seen[-1].env_steps
+
+
+def test_one_that_fails_ends_the_run_after_the_episode_and_it_goes_on(tmp_path: Path) -> None:
+    calls: list[int] = []
+
+    def fails(step: StepRecord) -> None:
+        calls.append(step.number)
+        if len(calls) == 4:
+            raise ZeroDivisionError("mine")
+
+    task, out = corridor(tmp_path), tmp_path / "run"
+    train(task, tmp_path / "whole", episodes=5)
+    with pytest.raises(ZeroDivisionError, match="mine") as failure:
+        train(task, out, episodes=5, on_step=fails)
+    assert len(calls) == 4
+    assert "resume=True" in "".join(failure.value.__notes__)
+    assert len(rows(out, "metrics")) == 1
+    resume(task, out, episodes=5, on_episode=lambda row: None)
+    assert everything(out)[:3] == everything(tmp_path / "whole")[:3]
+
+
+def test_wrong_callbacks_are_refused_before_anything_is_made(tmp_path: Path) -> None:
+    task: Any = corridor(tmp_path)
+    wrong: Any = {"on_step": 3}
+    with pytest.raises(SettingsError, match="on_step must be a function of one argument, not 3"):
+        plan_and_learn(task, out=tmp_path / "run", **wrong)
+    assert not (tmp_path / "run").exists()

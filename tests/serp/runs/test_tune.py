@@ -1,7 +1,5 @@
 """Tuning: what is asked for is searched, and a study that goes on is the one that began."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Settings: what is accepted, how presets and changes combine, and what is refused by name."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """The symmetry that a task declares, resolved for its domain file and checked."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

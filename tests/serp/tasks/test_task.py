@@ -1,7 +1,5 @@
 """A task fits together, or says what does not; no mistake in one is a traceback."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections.abc import Callable
@@ -13,11 +11,13 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from serp.errors import EnvironmentFailure, TaskError
+from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.model.domain import load_domain
 from serp.pddl.source import DomainError
-from serp.tasks.task import BoundTask
-from tests.serp.sample_tasks import CableCut, Corridor, corridor
+from serp.runs.trainer import Trainer
+from serp.settings import resolve
+from serp.tasks.task import BoundTask, Task
+from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor
 
 
 class Odd(Corridor):
@@ -89,10 +89,6 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
 
 
 # What does not fit -------------------------------------------------------------------------------
-
-
-class Bare(gym.Env[Any, Any]):
-    """No spaces."""
 
 
 class Half(gym.Env[Any, Any]):
@@ -242,3 +238,159 @@ def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_p
     buffer[:], info["game"] = 7.0, 2
     assert not seen.any() and not reset["seen"].any()
     assert first["game"] == second["game"] == 1
+
+
+class Located(Corridor):
+    """Says in its info where the robot is."""
+
+    def info(self) -> dict[str, Any]:
+        return {"x": self.x}
+
+
+def located(folder: Path, ground: Callable[..., Any]) -> Task:
+    return corridor(folder, Located, ground=ground)
+
+
+def of_both(seen: Any, *, env: Located, info: dict[str, Any]) -> dict[str, float]:
+    assert env.x == info["x"] == seen[0]
+    return {"x": info["x"]}
+
+
+def test_a_grounding_of_info_or_of_the_environment_trains_as_one_of_the_observation(
+    tmp_path: Path,
+) -> None:
+    """Also where an episode ends and the next begins: no info is used a step too late."""
+    weights = []
+    for ground in (
+        lambda seen: {"x": seen[0]},
+        lambda seen, info: {"x": info["x"]},
+        lambda seen, env: [env.unwrapped.x],
+        of_both,
+    ):
+        task = located(tmp_path, ground)
+        trainer = Trainer(task.bind(), resolve("default", task.settings), 3)
+        rows = [trainer.run_episode() for _ in range(4)]
+        weights.append((trainer.agent.learner.state_dict()[0], [row.return_ for row in rows]))
+    (expected, returns), *others = weights
+    for arrays, others_returns in others:
+        assert others_returns == returns
+        assert all(np.array_equal(arrays[name], expected[name]) for name in expected)
+
+
+@pytest.mark.parametrize(
+    ("ground", "said"),
+    [
+        (lambda seen, infos: {}, r"ground\(seen, infos\) cannot be called: .*`infos?`"),
+        (lambda: {}, r"ground\(\) cannot be called: too many positional"),
+        (lambda seen, info: info["place"], r"failed on .*KeyError: 'place'"),
+        (lambda seen, info: {"y": 1.0}, "does not fit .*: no value for fluent `x`|unknown fluent"),
+    ],
+)
+def test_one_that_does_not_fit_is_named_when_the_task_is_bound(
+    tmp_path: Path, ground: Callable[..., Any], said: str
+) -> None:
+    with pytest.raises(TaskError, match=said):
+        located(tmp_path, ground).bind()
+
+
+class Valves(gym.ActionWrapper[Any, Any, Any]):
+    """The corridor with the four actions as combinations of two numbers."""
+
+    def __init__(self, space: spaces.Space[Any]) -> None:
+        super().__init__(Corridor())
+        self.action_space = space
+
+    def action(self, action: Any) -> int:
+        assert self.action_space.contains(action)
+        first, second = np.ravel(action - getattr(self.action_space, "start", 0)).tolist()
+        return int(2 * first + second)
+
+
+SPACES = [
+    spaces.MultiDiscrete([2, 2]),
+    spaces.MultiDiscrete([[2], [2]], start=[[3], [-1]]),
+    spaces.MultiBinary(2),
+]
+
+
+def walk(folder: Path, make_env: Any, **changes: Any) -> list[Any]:
+    """Return what 60 steps in the corridor return."""
+    seen = []
+    with corridor(folder, make_env, **changes).bind() as bound:
+        assert bound.actions.size == 4
+        bound.reset(seed=1)
+        for action in np.random.default_rng(0).integers(4, size=60).tolist():
+            raw, *rest, _ = bound.step(action)
+            seen.append((raw.tolist(), *rest))
+            if rest[1] or rest[2]:
+                bound.reset()
+    return seen
+
+
+@pytest.mark.parametrize("make", [lambda: Corridor(10), *(lambda s=s: Valves(s) for s in SPACES)])
+def test_actions_are_counted_from_zero_in_every_space(tmp_path: Path, make: Any) -> None:
+    assert walk(tmp_path, make) == walk(tmp_path, Corridor)
+
+
+@pytest.mark.parametrize("space", SPACES)
+def test_a_combination_is_named_by_its_tuple_or_number(tmp_path: Path, space: Any) -> None:
+    named = {"left": (0, 1), "right": [1, 0], "wait": np.int64(3)}
+    bound = corridor(tmp_path, lambda: Valves(space), actions=named).bind()
+    assert bound.actions.environment_action == [1, 2, 3]
+    for wrong in ((0, 2), (0,), (-1, 0), (0.5, 1), "01", None):
+        with pytest.raises(TaskError, match=r"corridor.*actions: `left` is mapped to .*0 "):
+            corridor(tmp_path, lambda: Valves(space), actions=named | {"left": wrong}).bind()
+
+
+BONUS = 100.0
+LEARNED = [("environment", "task"), ("environment", "domain"), ("environment", "sum"),
+           ("domain", "task"), ("domain", "environment"), ("domain", "sum")]  # fmt: skip
+
+
+def task_with_bonus(folder: Path, declared: str) -> Task:
+    """The corridor, whose file gives 100 for waiting; its environment gives nothing for it."""
+    begin = CORRIDOR.index("(:action wait")
+    text = CORRIDOR[:begin] + CORRIDOR[begin:].replace(
+        "(decrease (reward) 0.1)", f"(increase (reward) {BONUS:g})", 1
+    )
+    file = folder / "corridor.pddl"
+    file.write_text(text)
+    return corridor(folder, domain=file, reward=declared)
+
+
+@pytest.mark.parametrize(("declared", "learned"), LEARNED)
+def test_the_experts_reward_is_remembered_where_it_is_learned_from(
+    tmp_path: Path, declared: str, learned: str
+) -> None:
+    task = task_with_bonus(tmp_path, declared)
+    asked = {"training": {"reward": learned}, "learner": {"n_step": 1}}
+    trainer = Trainer(task.bind(), resolve("default", task.settings, asked), 3)
+    rows = [trainer.run_episode() for _ in range(3)]
+    arrays, _ = trainer.agent.learner.replay.state_dict()
+    remembered = arrays["reward"]
+    assert len(remembered) == trainer.env_steps
+    source = declared if learned == "task" else learned
+    by_environment, by_domain = (
+        sum(row.return_ for row in rows), sum(row.domain_return or 0.0 for row in rows)
+    )  # fmt: skip
+    assert by_domain > BONUS  # the planner goes by it whatever the learner learns from
+    expected = {
+        "environment": by_environment,
+        "domain": by_domain,
+        "sum": by_environment + by_domain,
+    }
+    assert sum(remembered) == pytest.approx(expected[source], rel=1e-5)
+    assert (max(remembered) > 0.9 * BONUS) == (source != "environment")
+
+
+def test_rewards_that_the_file_does_not_give_cannot_be_learned_from(tmp_path: Path) -> None:
+    text = CORRIDOR.replace("(decrease (reward) 0.1)", "").replace("(decrease (reward) 5)", "")
+    file = tmp_path / "silent.pddl"
+    file.write_text(text.replace("(increase (reward) 5)", ""))
+    task = corridor(tmp_path, domain=file)
+    for learned in ("domain", "sum"):
+        settings = resolve("default", task.settings, {"training": {"reward": learned}})
+        with pytest.raises(SettingsError, match=f"reward is {learned}, but the domain of task"):
+            Trainer(task.bind(), settings, 0)
+    with pytest.raises(SettingsError, match="'environment' or 'sum', not 'both'"):
+        resolve("default", task.settings, {"training": {"reward": "both"}})

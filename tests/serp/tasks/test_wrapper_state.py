@@ -1,7 +1,5 @@
 """What wrappers and environments carry from one episode to the next is saved."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from typing import Any

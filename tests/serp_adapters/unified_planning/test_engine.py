@@ -1,7 +1,5 @@
 """Our planner as an engine of unified-planning, on the problems of its own tests."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Engines of unified-planning as planners."""
 
-from __future__ import annotations
-
 import functools
 import json
 import random
@@ -113,7 +111,7 @@ def test_the_translated_problem_steps_as_the_model_does(name: str) -> None:
 
 def play(model: TransitionModel, name: str) -> PlanFollower:
     """Follow a planner to the end, while every third action fails."""
-    model = TransitionModel(model.ground, own_code=False)  # there is nothing to compile
+    model = TransitionModel(model.ground)
     follower = planner.make(model, PlannerSettings(name=name))
     state, steps = model.initial_state, 0
     assert state is not None
@@ -150,7 +148,7 @@ def test_a_plan_is_followed_to_the_goal_and_an_engine_that_takes_too_long_is_end
 
 
 def test_an_engine_ends_with_its_parent() -> None:
-    model = TransitionModel(load_texts(blocks(14)).model.ground, own_code=False)
+    model = TransitionModel(load_texts(blocks(14)).model.ground)
     plans = planner.EnginePlans(model, "pyperplan-opt", 60.0)
     process, state = plans._process, model.initial_state
     assert process is not None and process.stdin is not None and state is not None

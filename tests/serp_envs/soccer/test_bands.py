@@ -1,7 +1,5 @@
 """The measured difficulty of the soccer scenarios: results of simple policies lie in bands."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping
 from math import atan2, hypot, pi

@@ -1,7 +1,5 @@
 """The game clock."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

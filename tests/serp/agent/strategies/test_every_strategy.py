@@ -1,7 +1,5 @@
 """What ρ says under every strategy, and how that of the mixture grows."""
 
-from __future__ import annotations
-
 from random import Random
 from typing import Any
 

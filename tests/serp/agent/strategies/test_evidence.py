@@ -1,7 +1,5 @@
 """The lead goes to planner or learner as their returns suggest."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

@@ -1,7 +1,5 @@
 """All findings come in one pass, comments silence warnings, and other programs read them."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Formatting changes blanks only, once, and leaves what is shipped as it is."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from random import Random

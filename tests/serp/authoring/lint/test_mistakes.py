@@ -1,7 +1,5 @@
 """Common mistakes are found, in their places, and the suggestions are right."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Hashable, Iterator
 from pathlib import Path

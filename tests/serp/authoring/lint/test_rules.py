@@ -1,7 +1,5 @@
 """Rules find what a right domain may have forgotten, and say nothing of what is meant."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

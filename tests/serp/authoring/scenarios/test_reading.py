@@ -1,7 +1,5 @@
 """Scenario files: what they can say, and where what is wrong is."""
 
-from __future__ import annotations
-
 from decimal import Decimal
 
 import pytest

@@ -103,7 +103,6 @@ def generated(seed: int) -> TransitionModel:
             and ground.fluents
             and flagged
             and effects < 40
-            and model.program.has_own_code
         ):
             return model.replace(dt=random.choice((1.0, 0.25)))
 

@@ -1,7 +1,5 @@
 """A small task to compare on, that other processes can import, and external learners."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import os

@@ -1,7 +1,5 @@
 """Records of trials that never ran, for tests of what is done with records."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Trials in other processes: the same records, and nobody dies for another for ever."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The report: a page that can be read alone, and the numbers for programs."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Sequence

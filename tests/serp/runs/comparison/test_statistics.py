@@ -1,7 +1,5 @@
 """Measures of trials by hand, and their statistics."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

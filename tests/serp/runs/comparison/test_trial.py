@@ -1,7 +1,5 @@
 """A trial is a run: made by the training loop, opened as a run, and continued as one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A small world with a partly wrong file, made-up findings, checks of a repaired file."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Mapping

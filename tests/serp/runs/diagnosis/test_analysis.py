@@ -1,7 +1,5 @@
 """What transitions say about a domain file."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a diagnosis says is true, and what a repair writes is what the diagnosis says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

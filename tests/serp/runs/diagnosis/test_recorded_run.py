@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -8,7 +6,7 @@ import pytest
 
 import serp
 from serp.errors import RunError
-from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
+from serp.runs.checkpoint import NEWEST, load, save
 from serp.runs.diagnosis.diagnosis import read_recorded
 from tests.serp.runs.runs import without_pictures
 
@@ -39,14 +37,6 @@ def test_a_run_of_a_task_that_is_not_installed_can_be_read(copy: Path) -> None:
     assert recorded.env_steps == len(seen) >= 120
     goes_on = ~seen.ended[:-1]
     np.testing.assert_array_equal(seen.states[1:][goes_on], seen.next_states[:-1][goes_on])
-
-
-def test_a_damaged_checkpoint_is_told(copy: Path) -> None:
-    shutil.copy(copy / NEWEST, copy / PREVIOUS)
-    (copy / NEWEST).write_bytes((copy / NEWEST).read_bytes()[:-9])
-    notice = read_recorded(copy).notice
-    assert notice is not None
-    assert "damaged" in notice
 
 
 def test_a_run_without_a_step_is_refused(copy: Path) -> None:

@@ -1,7 +1,5 @@
 """The environment in which other libraries train: what is proposed, and what is executed."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A world made of a file does what the file says, and nothing where an action fails."""
 
-from __future__ import annotations
-
 import pickle
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Running commands as a user does, in an empty folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

@@ -1,12 +1,8 @@
 """`serp check`."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM, Run
@@ -67,30 +63,6 @@ def test_a_domain_and_a_problem_of_any_name_are_one_check(run: Run, walk: Path) 
     assert "domain walk (domain.pddl, p01.pddl)" in run("check", "p01.pddl").stdout
 
 
-def test_checking_a_large_file_compiles_nothing_and_names_a_few(tmp_path: Path) -> None:
-    events = "".join(
-        f"(:event e{k} :parameters () :precondition (and (p) (> (x) {k}))"
-        " :effect (and (unsafe) (increase (reward) 1)))\n"
-        for k in range(1_000)
-    )
-    file = tmp_path / "big.pddl"
-    file.write_text(
-        "(define (domain big) (:predicates (p) (unsafe)) (:functions (x) (reward))"
-        f"(:action go :effect (and (p) (increase (x) 1))) {events})"
-    )
-    code = (
-        "import sys, serp.ui\n"
-        "try: serp.ui.main(['check', sys.argv[1]])\n"
-        "finally: print([m for m in ('torch', 'unified_planning') if m in sys.modules])"
-    )
-    shown = subprocess.run(
-        [sys.executable, "-c", code, file], capture_output=True, text=True, timeout=60, check=True
-    ).stdout
-    assert "1,000 events" in shown
-    assert "event e11 and 988 more" in shown
-    assert shown.endswith("[]\n")
-
-
 def test_findings_are_printed_for_programs_and_mended(run: Run, walk: Path) -> None:
     walk.write_text(WALK.replace("(assign (walked) 0)", "(walked = 0)"))
     findings = json.loads(run("check", "walk.pddl", "--json", expect=1).stdout)
@@ -117,13 +89,3 @@ def test_the_pattern_for_editors_matches_errors_and_warnings(run: Run, walk: Pat
     assert any(
         f[:2] == ("warning", "other.pddl") and f[5] == "contradictory-condition" for f in found
     )
-
-
-def test_formatting_says_what_would_change_and_changes_blanks_only(run: Run, walk: Path) -> None:
-    walk.write_text(WALK.replace("    :param", " :param"))
-    assert "walk.pddl: would change" in run("format", "walk.pddl", "--check", expect=1).stdout
-    assert "+    :param" in run("format", "walk.pddl", "--diff").stdout
-    assert run("format", "walk.pddl", "walk-problem.pddl").stdout.count("formatted") == 2
-    assert walk.read_text() == WALK.lstrip("\n")
-    Path("bad.pddl").write_text(")")
-    assert "before it" in run("format", "bad.pddl", expect=1).stderr

@@ -1,7 +1,5 @@
 """`serp compare`."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path
@@ -51,19 +49,6 @@ def test_names_and_seeds_may_be_apart_by_commas(monkeypatch: pytest.MonkeyPatch)
     assert asked["algorithms"] == [
         "serp", "dqn:learner.hidden=[8,8];learner.members=1", "serp:arbiter.r_min=none", "mrp@x",
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "give --domain"),
-        (["--domain=cartpole", "--seeds=many"], "expected a number, or seeds such as 0-9"),
-        (["--out=c", "--max-ground-schemas=9"], "--max-ground-schemas cannot change"),
-    ],
-)
-def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
-    assert message in run("compare", *arguments, expect=2).stderr
-    assert list(Path().iterdir()) == []
 
 
 def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(

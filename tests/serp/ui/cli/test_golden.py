@@ -4,8 +4,6 @@ With SERP_WRITE_GOLDEN=1 the texts are written instead of compared; read the dif
 committed. Numbers of a training are not compared, for they differ between processors.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """`serp plan-and-learn`, and tasks that are not installed."""
 
-from __future__ import annotations
-
 import json
 import signal
 from pathlib import Path
@@ -40,23 +38,6 @@ def test_resuming_a_finished_run_does_nothing(how: str, run: Run, trained: Path)
     assert rows(trained, "metrics") == before
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "give --domain"),
-        (["--resume"], "give the run to continue"),
-        (["--resume=a", "--out=b"], "which run: --resume a or --out b?"),
-        (["--resume=a", "--seed=1"], "--seed cannot change"),
-        (
-            ["--domain=cartpole", "--num-envs=2", "--set=training.num_envs=3"],
-            "give --num-envs or --set training.num_envs, not both",
-        ),
-    ],
-)
-def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
-    assert message in run("plan-and-learn", *arguments, expect=2).stderr
-
-
 def signals_in(monkeypatch: pytest.MonkeyPatch, number: int, *steps: int) -> None:
     """Send a signal to this process in these steps of the environment, counted over all runs."""
     made, whole = iter(range(1, 1_000)), BoundTask.step
@@ -82,18 +63,6 @@ def test_a_signal_ends_the_run_with_the_episode(
     assert 1 <= len(done) < 4
     assert done == rows(trained, "metrics")[: len(done)]
     assert Path("r/summary.json").exists()
-
-
-def test_a_second_ctrl_c_stops_at_once_and_it_is_said_how_to_continue(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    signals_in(monkeypatch, signal.SIGINT, 40, 41)
-    shown = run(*TRAIN, "--episodes=6", "--out=r", expect=130).stderr
-    assert "Stopped at once." in shown
-    assert shown.count("serp plan-and-learn --resume r\n") == 1
-    assert shown.count("finishing the episode") == 1
-    run("plan-and-learn", "--resume=r", "--quiet")
-    assert len(rows("r", "metrics")) == 6
 
 
 def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run: Run, robot: Path) -> None:

@@ -1,7 +1,5 @@
 """`serp play`."""
 
-from __future__ import annotations
-
 import os
 import select
 import subprocess

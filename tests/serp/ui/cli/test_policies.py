@@ -1,7 +1,5 @@
 """`serp evaluate`, `serp export` and `serp watch`: what is done with a trained policy."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -9,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import serp
 from serp.agent.agent import account_of
@@ -52,14 +49,3 @@ def test_a_policy_is_exported_once(run: Run, trained: Path, folder: Path) -> Non
     assert serp.Policy(folder / "policy").manifest["policy"].startswith("the learner's choice")
     again = run("export", str(trained), "-o", "policy", expect=1)
     assert "exists and is not empty" in again.stderr
-
-
-def test_cartpole_on_a_gif(run: Run, trained: Path) -> None:
-    done = run("watch", str(trained), "--episodes=2", "--seed=4", "--out=x.gif")
-    measured = load_run(trained).evaluate(episodes=2, seed=4)
-    with Image.open("x.gif") as gif:
-        assert gif.width == 600
-        assert gif.n_frames == sum(measured.lengths) + 2  # type: ignore[attr-defined]
-    assert done.stdout.startswith("x.gif: 0.")
-    for number, value in enumerate(measured.returns, 1):
-        assert f"episode {number}: return {value:g} in " in done.stderr

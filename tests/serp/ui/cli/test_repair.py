@@ -1,7 +1,5 @@
 """`serp repair`."""
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import json

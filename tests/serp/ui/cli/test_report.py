@@ -1,7 +1,5 @@
 """`serp report`: the page of a run, as its data and in a browser."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

@@ -1,7 +1,5 @@
 """The command as a whole: its help, what it imports, how it ends, settings, and `serp list`."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -69,6 +67,30 @@ def test_the_package_runs_and_help_imports_nothing_heavy(tmp_path: Path) -> None
 def test_an_unknown_command_or_option_says_what_there_is(run: Run) -> None:
     assert "did you mean `evaluate`?" in run("evalute", expect=2).stderr
     assert "No such option" in run("--nonsense", expect=2).stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("compare", "give --domain"),
+        ("compare --domain=cartpole --seeds=many", "expected a number, or seeds such as 0-9"),
+        ("compare --out=c --max-ground-schemas=9", "--max-ground-schemas cannot change"),
+        ("plan-and-learn", "give --domain"),
+        ("plan-and-learn --resume", "give the run to continue"),
+        ("plan-and-learn --resume=a --out=b", "which run: --resume a or --out b?"),
+        ("plan-and-learn --resume=a --seed=1", "--seed cannot change"),
+        ("plan-and-learn --domain=cartpole --num-envs=2 --set=training.num_envs=3",
+         "give --num-envs or --set training.num_envs, not both"),
+        ("plan --domain=cartpole --depth=0", "is not in the range"),
+        ("plan --domain=cartpole --svg=walk.pddl", "ends in .svg"),
+        ("why a --episode=1", "give --step"),
+    ],
+)  # fmt: skip
+def test_a_wrong_command_line_is_refused_before_anything_is_written(
+    line: str, message: str, run: Run, folder: Path
+) -> None:
+    assert message in run(*line.split(), expect=2).stderr
+    assert list(folder.iterdir()) == []
 
 
 def test_a_mistake_keeps_its_traceback_when_debugging(
@@ -155,18 +177,6 @@ def test_every_setting_can_be_set_to_what_it_is() -> None:
     assert given == {
         "planner": {"name": None}, "learner": {"hidden": "[64"}, "arbiter": {"r_min": -0.001},
     }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("texts", "said"),
-    [
-        *(([text], "section.name=value") for text in ("planner.depth", "depth=3", ".depth=3", "")),
-        (["planner.depth=3", " planner.depth = 4"], "planner.depth is given twice"),
-    ],
-)
-def test_what_is_no_setting_is_a_usage_error(texts: list[str], said: str) -> None:
-    with pytest.raises(click.UsageError, match=said):
-        parse_settings(texts)
 
 
 def test_json_has_no_infinity(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,5 @@
 """`serp test`."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`serp why`."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -10,7 +8,7 @@ from typing import Any
 import pytest
 
 from serp.runs.recording import open_recording
-from tests.serp.ui.cli.conftest import Run
+from tests.serp.ui.cli.conftest import QUICK, Run, train
 
 
 def explained(run: Run, *arguments: str) -> Any:
@@ -33,19 +31,6 @@ def test_a_step_is_the_same_however_it_is_asked_for(run: Run, trained: Path) -> 
     assert (shown["step"], shown["episode"], shown["number"]) == (0, 1, 1)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status", "said"),
-    [
-        (["--step=99999"], 1, "there is no step 99,999"),
-        (["--episode=1"], 2, "give --step"),
-    ],
-)
-def test_a_step_that_is_not_there_is_refused(
-    arguments: list[str], status: int, said: str, run: Run, trained: Path
-) -> None:
-    assert said in run("why", str(trained), *arguments, expect=status).stderr
-
-
 def test_a_run_without_a_recording_says_how_to_get_one(
     run: Run, trained: Path, tmp_path: Path
 ) -> None:
@@ -53,3 +38,36 @@ def test_a_run_without_a_recording_says_how_to_get_one(
     shutil.rmtree(tmp_path / "old" / "recording")
     message = run("why", str(tmp_path / "old"), expect=1).stderr
     assert "serp evaluate" in message
+
+
+CARTPOLE = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
+WRONG = "(decrease (cart-velocity) 0.195)"
+
+
+def told(run: Run, *arguments: str) -> Any:
+    return json.loads(run("diagnose", *arguments, "--json").stdout)
+
+
+@pytest.fixture(scope="module")
+def misled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run with a file whose first push is twice as strong as the real one."""
+    folder = tmp_path_factory.mktemp("misled")
+    text = CARTPOLE.read_text(encoding="utf-8")
+    assert text.count(WRONG) == 1
+    file = folder / "cartpole.pddl"
+    file.write_text(text.replace(WRONG, WRONG.replace("0.195", "0.39")), encoding="utf-8")
+    return train(folder / "run", f"--domain={file}", "--episodes=8", *QUICK)
+
+
+def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: Path) -> None:
+    before = {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()}
+    text, shown = run("diagnose", str(misled)).stdout, told(run, str(misled))
+    assert {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()} == before
+    line = CARTPOLE.read_text(encoding="utf-8").split(WRONG)[0].count("\n") + 1
+    (remark,) = (r for r in shown["remarks"] if r["line"] == line)
+    assert remark["text"].startswith(f"`push-left`, line {line}: write 0.19")
+    assert remark["share"] > 0.2
+    number = remark["finding"]
+    assert (number["kind"], number["written"]) == ("ParameterFinding", 0.39)
+    assert number["estimate"] == pytest.approx(0.195, abs=0.01)
+    assert all(remark["text"] in text for remark in shown["remarks"])

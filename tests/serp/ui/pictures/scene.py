@@ -1,7 +1,5 @@
 """A corridor that draws itself, and an agent whose learner always wants to walk into the pit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, ClassVar
 

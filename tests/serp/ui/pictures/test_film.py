@@ -1,7 +1,5 @@
 """A film shows every step, every veto with its reason, and takes the time that the steps take."""
 
-from __future__ import annotations
-
 import itertools
 from collections import defaultdict
 from pathlib import Path
@@ -14,7 +12,7 @@ from serp._util import figures
 from serp.agent.agent import Agent
 from serp.agent.step_record import StepRecord
 from serp.runs.evaluation import evaluate, play
-from serp.ui.pictures.film import END, HOLD, CaptionBand, FilmSettings, Mark, film, marks_of
+from serp.ui.pictures.film import END, HOLD, FilmSettings, Mark, film, marks_of
 from tests.serp.ui.pictures.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent
 
 RED = ImageColor.getrgb(figures.REFUSED)
@@ -99,9 +97,3 @@ def test_time_is_real_time(
     for key, times in lasting.items():
         assert len(times) == each
         assert sum(times) == pytest.approx(step + (END if key in lasts else 0.0))
-
-
-def test_pictures_keep_within_their_width(agent: Agent, tmp_path: Path) -> None:
-    frames = film(agent, bound(tmp_path), FilmSettings(episodes=2, width=210))
-    (whole,) = {frame.image.size for frame in frames}
-    assert whole == (210, 40 + CaptionBand(210).size[1])

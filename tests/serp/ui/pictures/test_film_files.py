@@ -1,7 +1,5 @@
 """What is drawn is in the file, and a file is whole or not there; what cannot be drawn is named."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """The picture of a decision: everything in its place, nothing on top of something else."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import subprocess
@@ -34,7 +32,6 @@ ROOT = Path(__file__).resolve().parents[4]
 CARTPOLE = ROOT / "domains" / "cartpole.pddl"
 UPRIGHT = [0.01, -0.02, -0.04, -0.05]
 LEANING = [0.01, -0.02, 0.21, 0.6]
-FALLING = [0.01, -0.02, 0.25, 1.6]
 SVG = "{http://www.w3.org/2000/svg}"
 GRID = """
 (define (domain grid)
@@ -159,9 +156,7 @@ def dashed(picture: ET.Element) -> int:
 @given(models_with_states(PLANNABLE, count=1))
 def test_any_decision_can_be_drawn(drawn: tuple[Generated, Any]) -> None:
     generated, (state,) = drawn
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)  # compiling takes seconds
-        planner = MonitorReplanner(generated.model, depth=3, discount=0.9)
-        plan = planner.plan(state)
+    planner = MonitorReplanner(generated.model, depth=3, discount=0.9)
+    plan = planner.plan(state)
     layout_of(plan, planner)
     svg(plan, planner)

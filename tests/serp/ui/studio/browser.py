@@ -1,7 +1,5 @@
 """A studio in a process of its own, and a headless Chromium that shows it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The studio in a real browser: what is typed, clicked and dragged, and who is kept out."""
 
-from __future__ import annotations
-
 import socket
 import urllib.error
 import urllib.request

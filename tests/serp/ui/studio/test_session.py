@@ -1,7 +1,5 @@
 """What the studio shows and saves, who is let in, and who owns it, without a browser."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import shutil

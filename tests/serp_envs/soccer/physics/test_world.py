@@ -1,7 +1,5 @@
 """The physics: rolling, walking, kicks, and what a robot covers of the goal."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
