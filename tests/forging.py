@@ -1,12 +1,14 @@
 """Forged checkpoints: what a run resumes from, changed somewhere, with a digest that is right.
 
 Run as a program (`python -m tests.forging FOLDER FIRST COUNT`) it forges checkpoints of one run and
-resumes each; it says on every line what it is about to do, so that a process that dies, hangs or
+resumes each; with `robots` as a fourth argument it forges the folder that the run is exported to,
+and decides. It says on every line what it is about to do, so that a process that dies, hangs or
 raises anything but a `SerpError` is known by its seed.
 """
 
 import copy
 import faulthandler
+import hashlib
 import json
 import random
 import shutil
@@ -22,6 +24,7 @@ from serp.errors import SerpError
 from serp.runs import results
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
 from serp.runs.folder import METRICS
+from serp.runs.policy import AGENT, MANIFEST, Policy, export_policy
 from serp.runs.tables import read_metrics
 
 Arrays = dict[str, np.ndarray[Any, Any]]
@@ -51,6 +54,21 @@ def resumed(path: Path) -> str:
     metrics = read_metrics(path / METRICS)
     for column in ("length", "return", "planner_steps", "learner_steps"):
         assert np.isfinite(metrics[column]).all(), column
+    return "went on"
+
+
+def decided(path: Path) -> str:
+    """Makes some decisions on a robot, with its manifest made to fit; says how that ended."""
+    manifest = json.loads((path / MANIFEST).read_text())
+    manifest["files"][AGENT] = hashlib.sha256((path / AGENT).read_bytes()).hexdigest()
+    (path / MANIFEST).write_text(json.dumps(manifest))
+    try:
+        policy = Policy(path)
+        for k in range(12):
+            state = np.full(len(policy.fluents), float(k % 4))
+            policy.decide(np.full(len(manifest["observation"]), float(k)), state=state)
+    except SerpError as error:
+        return f"refused: {error}"
     return "went on"
 
 
@@ -124,29 +142,34 @@ _OF_ARRAYS: tuple[tuple[str, Callable[[Any, random.Random, Any], Any]], ...] = (
 )  # fmt: skip
 
 
-def main(folder: Path, first: int, count: int) -> None:
-    """Forges and resumes; prints a JSON line before each, and how it ended after it."""
+def main(folder: Path, first: int, count: int, robots: str = "") -> None:
+    """Forges and uses; prints a JSON line before each, and how it ended after it."""
     results.write_results = lambda folder, *results: None  # type: ignore[assignment]
     if not folder.exists():
         begin("cliff", folder)
-    arrays, meta = load(folder / NEWEST)
-    run = folder.with_name(f"{folder.name}-forged")
+    whole, name, used = folder, NEWEST, resumed
+    if robots:
+        whole, name, used = folder.with_name(f"{folder.name}-robot"), AGENT, decided
+        if not whole.exists():
+            export_policy(folder, whole)
+    arrays, meta = load(whole / name)
+    target = whole.with_name(f"{whole.name}-forged")
     for seed in range(first, first + count):
         dice = random.Random(seed)
         own, own_meta = dict(arrays), copy.deepcopy(meta)
         with np.errstate(all="ignore"):
             what = forged(own, own_meta, dice)
-        shutil.rmtree(run, ignore_errors=True)
-        shutil.copytree(folder, run)
-        save(run / NEWEST, own, own_meta)
+        shutil.rmtree(target, ignore_errors=True)
+        shutil.copytree(whole, target)
+        save(target / name, own, own_meta)
         print(json.dumps([seed, what]), flush=True)
         faulthandler.dump_traceback_later(SECONDS, exit=True)
         with np.errstate(all="ignore"):
-            ended = resumed(run)
+            ended = used(target)
         faulthandler.cancel_dump_traceback_later()
         print(json.dumps([seed, ended]), flush=True)
 
 
 if __name__ == "__main__":
     if sys.argv[2:]:
-        main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
+        main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), *sys.argv[4:])

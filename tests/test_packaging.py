@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -23,6 +24,7 @@ PACKAGES = {
     "serp_adapters": ROOT / "adapters" / "serp_adapters",
     "serp_envs": ROOT / "envs" / "serp_envs",
 }
+STUB = ROOT / "serp" / "_core.pyi"
 HEAVY = {"gymnasium", "matplotlib", "networkx", "pydantic", "torch", "unified_planning"}
 
 
@@ -30,7 +32,7 @@ def run(command: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run without anything in the environment that points Python at this checkout."""
     clean = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
     return subprocess.run(
-        command, cwd=cwd, env=clean, capture_output=True, text=True, timeout=120, check=False
+        command, cwd=cwd, env=clean, capture_output=True, text=True, timeout=600, check=False
     )
 
 
@@ -88,20 +90,32 @@ def source_files() -> set[str]:
     names = {
         f"{package}/{path.relative_to(folder).as_posix()}"
         for package, folder in PACKAGES.items()
-        for kind in ("*.py", "templates/*", "*.css")
+        for kind in ("*.py", "*.pyi", "templates/*", "*.css")
         for path in folder.rglob(kind)
     }
     domains = {f"serp_adapters/domains/{path.name}" for path in (ROOT / "domains").glob("*.*")}
     assert domains
-    return names | domains | {f"{package}/py.typed" for package in PACKAGES}
+    compiled = f"serp/_core{sysconfig.get_config_var('EXT_SUFFIX')}"
+    return names | domains | {f"{package}/py.typed" for package in PACKAGES} | {compiled}
 
 
-def test_the_wheel_holds_every_module_the_domains_and_the_type_markers(wheel: Path) -> None:
+def test_the_wheel_holds_every_module_the_compiled_part_the_domains_and_the_type_markers(
+    wheel: Path,
+) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
         assert held == source_files()
         for path in (ROOT / "domains").glob("*.*"):
             assert archive.read(f"serp_adapters/domains/{path.name}") == path.read_bytes()
+
+
+def test_the_source_distribution_holds_what_is_compiled(built: Path) -> None:
+    (source,) = built.glob("serp-*.tar.gz")
+    with tarfile.open(source) as archive:
+        held = {name.partition("/")[2] for name in archive.getnames()}
+    native = [path for kind in ("*.cpp", "*.hpp") for path in PACKAGES["serp"].rglob(kind)]
+    needed = {ROOT / "CMakeLists.txt", ROOT / ".ci" / "constraints.txt", *native}
+    assert {path.relative_to(ROOT).as_posix() for path in needed} - held == set()
 
 
 def test_wheel_and_source_distribution_carry_the_licence(built: Path, wheel: Path) -> None:
@@ -119,6 +133,32 @@ def test_wheel_and_source_distribution_carry_the_licence(built: Path, wheel: Pat
 
 def test_the_citation_is_of_this_version() -> None:
     assert f"\nversion: {serp.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+
+
+# The compiled part
+
+
+def test_the_types_of_the_compiled_part_are_those_that_it_has(tmp_path: Path) -> None:
+    fresh = tmp_path / "_core.pyi"
+    command = [sys.executable, "-m", "nanobind.stubgen", "-D", "-m", "serp._core", "-o"]
+    subprocess.run([*command, str(fresh)], check=True, cwd=ROOT, timeout=120)
+    written = STUB.read_text(encoding="utf-8") if STUB.exists() else ""
+    advice = "run: python -m nanobind.stubgen -D -m serp._core -o serp/_core.pyi"
+    assert written == fresh.read_text(encoding="utf-8"), advice
+
+
+def test_a_checkout_that_is_not_built_says_how_to_build_it(tmp_path: Path) -> None:
+    shutil.copytree(
+        PACKAGES["serp"], tmp_path / "serp", ignore=shutil.ignore_patterns("*.so", "*.pyd")
+    )
+    # -S: without the environment's own packages, so that no installed serp takes precedence.
+    script = f"import sys; sys.path += {sys.path}; from serp.ui import main; main(['list'])"
+    done = run([sys.executable, "-S", "-c", script], tmp_path)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert "not built" in line
+    assert "pip install -e ." in line
 
 
 # The installation, used from another directory

@@ -1,6 +1,7 @@
 """The shape of the code: imports go one way, files are small, names are unique."""
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -15,6 +16,7 @@ PACKAGES = {
     "serp_envs": ROOT / "envs" / "serp_envs",
 }
 ROOMS = (
+    "_core",  # compiled of the C++ files of all rooms
     "errors",
     "_util",
     "settings",
@@ -29,7 +31,6 @@ ROOMS = (
     "ui",
 )
 """Rooms of `serp` from the bottom up: a room imports from itself and from the rooms before it."""
-MOST_PARAMETERS = 11
 
 
 @cache
@@ -74,6 +75,20 @@ def test_imports_inside_serp_go_one_way() -> None:
     assert wrong == []
 
 
+def test_includes_of_compiled_code_go_one_way() -> None:
+    height = {room: i for i, room in enumerate(ROOMS)}
+    wrong = []
+    for path in sorted(PACKAGES["serp"].rglob("*.?pp")):
+        part = path.relative_to(PACKAGES["serp"]).parts[0]
+        if part not in height:
+            continue  # serp/_core.cpp, which binds all rooms
+        for name in re.findall(r'^\s*#\s*include\s+"([^"]+)"', path.read_text(), flags=re.M):
+            top, other, *_ = (*name.split("/"), "")
+            if top != "serp" or height.get(other, len(ROOMS)) > height[part]:
+                wrong.append(f"{path.relative_to(ROOT)} includes {name}")
+    assert wrong == []
+
+
 def test_no_file_imports_itself_through_others() -> None:
     """Imports for types alone excepted, which are not carried out."""
     files = {
@@ -112,23 +127,3 @@ def test_no_class_name_occurs_twice_in_serp() -> None:
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(f"{path.relative_to(ROOT)}:{node.lineno}")
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
-
-
-def decorators(node: ast.FunctionDef) -> str:
-    return " ".join(ast.unparse(each) for each in node.decorator_list)
-
-
-def test_no_function_has_too_many_parameters() -> None:
-    """Compiled kernels excepted."""
-    wrong = []
-    for package in PACKAGES:
-        for path in modules(package):
-            for node in ast.walk(tree(path)):
-                if not isinstance(node, ast.FunctionDef):
-                    continue
-                given = node.args
-                count = len(given.posonlyargs) + len(given.args) + len(given.kwonlyargs)
-                excepted = any(word in decorators(node) for word in ("compiled", "njit"))
-                if count > MOST_PARAMETERS and not excepted:
-                    wrong.append(f"{path.relative_to(ROOT)} {node.name}")
-    assert wrong == []

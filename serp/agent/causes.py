@@ -96,11 +96,11 @@ class Cause:
         return f"{quote} is neither true nor false, it has no value"
 
 
-def listed_values(values: Mapping[str, float | bool], most: int = 6) -> str:
-    """Return values as `x = 1.2, open = true`, and how many more there are."""
+def listed_values(values: Mapping[str, float | bool]) -> str:
+    """Return at most 6 values as `x = 1.2, open = true`, and how many more there are."""
     shown = [f"{name} = {readable(value)}" for name, value in values.items()]
-    more = f" and {plural(len(shown) - most, 'more value')}" if len(shown) > most else ""
-    return ", ".join(shown[:most]) + more
+    more = f" and {plural(len(shown) - 6, 'more value')}" if len(shown) > 6 else ""
+    return ", ".join(shown[:6]) + more
 
 
 def why_not_applicable(causes: Iterable[Cause]) -> str:

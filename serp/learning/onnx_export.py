@@ -7,8 +7,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from serp.errors import needs_extra
 from serp import _core
+from serp.errors import needs_extra
 from serp.learning.network import QNetwork
 from serp.learning.reflection import Reflection
 

@@ -165,12 +165,12 @@ class TransitionModel(StateSpace):
         Action -1 is none, in a model that is not adapted. Returned are the next state and the
         reward (meaningless where not applicable), and the flags of `serp.model.flags`.
         """
-        out, flags = self._written_core().step(np.array(state, dtype=np.float64), action)
+        out, flags = self.written_core().step(np.array(state, dtype=np.float64), action)
         return out.tolist(), flags
 
     def at_goal(self, state: Vector) -> bool:
         """Return whether the problem's goal holds in a state `[F]`; False where there is none."""
-        return self._written_core().at_goal(state)
+        return self.written_core().at_goal(state)
 
     def _step_batch(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
         width = states.shape[1]
@@ -192,9 +192,10 @@ class TransitionModel(StateSpace):
     @property
     def core(self) -> _core.Model:
         """The compiled model, as planners take it."""
-        return self._written_core()
+        return self.written_core()
 
-    def _written_core(self) -> _core.WrittenModel:
+    def written_core(self) -> _core.WrittenModel:
+        """Return the compiled model as the file has it."""
         if self._core is None:
             self._core = _core.WrittenModel(self._compiled(), self.theta, self.dt)
         return self._core
@@ -214,7 +215,7 @@ class TransitionModel(StateSpace):
                 condition has no truth value, or an event's effects contradict each other.
         """
         self.check_action(action, -1)
-        out, flags = self._written_core().judge(state, action, next_state)
+        out, flags = self.written_core().judge(state, action, next_state)
         if not flags & APPLICABLE:
             site = self.judged_passages(state, action, next_state)[-1].site
             raise StateError(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import time
 import datetime
+import time
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping

@@ -50,9 +50,7 @@ def write_results(
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
-    summary: dict[str, Any] = finite(
-        summarize(metrics, run.config, vetoes_by_reason, account)
-    )
+    summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes_by_reason, account))
     run.write(SUMMARY, json_text(summary))
     try:
         with needs_extra("plots", "the learning curve"):

@@ -208,7 +208,7 @@ class StepAccount:
 
 
 def account_of_step(
-    run: RunModel, recording: Recording, step: int, because: str = "", *, search: bool = True
+    run: RunModel, recording: Recording, step: int, because: str = ""
 ) -> StepAccount:
     """Return the account of a recorded step.
 
@@ -217,8 +217,6 @@ def account_of_step(
         recording: The recording, of the run or of an evaluation of it.
         step: Its position in the recording.
         because: Why it is shown; empty where it was asked for.
-        search: Whether it is searched what would have had to differ, which takes up to 8 s in large
-            domains.
 
     Raises:
         RunError: There is no such step, or its recording is damaged.
@@ -233,10 +231,9 @@ def account_of_step(
         model = planner.model
         ahead = planner.paths(state, planner.plan(state))
         paths = [ahead[g] if g >= 0 else [] for g in ground]
-        if search:
-            within = recording.ranges, recording.whole
-            other_choices = planner.other_choices(state, *within)
-            other_vetoes = other_vetoes_of(run, stored, planner, *within)
+        within = recording.ranges, recording.whole
+        other_choices = planner.other_choices(state, *within)
+        other_vetoes = other_vetoes_of(run, stored, planner, *within)
     account = explain(
         model, state, decision.forecast, decision.action,
         names=recording.layout.actions, ground=ground, paths=paths,

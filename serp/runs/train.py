@@ -41,7 +41,7 @@ from serp.runs.run import (
 from serp.runs.run_log import RunLog
 from serp.runs.tables import read_metrics
 from serp.runs.trainer import Budget, Callbacks, OnEpisode, Trainer
-from serp.settings import Settings, resolve
+from serp.settings import resolve
 from serp.tasks.registry import find_task
 from serp.tasks.task import BoundTask, Task, describe_source
 

@@ -52,7 +52,7 @@ class AdaptedModel(TransitionModel):
         self.regressions, self.shared = _parameters_of(self.feature_groups)
         events = (effect for event in self.ground.events for effect in event.effects)
         self._adapted_core = _core.AdaptedModel(
-            written._written_core(),
+            written.written_core(),
             same_arguments(self.actions),
             any(effect.target == UNSAFE_TARGET for effect in events),
             [[(g.inputs, g.targets, self.shared[g.key]) for g in of] for of in self.feature_groups],

@@ -48,7 +48,7 @@ from serp.runs.run import begin_run
 from serp.runs.run_log import RunLog
 from serp.runs.tables import MetricsRow, metrics_row, read_metrics
 from serp.runs.train import restore, train
-from serp.runs.trainer import Budget, Callbacks
+from serp.runs.trainer import Budget, Callbacks, Trainer
 from serp.settings import Settings
 from serp.tasks.environment import single
 from serp.tasks.task import BoundTask, Task

@@ -56,9 +56,7 @@ class _Page:
         SerpError: Its task cannot be loaded, or its environment failed.
     """
 
-    def __init__(
-        self, run: Run, *, evaluation: str | None, steps: int, pictures: int, quiet: bool
-    ) -> None:
+    def __init__(self, run: Run, *, evaluation: str | None, steps: int, pictures: int) -> None:
         self.run, self.read = run, RunModel(run.path)
         self.recording = recording = self.read.recording(evaluation)
         self.recorded = recorded_episodes(recording)
@@ -66,11 +64,11 @@ class _Page:
         most = max(1, min(steps, 8_000_000 // numbers))
         self.steps = shown = chosen_steps(recording, self.recorded, most)
         count = min(pictures, len(shown) + len(shown.episodes))
-        with bar("drawing", max(1, count), quiet=quiet) as advance:
+        with bar("drawing", max(1, count), quiet=False) as advance:
             seeds = _seeds(run, recording, evaluation)
             self.scenes = drawn_scenes(run, shown, seeds, most=pictures, on_picture=advance)
         model = self.read.model
-        with bar("explaining", max(1, len(shown)), quiet=quiet) as advance:
+        with bar("explaining", max(1, len(shown)), quiet=False) as advance:
             self.causes = CauseTable(self.read.adapted or model, shown, advance)
         self.errors = model_errors(model, shown, recording.usual_change)
         self.baseline, self.notes = planner_baseline(run)
@@ -274,10 +272,9 @@ def write_report(
     run: Run,
     path: Path,
     *,
-    evaluation: str | None = None,
-    steps: int = 30_000,
-    pictures: int = 1_000,
-    quiet: bool = False,
+    evaluation: str | None,
+    steps: int,
+    pictures: int,
 ) -> None:
     """Write the report of a run; an existing file is replaced.
 
@@ -290,13 +287,12 @@ def write_report(
             training.
         steps: Most steps in the page; fewer where there are many fluents and actions.
         pictures: Most pictures of the scene; 0 for none.
-        quiet: Show no progress bar.
 
     Raises:
         RunError: The run has no recording, or a file cannot be read or written.
         SerpError: Its task cannot be loaded, or its environment failed.
     """
-    page = _Page(run, evaluation=evaluation, steps=steps, pictures=pictures, quiet=quiet)
+    page = _Page(run, evaluation=evaluation, steps=steps, pictures=pictures)
     for note in page.notes:
         warnings.warn(visible(note), Notice, stacklevel=2)
     write_durably(path, page.render())

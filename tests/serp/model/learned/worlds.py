@@ -98,12 +98,7 @@ def generated(seed: int) -> TransitionModel:
         schemas = (*ground.actions, *ground.processes, *ground.events)
         effects = sum(len(schema.effects) for schema in schemas)
         flagged = any(e.target < 0 for schema in schemas for e in schema.effects)
-        if (
-            ground.actions
-            and ground.fluents
-            and flagged
-            and effects < 40
-        ):
+        if ground.actions and ground.fluents and flagged and effects < 40:
             return model.replace(dt=random.choice((1.0, 0.25)))
 
 
