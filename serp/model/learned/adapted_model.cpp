@@ -255,10 +255,10 @@ public:
             const double* source = rows + k * row;
             double* target = rows + kept * row;
             if (source[width + 2] < RARE) continue;
-            std::copy(source, source + row, target);
+            if (source != target) std::copy_n(source, row, target);
             Flags flags = file_.settle(before, target);
             if (!(flags & APPLICABLE)) {
-                std::copy(source, source + width + 1, target);
+                std::copy_n(source, width + 1, target);
                 flags = before & ~TERMINAL;
             }
             target[width + 1] = static_cast<double>(flags);

@@ -31,7 +31,8 @@ public:
     std::vector<double> shrink;     ///< [d]
     std::vector<double> frequency;  ///< [d, FEATURES]
     std::vector<double> phase;      ///< [FEATURES]
-    /// [D + SMOOTH, same] transposed inverse of the Cholesky factor of the smooth model.
+    /// [D + SMOOTH, same] transposed inverse of the Cholesky factor of the smooth model: an upper
+    /// triangular matrix.
     std::vector<double> inverse;
     std::vector<double> typical;    ///< [H, T] typical error of the predictor in use
     /// [4, T] typical error where nothing is known, typical change, and two sums that the first is

@@ -48,19 +48,27 @@ def feature_groups_of(model: GroundModel, action: GroundSchema) -> tuple[Feature
     """
     own = set(action.arguments)
     tuples: dict[tuple[str, ...], list[Fluent]] = {(): []}
+    of_object: dict[str, list[Fluent]] = {"": []}
     for fluent in model.fluents:
         objects = () if own.issuperset(fluent.arguments) else fluent.arguments
         tuples.setdefault(objects, []).append(fluent)
+        for thing in set(fluent.arguments) or ("",):
+            of_object.setdefault(thing, []).append(fluent)
     return tuple(
-        _group(model, action, objects, fluents)
+        _group(model, action, objects, fluents, of_object)
         for objects, fluents in tuples.items()
         if (fluents if not objects else any(fluent.numeric for fluent in fluents))
     )
 
 
 def _group(
-    model: GroundModel, action: GroundSchema, objects: tuple[str, ...], changing: Sequence[Fluent]
+    model: GroundModel,
+    action: GroundSchema,
+    objects: tuple[str, ...],
+    changing: Sequence[Fluent],
+    of_object: Mapping[str, Sequence[Fluent]],
 ) -> FeatureGroup:
+    """Return the group of some objects; `of_object` are the fluents of each, and of none."""
     roles: dict[str, str] = {}
     for place, thing in enumerate(action.arguments):
         roles.setdefault(thing, f"a{place}")
@@ -70,9 +78,10 @@ def _group(
     def by_roles(fluent: Fluent) -> str:
         return f"{fluent.symbol}({','.join(roles[thing] for thing in fluent.arguments)})"
 
+    near = {f.index: f for thing in ("", *roles) for f in of_object.get(thing, ())}
     seen = sorted(
         (by_roles(fluent), fluent.index)
-        for fluent in model.fluents
+        for fluent in near.values()
         if all(thing in roles for thing in fluent.arguments)
     )
     inputs = tuple(index for _, index in seen)
