@@ -107,8 +107,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "counts": [("model.learned.outcome_counts:OutcomeCounts.used", always(False))],
     "random-features": [("model.learned.residual_fit:_FEATURES_FROM", np.inf)],
     "change-test": [(f"{RESIDUAL}._forget", lambda self: None)],
-    "leverage": [(f"{ADAPTED}:AdaptedModel.native_uncertainty", lambda self: None),
-                 (f"{ADAPTED}:AdaptedModel.uncertainty",
+    "leverage": [(f"{ADAPTED}:AdaptedModel.uncertainty",
                   lambda self, state: np.zeros(len(self.actions)))],
     "exploration": [("agent.agent:MIN_VISITS", 0)],
     # Who decides
