@@ -93,7 +93,7 @@ class Agent:
     ) -> None:
         self.task = task
         self.settings = settings
-        # Wrong names are refused before anything is compiled.
+        # Wrong names are refused first, because what follows takes time.
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
         make_learner = find_learner(settings.learner.name)
         self._learns_from = reward_source(task.rewarded_by, settings)

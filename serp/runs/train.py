@@ -1,6 +1,6 @@
 """`plan_and_learn`: trains into a run folder, or continues a run.
 
-What the user gave is checked before anything is compiled.
+What the user gave is checked before the run folder is made.
 """
 
 from __future__ import annotations

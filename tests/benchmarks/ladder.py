@@ -261,13 +261,12 @@ def mechanisms_of(without: str) -> list[str]:
 def run(wanted: Sequence[Training], options: argparse.Namespace, rows: list[Row]) -> bool:
     """Run trainings that the rows lack, and add their rows; return whether one failed."""
     there = {(*(row[k] for k in Training._fields), row["env_steps"]) for row in rows}
-    parts: dict[tuple[str, int], list[Training]] = defaultdict(list)
-    todo = [one for one in wanted if any((*one, point) not in there for point in options.points)]
-    for k, one in enumerate(todo):
-        # New processes now and then, because memory of compiled code is never given back.
-        parts[one.without, k // (24 * options.jobs)].append(one)
+    parts: dict[str, list[Training]] = defaultdict(list)
+    for one in wanted:
+        if any((*one, point) not in there for point in options.points):
+            parts[one.without].append(one)
     failed, begun = False, time.monotonic()
-    for (without, _), part in parts.items():
+    for without, part in parts.items():
         given = options.jobs, get_context("spawn"), replace, (mechanisms_of(without),)
         with ProcessPoolExecutor(*given) as pool:
             jobs = {pool.submit(rows_of, one, options.points): one for one in part}
