@@ -67,9 +67,11 @@ public:
     CellValues values(double unknown) const;
 
     /// Expands the graph anew from states [N * F], until all nodes are expanded, there is no room,
-    /// or `limit` steps were predicted. Returns these steps, and whether all are expanded.
+    /// or `limit` steps were predicted. An action whose step is at least as uncertain as `unknown`
+    /// leads beyond. Returns these steps, and whether all are expanded.
     std::pair<std::int64_t, bool> expand(const Model& model, Cells cells,
-                                         const std::vector<double>& roots, std::int64_t limit);
+                                         const std::vector<double>& roots, std::int64_t limit,
+                                         double unknown);
 
     /// Begins with former values of cells; with `otherwise` where there are none.
     void begin(const CellValues* former, double otherwise);
@@ -93,7 +95,7 @@ private:
     }
     int expanded() const { return static_cast<int>(first_edge_.size()) - 1; }
     int node_of(const double* row);
-    std::int64_t expand_node(Stepper& first, Stepper& further, int actions, bool doubts);
+    std::int64_t expand_node(Stepper& first, Stepper& further, int actions, double unknown);
     void interpolate();
     Choices choices(double worst, double beyond);
     Change sweep(const Choices& choices, std::vector<std::int32_t>& best, bool backwards,
@@ -125,7 +127,7 @@ int CellGraph::node_of(const double* row) {
 
 std::pair<std::int64_t, bool> CellGraph::expand(const Model& model, Cells cells,
                                                 const std::vector<double>& roots,
-                                                std::int64_t limit) {
+                                                std::int64_t limit, double unknown) {
     cells_ = std::move(cells);
     index_.clear(), states_.clear(), undefined_.clear();
     first_edge_.assign(1, 0), edges_.clear(), reached_.clear(), value_.clear();
@@ -134,18 +136,17 @@ std::pair<std::int64_t, bool> CellGraph::expand(const Model& model, Cells cells,
     for (std::size_t at = 0; at < roots.size() && nodes() < most_nodes; at += cells_.width())
         node_of(roots.data() + at);
     const auto first = model.stepper(), further = model.stepper();
-    const bool doubts = model.doubts();
     std::int64_t steps = 0;
     while (expanded() < nodes()) {
         if (nodes() + actions > most_nodes || edges() > max_edges_ || steps >= limit)
             return {steps, false};
-        steps += expand_node(*first, *further, actions, doubts);
+        steps += expand_node(*first, *further, actions, unknown);
     }
     return {steps, true};
 }
 
 /// Expands the next node; returns the steps that were predicted.
-std::int64_t CellGraph::expand_node(Stepper& first, Stepper& further, int actions, bool doubts) {
+std::int64_t CellGraph::expand_node(Stepper& first, Stepper& further, int actions, double unknown) {
     const int node = expanded(), width = cells_.width();
     const std::vector<double> source(state(node), state(node) + width);
     std::vector<double> now(width + 1), out(width + 1);
@@ -153,7 +154,7 @@ std::int64_t CellGraph::expand_node(Stepper& first, Stepper& further, int action
     first.from(source.data());
     for (int action = 0; action < actions; ++action) {
         HeldEdge edge{action};
-        const bool known = !doubts || first.uncertainty(action) < UNKNOWN;
+        const bool known = first.uncertainty(action) < unknown;
         bool ended = false, far = false;
         int held = 0;
         while (held < HOLD && !ended && !far) {
@@ -332,14 +333,15 @@ using Numbers = In<double, nb::ndim<1>>;
 
 std::pair<std::int64_t, bool> expand(CellGraph& graph, const Model& model, const Numbers& low,
                                      const Numbers& scale, const Numbers& area,
-                                     const In<double, nb::ndim<2>>& roots, std::int64_t limit) {
+                                     const In<double, nb::ndim<2>>& roots, std::int64_t limit,
+                                     double unknown) {
     Cells cells{vector_of(low), vector_of(scale), vector_of(area)};
     const auto width = static_cast<std::size_t>(model.fluents());
     if (low.size() != width || roots.shape(1) != width || width == 0)
         throw std::invalid_argument("cells and states need " + std::to_string(width) + " numbers");
     const std::vector<double> states = vector_of(roots);
     nb::gil_scoped_release released;
-    return graph.expand(model, std::move(cells), states, limit);
+    return graph.expand(model, std::move(cells), states, limit, unknown);
 }
 
 }  // namespace
@@ -354,8 +356,9 @@ void bind_cell_graph(nb::module_& module) {
         .def_prop_ro("nodes", &CellGraph::nodes)
         .def_prop_ro("edges", &CellGraph::edges)
         .def("expand", &expand, nb::arg("model"), nb::arg("low"), nb::arg("scale"),
-             nb::arg("area"), nb::arg("roots"), nb::arg("limit"),
+             nb::arg("area"), nb::arg("roots"), nb::arg("limit"), nb::arg("unknown"),
              "Expand the graph anew from states [N, F], in a division that `CellValues` describes. "
+             "A step at least as uncertain as `unknown` leads to what is not known. "
              "Return the steps that were predicted, at most about `limit`, and whether the graph "
              "is complete.")
         .def("lasting_rates", [](const CellGraph& graph) {

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp import _core
-from serp.model.transition_model import TransitionModel, Vector
+from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
 from serp.planning.inert import inert_fluents
 from serp.settings import PlannerSettings
 
@@ -99,7 +99,7 @@ class CellGraph:
         def expand(bins: float) -> int:
             """Return the steps that were predicted, -1 if these were too many."""
             steps, complete = self._core.expand(
-                self._model.core, low, unit * bins, area, roots, limit
+                self._model.core, low, unit * bins, area, roots, limit, UNKNOWN
             )
             self.steps += steps
             return steps if complete else -1

@@ -107,7 +107,8 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "counts": [("model.learned.outcome_counts:OutcomeCounts.used", always(False))],
     "random-features": [("model.learned.residual_fit:_FEATURES_FROM", np.inf)],
     "change-test": [(f"{RESIDUAL}._forget", lambda self: None)],
-    "leverage": [(f"{ADAPTED}:AdaptedModel.uncertainty",
+    "leverage": [(f"{FAR}.cell_graph:UNKNOWN", np.inf),
+                 (f"{ADAPTED}:AdaptedModel.uncertainty",
                   lambda self, state: np.zeros(len(self.actions)))],
     "exploration": [("agent.agent:MIN_VISITS", 0)],
     # Who decides

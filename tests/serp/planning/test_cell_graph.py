@@ -14,7 +14,7 @@ from serp.agent.registry import far_sight
 from serp.errors import RunError
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import GOES_ON, TransitionMemory
-from serp.model.transition_model import TransitionModel, Vector
+from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
 from serp.planning.cell_graph import CellGraph
 from serp.planning.cells import restored_values, saved_values
 from serp.planning.edges import Bound
@@ -159,8 +159,8 @@ def test_states_and_former_values_of_other_fluents_are_refused() -> None:
         (one, one, two, np.zeros((3, 1))),
     ):
         with pytest.raises(ValueError, match=r"\w"):
-            core.expand(model, low, scale, area, roots, 100)
-    assert core.expand(model, 0 * one, one, one, np.zeros((1, 1)), 900)[1]
+            core.expand(model, low, scale, area, roots, 100, UNKNOWN)
+    assert core.expand(model, 0 * one, one, one, np.zeros((1, 1)), 900, UNKNOWN)[1]
     with pytest.raises(ValueError, match="no values"):
         core.solve(0.0, 0.0)
     with pytest.raises(ValueError, match="other fluents"):
