@@ -33,7 +33,7 @@ from serp.runs.run import Run, load_run
 from serp.settings import Settings
 from serp.tasks.task import BoundTask, Task, WorldOptions
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 MANIFEST, DOMAIN, PROBLEM = "manifest.json", "domain.pddl", "problem.pddl"
 AGENT: Final = "agent.safetensors"
 NETWORK: Final = "learner.onnx"
