@@ -209,7 +209,6 @@ void bind_model(nb::module_& module) {
         .def_prop_ro("fluents", &Model::fluents)
         .def_prop_ro("actions", &Model::actions)
         .def_prop_ro("branches", &Model::branches, "Whether a step may have several outcomes.")
-        .def_prop_ro("doubts", &Model::doubts, "Whether a step may be uncertain.")
         .def("step", [](const Model& model, const State& state, std::int64_t action) {
                 return step_of(model, state, action, 0);
             }, nb::arg("state"), nb::arg("action"),

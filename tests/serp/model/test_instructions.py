@@ -98,7 +98,7 @@ def test_one_outcome_without_doubt() -> None:
         Texts("(define (domain d) (:functions (x)) (:action go :effect (increase (x) 2)))", None)
     ).model
     core = model.core
-    assert (core.fluents, core.actions, core.branches, core.doubts) == (1, 1, False, False)
+    assert (core.fluents, core.actions, core.branches) == (1, 1, False)
     assert core.outcomes(np.array([1.0]), 0).tolist() == [[3.0, 0.0, 1.0, 1.0]]
     assert core.uncertainty(np.array([1.0])).tolist() == model.uncertainty(np.array([1.0])).tolist()
 
