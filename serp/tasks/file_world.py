@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -93,12 +93,17 @@ class Happened(NamedTuple):
     Attributes:
         action: Position of the ground action that was carried out; -1 for none.
         flags: The flags of the step.
-        passages: The effects, rates and events that took part, in order.
+        trace: Returns `passages`.
     """
 
     action: int
     flags: int
-    passages: list[Passage]
+    trace: Callable[[], list[Passage]]
+
+    @property
+    def passages(self) -> list[Passage]:
+        """The effects, rates and events that took part, in order."""
+        return self.trace()
 
 
 class FileWorld(gym.Env[Vector, int]):
@@ -160,10 +165,10 @@ class FileWorld(gym.Env[Vector, int]):
         if not self.action_space.contains(action):
             raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
         done = self._disturbed(int(action))
-        out, flags, passages = self._carried_out(done)
+        out, flags, trace = self._carried_out(done)
         if not flags & (APPLICABLE | UNDEFINED):
             done = -1
-            out, flags, passages = self._carried_out(done)
+            out, flags, trace = self._carried_out(done)
         model = self.model
         if not flags & APPLICABLE:
             name = "waiting" if done < 0 else model.actions[done].name
@@ -173,7 +178,7 @@ class FileWorld(gym.Env[Vector, int]):
                 "contradicts itself"
             )
         reward = out.pop()
-        self.state, self.happened = np.array(out), Happened(done, flags, passages)
+        self.state, self.happened = np.array(out), Happened(done, flags, trace)
         info = {"applied": done == action, "unsafe": bool(flags & UNSAFE)}
         return self.state.copy(), reward, bool(flags & TERMINAL), False, info
 
@@ -192,11 +197,14 @@ class FileWorld(gym.Env[Vector, int]):
         others = [k for k in possible if k != action]
         return others[int(self.np_random.integers(len(others)))] if others else -1
 
-    def _carried_out(self, action: int) -> tuple[list[float], int, list[Passage]]:
-        noise = self._options.noise
-        return self.model.traced(
-            self.state.tolist(), action, amend=self._scatter if noise > 0.0 else None
-        )
+    def _carried_out(self, action: int) -> tuple[list[float], int, Callable[[], list[Passage]]]:
+        """Return next state and reward, the flags, and what returns the passages."""
+        state = self.state.tolist()
+        if self._options.noise > 0.0:
+            out, flags, passages = self.model.traced(state, action, amend=self._scatter)
+            return out, flags, lambda: passages
+        out, flags = self.model.transition(state, action)
+        return out, flags, lambda: self.model.traced(state, action).passages
 
     def _scatter(self, state: list[float], action: int, out: list[float]) -> None:
         """Make the changes of numbers larger or smaller by chance."""
