@@ -139,7 +139,7 @@ class FileWorld(gym.Env[Vector, int]):
         self._start = _initial_state(domain)
         self._options = options or WorldOptions()
         self.state = self._start
-        self.happened = Happened(-1, 0, [])
+        self.happened = Happened(-1, 0, list)
         self._numeric = np.array([f.numeric for f in self.model.fluents], dtype=np.bool_)
         self.observation_space = spaces.Box(
             np.where(self._numeric, -np.inf, 0.0),
