@@ -6,13 +6,15 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.wrappers import TimeLimit
+from pydantic import Field, model_validator
 
+from serp._util.numbers import COUNTED
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.domain import Domain, load_domain, problem_beside
@@ -21,7 +23,41 @@ from serp.model.traced_step import Passage
 from serp.model.transition_model import Vector
 from serp.pddl.parser import parse_problem
 from serp.pddl.source import DomainError, Edit, Source, edited
-from serp.tasks.task import Task, WorldOptions
+from serp.settings import Section
+from serp.tasks.task import Task
+
+Chance = Annotated[float, Field(ge=0, lt=1)]
+"""A probability, at least 0 and below 1."""
+
+
+class WorldOptions(Section):
+    """The options of a world that is made of a file (`serp.file_task`)."""
+
+    failure: Chance = 0.0
+    """Probability that an action does nothing."""
+    slip: Chance = 0.0
+    """Probability that another action happens instead: one of those whose precondition holds, each
+    as likely as the others. Where there is none, nothing happens."""
+    noise: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Standard deviation of the change of a number, as a share of this change. What actions and
+    processes change by d becomes a change by d · (1 + noise · z), with z from the standard normal
+    distribution, before events are looked at."""
+    max_steps: Annotated[int, Field(ge=1, le=COUNTED)] = 1_000
+    """Steps after which an episode is cut off."""
+
+    @model_validator(mode="after")
+    def _something_may_work(self) -> Self:
+        if self.failure + self.slip > 1.0:
+            raise ValueError(
+                f"failure and world.slip are {self.failure!r} and {self.slip!r}; an action fails, "
+                "slips or is carried out, so together they must be at most 1"
+            )
+        return self
+
+    @classmethod
+    def section(cls) -> str:
+        """Return what messages call the options."""
+        return "world"
 
 
 def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
