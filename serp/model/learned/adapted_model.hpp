@@ -51,8 +51,6 @@ public:
     std::unique_ptr<Stepper> stepper() const override;
     bool branches() const override;
     bool doubts() const override { return true; }
-    /// The smallest typical error after an action of each fluent that a residual corrects.
-    void tolerances(double* out) const override;
 
     /// Whether anything adapted is in use.
     bool active() const;
