@@ -106,27 +106,6 @@ bool AdaptedModel::corrected(int action) const {
     });
 }
 
-void AdaptedModel::tolerances(double* out) const {
-    std::fill_n(out, fluents(), 0.0);
-    if (!active()) return;
-    std::vector<int> actions_of(fluents());
-    for (const std::vector<FeatureGroup>& of_action : groups_) {
-        for (const FeatureGroup& group : of_action) {
-            const Regression* regression = group.shared->regression.get();
-            if (regression == nullptr) continue;
-            const double* typical =
-                regression->typical.data() + group.shared->head * regression->count;
-            for (int t = 0; t < regression->count; ++t) {
-                if (typical[t] <= 0.0) continue;
-                out[group.targets[t]] += typical[t];
-                ++actions_of[group.targets[t]];
-            }
-        }
-    }
-    for (int i = 0; i < fluents(); ++i)
-        if (actions_of[i] > 0) out[i] *= 4.0 / actions_of[i];
-}
-
 void AdaptedModel::adopt(const std::vector<double>& parameters) {
     require(parameters.size() == parameters_.size(), "there are not as many parameters");
     require(finite(parameters.data(), static_cast<int>(parameters.size())),

@@ -50,8 +50,6 @@ public:
     int actions() const override { return written_->actions(); }
     std::unique_ptr<Stepper> stepper() const override;
     bool branches() const override;
-    /// The smallest typical error after an action of each fluent that a residual corrects.
-    void tolerances(double* out) const override;
 
     /// Whether anything adapted is in use.
     bool active() const;

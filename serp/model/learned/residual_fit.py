@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from serp._core import Regression
 from serp._util.saved_state import LARGEST, Arrays, Saved, nested, part_of
@@ -67,6 +66,8 @@ class NormalEquations:
 
         Nothing is yielded for a matrix without a finite solution.
         """
+        from scipy.linalg import lapack
+
         for block, gram in enumerate(self.gram):
             owned = np.flatnonzero(self.block_of == block)
             if not len(owned):
@@ -247,6 +248,8 @@ class FittedWeights:
         Random features are drawn, and True is returned, if linear models leave something
         `unexplained` and there are enough samples.
         """
+        from scipy.linalg import lapack
+
         p = self._parameters
         self._since_solved = 0
         draws = not p.features and unexplained and self.recent >= _FEATURES_FROM
