@@ -18,7 +18,7 @@ namespace serp {
 namespace {
 
 constexpr float NORM_EPSILON = 1e-5f;  // torch.nn.LayerNorm's
-constexpr size_t COLUMNS = 32;         // of a block of a product; compilers vectorise this width well
+constexpr size_t WIDE = 32, NARROW = 16;  // columns of a block of a product
 
 /// A matrix in memory: entry (i, k) is numbers[i * row + k * column].
 struct Matrix {
@@ -26,8 +26,9 @@ struct Matrix {
     size_t row, column;
 };
 
-/// Writes ROWS x COLUMNS entries of a product, of which `width` columns exist in c.
-template <int ROWS>
+/// Writes ROWS x COLUMNS entries of a product, of which `width` columns exist in c. The loops over
+/// columns become vectors of sums in registers.
+template <int ROWS, size_t COLUMNS>
 SERP_INLINE void multiply_block(Matrix a, size_t inner, const float* __restrict b, size_t b_row,
                                 const float* bias, float* c, size_t c_row, size_t width) {
     float sum[ROWS][COLUMNS];
@@ -36,35 +37,42 @@ SERP_INLINE void multiply_block(Matrix a, size_t inner, const float* __restrict 
     for (size_t k = 0; k < inner; ++k, b += b_row, a.numbers += a.column)
         for (int i = 0; i < ROWS; ++i) {
             const float factor = a.numbers[i * a.row];
-            for (size_t j = 0; j < COLUMNS; ++j) sum[i][j] += factor * b[j];
+            if constexpr (COLUMNS > NARROW) {
+                for (size_t j = 0; j < COLUMNS; ++j) sum[i][j] += factor * b[j];
+            } else {  // GCC would unroll so short a loop before it looks for vectors
+#pragma GCC unroll 1
+                for (size_t j = 0; j < COLUMNS; ++j) sum[i][j] += factor * b[j];
+            }
         }
     for (int i = 0; i < ROWS; ++i)
         for (size_t j = 0; j < width; ++j) c[i * c_row + j] = bias ? sum[i][j] + bias[j] : sum[i][j];
 }
 
+/// Writes `width` columns of a product.
+template <size_t COLUMNS>
+SERP_INLINE void multiply_columns(Matrix a, size_t rows, size_t inner, const float* b, size_t b_row,
+                                  const float* bias, float* c, size_t c_row, size_t width) {
+    size_t i = 0;
+    for (; i + 4 <= rows; i += 4, c += 4 * c_row, a.numbers += 4 * a.row)
+        multiply_block<4, COLUMNS>(a, inner, b, b_row, bias, c, c_row, width);
+    for (; i < rows; ++i, c += c_row, a.numbers += a.row)
+        multiply_block<1, COLUMNS>(a, inner, b, b_row, bias, c, c_row, width);
+}
+
 /// Sets c [rows, columns] to a [rows, inner] * b [inner, columns] + bias [columns].
 SERP_VECTOR_PRODUCTS void multiply(Matrix a, size_t rows, size_t inner, const float* b,
                                    size_t columns, const float* bias, float* c, float* scratch) {
-    for (size_t j = 0; j < columns; j += COLUMNS) {
-        const size_t width = std::min(COLUMNS, columns - j);
-        const float* panel = b + j;
-        size_t panel_row = columns;
-        if (width < COLUMNS) {  // a block needs all its columns
-            for (size_t k = 0; k < inner; ++k)
-                for (size_t n = 0; n < COLUMNS; ++n)
-                    scratch[k * COLUMNS + n] = n < width ? panel[k * columns + n] : 0.0f;
-            panel = scratch;
-            panel_row = COLUMNS;
-        }
-        const auto at = [&](size_t i) { return Matrix{a.numbers + i * a.row, a.row, a.column}; };
-        const float* add = bias ? bias + j : nullptr;
-        size_t i = 0;
-        for (; i + 4 <= rows; i += 4)
-            multiply_block<4>(at(i), inner, panel, panel_row, add, c + i * columns + j, columns,
-                              width);
-        for (; i < rows; ++i)
-            multiply_block<1>(at(i), inner, panel, panel_row, add, c + i * columns + j, columns,
-                              width);
+    size_t j = 0;
+    for (; j + WIDE <= columns; j += WIDE)
+        multiply_columns<WIDE>(a, rows, inner, b + j, columns, bias ? bias + j : nullptr, c + j,
+                               columns, WIDE);
+    for (; j < columns; j += NARROW) {  // a block needs all its columns
+        const size_t width = std::min(NARROW, columns - j);
+        for (size_t k = 0; k < inner; ++k)
+            for (size_t n = 0; n < NARROW; ++n)
+                scratch[k * NARROW + n] = n < width ? b[k * columns + j + n] : 0.0f;
+        multiply_columns<NARROW>(a, rows, inner, scratch, NARROW, bias ? bias + j : nullptr, c + j,
+                                 columns, width);
     }
 }
 
@@ -169,7 +177,7 @@ Pass::Pass(const QNetwork& network, size_t batch) : batch(batch) {
                           Floats(layer.normalized ? batch : 0), Floats(size)});
         // For a transpose of the weights and for the columns that a block of a product fills up.
         largest = std::max(largest, layer.inputs * layer.outputs);
-        largest = std::max(largest, COLUMNS * std::max({layer.inputs, layer.outputs, batch}));
+        largest = std::max(largest, NARROW * std::max({layer.inputs, layer.outputs, batch}));
     }
     scratch = Floats(2 * largest);
 }
@@ -225,7 +233,7 @@ void QNetwork::backward(size_t member, const float* inputs, Pass& pass, float* g
         if (!k) return;
         const Layer& lower = layers_[k - 1];
         Activations& there = pass.layers[k - 1];
-        float* transposed = scratch + COLUMNS * std::max(layer.inputs, layer.outputs);
+        float* transposed = scratch + NARROW * std::max(layer.inputs, layer.outputs);
         transpose(own + layer.start, layer.inputs, layer.outputs, transposed);
         multiply({slope, layer.outputs, 1}, batch, layer.outputs, transposed, layer.inputs, nullptr,
                  there.slope.data(), scratch);
