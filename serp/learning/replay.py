@@ -72,7 +72,9 @@ class Samples:
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return field → array, without those that have no rows in this learner."""
-        return {name: array for name, array in vars(self).items() if name != "compiled" and array.size}
+        return {
+            name: array for name, array in vars(self).items() if name != "compiled" and array.size
+        }
 
     @cached_property
     def compiled(self) -> _core.Samples:
