@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,25 +78,36 @@ class Forecast(NamedTuple):
 
         The actions to choose from are those of the best rank, see `serp.planning.preference`.
         """
-        # Lists, because arrays of a few actions take ten times as long.
-        flags: list[int] = self.flags.tolist()
-        ranked = [(rank_of(flag), k) for k, flag in enumerate(flags) if flag & APPLICABLE]
-        best = min(ranked, default=(0, 0))[0]
-        chosen = [k for rank, k in ranked if rank == best]
-        if len(chosen) < 2:
-            return False
-        columns = self.value.tolist(), self.path_risk.tolist(), self.safe_steps.tolist()
-        first = chosen[0]
-        return all(column[k] == column[first] for column in columns for k in chosen)
+        return self._alike(self.value.tolist())
 
     @property
     def sees_costs_alone(self) -> bool:
         """Whether it is indifferent but for what the first step gives: the cost of acting."""
-        rest = self.value - self.reward
-        largest = np.abs(self.value[np.isfinite(self.value)]).max(initial=0.0)
-        if largest > 0.0:
-            rest = np.round(rest / largest, 9)  # differences by rounding are none
-        return self._replace(value=rest).indifferent
+        values: list[float] = self.value.tolist()
+        rest = [value - first for value, first in zip(values, self.reward.tolist(), strict=True)]
+        largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+        if largest > 0.0:  # differences by rounding are none
+            rest = [_rounded(part / largest) for part in rest]
+        return self._alike(rest)
+
+    def _alike(self, values: list[float]) -> bool:
+        """Return whether the actions to choose from have the same score, with these values."""
+        # Lists, because arrays of a few actions take ten times as long.
+        flags: list[int] = self.flags.tolist()
+        ranks = [rank_of(flag) if flag & APPLICABLE else 3 for flag in flags]
+        best = min(ranks, default=3)
+        if best == 3 or ranks.count(best) < 2:
+            return False
+        first = ranks.index(best)
+        chosen = [k for k, rank in enumerate(ranks) if rank == best]
+        columns = values, self.path_risk.tolist(), self.safe_steps.tolist()
+        return all(column[k] == column[first] for column in columns for k in chosen)
+
+
+def _rounded(number: float) -> float:
+    """Return the number of billionths; the number itself where it is not finite."""
+    billionths = number * 1e9
+    return round(billionths) if math.isfinite(billionths) else number
 
 
 def forecast_of(fields: tuple[Any, ...]) -> Forecast:

@@ -209,7 +209,7 @@ class ModelAdaptation:
         self.experience = TransitionMemory.of(written)
         self.visits = np.zeros(len(written.actions), dtype=np.int64)
         self.notice: str | None = None
-        self._alike = np.arange(len(written.actions))
+        self._alike: list[list[int]] = [[k] for k in range(len(written.actions))]
         self._written = written
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
@@ -229,7 +229,7 @@ class ModelAdaptation:
     def visit(self, action: int) -> None:
         """Count a visit of a ground action; -1 for none."""
         if action >= 0:
-            self.visits[self._alike == self._alike[action]] += 1
+            self.visits[self._alike[action]] += 1
 
     def observe(
         self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
@@ -325,14 +325,16 @@ class ModelAdaptation:
         return {name: part for name, part in parts.items() if part is not None}
 
 
-def _alike_actions(model: AdaptedModel) -> NDArray[np.int64]:
-    """Return `[A]` numbers, equal for ground actions that share all that is learned."""
+def _alike_actions(model: AdaptedModel) -> list[list[int]]:
+    """Return, for each ground action, those with which it shares all that is learned."""
     keys = [
         (action.schema, *(group.key for group in groups))
         for action, groups in zip(model.actions, model.feature_groups, strict=True)
     ]
-    first: dict[tuple[object, ...], int] = {}
-    return np.array([first.setdefault(key, k) for k, key in enumerate(keys)], dtype=np.int64)
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for k, key in enumerate(keys):
+        alike.setdefault(key, []).append(k)
+    return [alike[key] for key in keys]
 
 
 def _newest_of_each(actions: NDArray[np.int64], count: int) -> NDArray[np.int64]:
