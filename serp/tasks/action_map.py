@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,7 +161,7 @@ class ActionMap:
     def _projected(self, forecast: Forecast, ground: NDArray[np.int64]) -> Forecast:
         """Return a forecast for the environment actions, given the ground action of each."""
         choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
-        columns = forecast[1:6]
+        columns: tuple[NDArray[Any], ...] = forecast[1:6]
         if not self._all_modelled:  # position -1 is that of the actions without a ground action
             unknown = -np.inf, 0.0, SAFE, 0.0, 0
             columns = tuple(map(np.append, columns, unknown))
