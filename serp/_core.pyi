@@ -110,6 +110,25 @@ class GroupParameters:
     @outcomes.setter
     def outcomes(self, table: OutcomeTable | None) -> None: ...
 
+class ObservedStep:
+    """An observed transition, beside what the file says of it."""
+
+    @property
+    def over(self) -> bool:
+        """Whether it ended the episode."""
+
+    @property
+    def usable(self) -> bool:
+        """Whether its numbers are small enough to learn from."""
+
+    def count_whole(self, whole: Annotated[NDArray[numpy.bool_], dict(shape=(None,), order='C', device='cpu')], numeric: Annotated[NDArray[numpy.bool_], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> int:
+        """
+        Note in `whole` `[F]` which numbers are not whole; return how many fluents are.
+        """
+
+    def predicted(self, columns: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> bool:
+        """Return whether the file predicted these fluents of the next state."""
+
 class AdaptedModel(Model):
     """A model that is adapted to observed transitions."""
 
@@ -133,12 +152,9 @@ class AdaptedModel(Model):
     def adopt(self, parameters: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None:
         """Use parameters `[P]` from now on."""
 
-    def file_step(self) -> FileStep:
-        """Return the step of the file with the parameters in use now."""
-
-    def flow_and_settle(self, state: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], action: int) -> tuple[NDArray[numpy.float64], NDArray[numpy.float64], int]:
+    def observe(self, state: numpy.typing.NDArray[numpy.float64], action: int, next_state: numpy.typing.NDArray[numpy.float64], over: bool) -> ObservedStep | None:
         """
-        Return state and reward `[F + 1]` after the file's effects and processes, the same after events, and the flags of the former.
+        Return an observed transition to learn from; None if the action is not applicable by the file. `over` says whether it ended the episode.
         """
 
     def branches_of(self, state: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], action: int) -> NDArray[numpy.float64]:
@@ -255,16 +271,16 @@ class Samples:
     def clear_errors(self) -> None:
         """Forget the errors of the predictors."""
 
-    def learn(self, head: int, x: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], valid: Annotated[NDArray[numpy.bool_], dict(shape=(None,), order='C', device='cpu', writable=False)], change: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], enabled: Annotated[NDArray[numpy.bool_], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> int:
+    def learn(self, head: int, step: ObservedStep, inputs: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], targets: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], whole: Annotated[NDArray[numpy.bool_], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> int:
         """
-        Learn from a sample: inputs `[d]`, observed next values less those of effects and processes `[T]`, whether that is observed `[T]`, the observed change `[T]`, and whether a residual may predict the target `[T]`.
+        Learn from a step: columns of inputs `[d]` and targets `[T]` in its states, and which fluents `[F]` have always been whole numbers, which a residual does not predict.
 
         Returns NOTHING; FIT where sums or weights are due for an update, or FORGET: the same after a lasting change of the world. After an update, `choose` must be called.
         """
 
-    def choose(self, enabled: Annotated[NDArray[numpy.bool_], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None:
+    def choose(self, targets: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], whole: Annotated[NDArray[numpy.bool_], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None:
         """
-        Choose the predictor of each target; `enabled` `[T]` says whether it may be a residual.
+        Choose the predictor of each target; the arguments are those of `learn`.
 
         Of the file and the residuals, it is the simplest one that no other beats clearly: by 5 %, and features by a hundredth of the change too. One that is in use is kept until it is beaten at all.
         """
@@ -381,9 +397,6 @@ class Samples:
     def block_of(self) -> NDArray[numpy.int64]:
         """`[T]` which matrix of sums each target is in: 0 or 1."""
 
-class FileStep:
-    """The step of the file with the parameters in use."""
-
 class OutcomeTable:
     """
     Counts of the outcomes of the ground actions that share the key of a feature group.
@@ -392,11 +405,10 @@ class OutcomeTable:
     def __init__(self, places: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], context: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)]) -> None:
         """Counted fluents, and those of a context: positions within the inputs."""
 
-    def count(self, file: FileStep, inputs: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], state: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], action: int, next_state: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], over: bool, flowed: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], flags: int, losses: Annotated[NDArray[numpy.float64], dict(shape=(2), order='C', device='cpu')], rate: float) -> bool:
+    def count(self, step: ObservedStep, inputs: Annotated[NDArray[numpy.int64], dict(shape=(None,), order='C', device='cpu', writable=False)], losses: Annotated[NDArray[numpy.float64], dict(shape=(2), order='C', device='cpu')], rate: float) -> bool:
         """
         Update the losses `[2]` of the file and of the counts, and then count a sample.
 
-        `flowed` `[F + 1]` is the state after effects and processes, `flags` are theirs.
         Returns False where the sample is no outcome, and there is no room for another.
         """
 

@@ -15,6 +15,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "serp/_util/arrays.hpp"
+#include "serp/model/learned/adapted_model.hpp"
 #include "serp/model/learned/regression.hpp"
 
 namespace serp {
@@ -38,8 +39,6 @@ constexpr int PREDICTORS = FULL + 1;
 constexpr double FAR = 8.0, EXTREME = 100.0;
 /// After more successive outliers the environment is assumed to have changed.
 constexpr std::int64_t PATIENCE = 3;
-/// Numbers of at least this size are not used; sums of their squares would overflow.
-constexpr double HUGE_NUMBER = 1e60;
 /// A change is lasting if it goes on in the next episode, or for so many steps: not an impact, nor
 /// what a robot meets at the end of an episode only.
 constexpr std::int64_t LONG = 24;
@@ -59,7 +58,9 @@ public:
     /// Newest samples that are believed after a lasting change.
     static constexpr std::int64_t REMEMBERED = 8;
 
-    explicit Samples(std::shared_ptr<Regression> regression) : regression_(std::move(regression)) {
+    explicit Samples(std::shared_ptr<Regression> regression)
+        : regression_(std::move(regression)), x_(regression_->depth), y_(regression_->count),
+          change_(regression_->count), valid_(regression_->count) {
         clear();
     }
 
@@ -82,9 +83,9 @@ public:
         surprises.assign(1, 0.0);
     }
 
-    Due learn(int head, const double* x, const double* y, const bool* observed,
-              const double* change, const bool* enabled);
-    void choose(const bool* enabled);
+    Due learn(int head, const ObservedStep& step, const std::int64_t* inputs,
+              const std::int64_t* targets, const bool* whole);
+    void choose(const std::int64_t* targets, const bool* whole);
     bool solution_due() const;
     void centre_and_half(double* centre, double* half) const;
     void keep(int head, const double* x, const double* y, const std::uint8_t* valid, double weight);
@@ -112,14 +113,17 @@ public:
     std::int64_t of_episode;    ///< samples since the episode began
 
 private:
-    bool accept(const double* x);
-    std::pair<double, bool> account(int head, const double* x, const double* y, const double* change);
-    double predict(int head, const double* x, const double* y);
+    bool accept();
+    std::pair<double, bool> account(int head);
+    double predict(int head);
     void update(int head, int t, double weight, double share, double change);
 
     std::shared_ptr<Regression> regression_;
+    /// The new sample: inputs [d], observed next values less those of effects and processes [T],
+    /// whether these are observed, and the observed change [T].
+    std::vector<double> x_, y_, change_;
+    std::vector<std::uint8_t> valid_;
     std::vector<double> errors_, u_, z_, room_;
-    std::vector<std::uint8_t> valid_;  ///< [T] whether the error of the sample is observed
 };
 
 /// Writes the centres of the ranges [d] and half their widths [d], 1 for what never changed.
@@ -131,9 +135,9 @@ void Samples::centre_and_half(double* centre, double* half) const {
     }
 }
 
-/// Widens the ranges to inputs [d], or returns false for an outlier. After several outliers in a row
+/// Widens the ranges to the inputs, or returns false for an outlier. After several outliers in a row
 /// they are accepted.
-bool Samples::accept(const double* x) {
+bool Samples::accept() {
     const auto depth = low.size();
     bool far = false;
     if (static_cast<double>(number) >= FEW) {
@@ -142,14 +146,14 @@ bool Samples::accept(const double* x) {
         centre_and_half(centre, half);
         const double limit = static_cast<double>(number) >= SETTLED ? FAR : EXTREME;
         for (std::size_t i = 0; i < depth; ++i) {
-            far = far || std::abs(x[i] - centre[i]) > limit * half[i];
+            far = far || std::abs(x_[i] - centre[i]) > limit * half[i];
         }
     }
     outliers = far ? outliers + 1 : 0;
     if (0 < outliers && outliers <= PATIENCE) return false;
     for (std::size_t i = 0; i < depth; ++i) {
-        low[i] = std::min(low[i], x[i]);
-        high[i] = std::max(high[i], x[i]);
+        low[i] = std::min(low[i], x_[i]);
+        high[i] = std::max(high[i], x_[i]);
     }
     return true;
 }
@@ -182,45 +186,47 @@ bool Samples::solution_due() const {
            std::max(recent / LATER, std::min(recent / EARLY, cost));
 }
 
-/// Learns from a sample: inputs [d], observed next values less those of effects and processes [T],
-/// whether that is observed [T], the observed change [T], and whether a residual may predict the
-/// target [T].
+/// Learns from a step of a ground action: columns of inputs [d] and targets [T] in its states, and
+/// which fluents [F] have always been whole numbers, which a residual does not predict.
 ///
 /// Returns what is due, after which `choose` must be called: FIT is an update of sums or weights,
 /// FORGET the same after a lasting change of the world.
-Due Samples::learn(int head, const double* x, const double* y, const bool* observed,
-                   const double* change, const bool* enabled) {
-    const auto count = static_cast<std::size_t>(regression_->count);
-    valid_.resize(count);
+Due Samples::learn(int head, const ObservedStep& step, const std::int64_t* inputs,
+                   const std::int64_t* targets, const bool* whole) {
+    for (std::size_t i = 0; i < x_.size(); ++i) x_[i] = step.state[inputs[i]];
     bool any = false, moved = false;
-    for (std::size_t t = 0; t < count; ++t) {
-        valid_[t] = observed[t] && std::abs(y[t]) < HUGE_NUMBER;
+    for (std::size_t t = 0; t < y_.size(); ++t) {
+        const std::int64_t column = targets[t];
+        y_[t] = step.next_state[column] - step.flowed[column];
+        change_[t] = step.next_state[column] - step.state[column];
+        // Where an event changes a fluent, the result of effects and processes is not observed.
+        valid_[t] = step.flowed[column] == step.settled[column] && std::abs(y_[t]) < HUGE_NUMBER;
         any = any || valid_[t];
         moved = moved || (!valid_[t] && block_of[t] == 0);
     }
-    if (!any || !accept(x)) return NOTHING;
-    const auto [weight, changed] = account(head, x, y, change);
-    keep(head, x, y, valid_.data(), weight);
+    if (!any || !accept()) return NOTHING;
+    const auto [weight, changed] = account(head);
+    keep(head, x_.data(), y_.data(), valid_.data(), weight);
     ++of_episode;
     alarms = changed ? alarms + 1 : 0;
     if (changed && (of_episode < REMEMBERED || alarms > LONG)) return FORGET;
     if (moved || pending >= PENDING || solution_due()) return FIT;
-    choose(enabled);
+    choose(targets, whole);
     return NOTHING;
 }
 
 /// Writes the errors [4, T] of all predictors; returns the leverage.
-double Samples::predict(int head, const double* x, const double* y) {
+double Samples::predict(int head) {
     const Regression& of = *regression_;
     const int count = of.count;
     errors_.resize(PREDICTORS * static_cast<std::size_t>(count));
     u_.resize(of.depth);
     z_.resize(Regression::SMOOTH);
-    of.normalise(x, u_.data());
+    of.normalise(x_.data(), u_.data());
     for (int t = 0; t < count; ++t) {
-        errors_[t] = y[t];
+        errors_[t] = y_[t];
         for (int kind = LINEAR; kind <= FULL; ++kind) {
-            errors_[kind * count + t] = y[t] - of.linear_of(head, kind, t, u_.data());
+            errors_[kind * count + t] = y_[t] - of.linear_of(head, kind, t, u_.data());
         }
     }
     if (of.features() == 0) return of.leverage(head, u_.data(), z_.data(), room_);
@@ -239,18 +245,17 @@ double Samples::predict(int head, const double* x, const double* y) {
 
 /// Adds a sample to the losses. Returns its weight in the regression, and whether the world may have
 /// changed.
-std::pair<double, bool> Samples::account(int head, const double* x, const double* y,
-                                         const double* change) {
+std::pair<double, bool> Samples::account(int head) {
     const Regression& of = *regression_;
     const int count = of.count;
-    const double share = predict(head, x, y);
+    const double share = predict(head);
     double worst = 0.0;
     bool surprise = false;
     for (int t = 0; t < count; ++t) {
         const double seen_of_head = samples[head * count + t];
         if (!valid_[t] || !(seen_of_head >= FEW)) continue;
         const double error = errors_[of.predictors()[t] * count + t];
-        const double least = 1e-9 * (1.0 + std::abs(y[t] - error));
+        const double least = 1e-9 * (1.0 + std::abs(y_[t] - error));
         const double typical = of.typical[head * count + t];
         const double variance =
             typical * typical + share * (of.scale[t] * of.scale[t]) + least * least;
@@ -263,7 +268,7 @@ std::pair<double, bool> Samples::account(int head, const double* x, const double
     const double weight = worst <= ROBUST * ROBUST ? 1.0 : ROBUST * ROBUST / worst;
     surprises[0] = RECENT * surprises[0] + (surprise ? 1.0 - RECENT : 0.0);
     for (int t = 0; t < count; ++t) {
-        if (valid_[t]) update(head, t, weight, share, change[t]);
+        if (valid_[t]) update(head, t, weight, share, change_[t]);
     }
     return {weight, surprise && surprises[0] > LASTING};
 }
@@ -309,15 +314,15 @@ void Samples::update(int head, int t, double weight, double share, double change
     of.scale[count + t] = spread[t];
 }
 
-/// Chooses the predictor of each target where `enabled` [T].
+/// Chooses the predictor of each target: the file where it is one of the `whole` [F] fluents.
 ///
 /// Of the file and the residuals, the simplest one that no other beats clearly: by 5 %, and features
 /// by a hundredth of the change too. One that is in use is kept until it is beaten at all.
-void Samples::choose(const bool* enabled) {
+void Samples::choose(const std::int64_t* targets, const bool* whole) {
     Regression& of = *regression_;
     std::vector<std::int64_t> chosen(of.count, FILE_ALONE);
     for (int t = 0; t < of.count; ++t) {
-        if (!enabled[t] || !(seen[t] >= 2.0)) continue;
+        if (whole[targets[t]] || !(seen[t] >= 2.0)) continue;
         double least = loss[t];
         for (std::int64_t kind = LINEAR; kind <= (of.features() > 0 ? FULL : LINEAR); ++kind) {
             const double factor = kind == of.predictors()[t] ? 1.0 : BETTER;
@@ -442,21 +447,30 @@ void bind_regression(nb::module_& module) {
               "first is computed from.");
 }
 
-/// The arguments of `Samples::learn`, checked.
-Due learn(Samples& samples, std::int64_t head, const Vector& x, const Vector& y, const Truths& valid,
-          const Vector& change, const Truths& enabled) {
-    const Regression& of = samples.regression();
-    require_size(x.size(), of.depth, "inputs");
-    for (const size_t size : {y.size(), valid.size(), change.size(), enabled.size()}) {
-        require_size(size, of.count, "targets");
+using Columns = In<std::int64_t, nb::ndim<1>>;
+
+void require_columns(const Columns& columns, int size, size_t width, const char* what) {
+    require_size(columns.size(), size, what);
+    for (size_t k = 0; k < columns.size(); ++k) {
+        if (columns.data()[k] < 0 || columns.data()[k] >= static_cast<std::int64_t>(width)) {
+            throw std::invalid_argument("there is no such fluent");
+        }
     }
-    return samples.learn(head_of(of, head), x.data(), y.data(), valid.data(), change.data(),
-                         enabled.data());
 }
 
-void choose(Samples& samples, const Truths& enabled) {
-    require_size(enabled.size(), samples.regression().count, "targets");
-    samples.choose(enabled.data());
+int learn(Samples& samples, std::int64_t head, const ObservedStep& step, const Columns& inputs,
+          const Columns& targets, const Truths& whole) {
+    const Regression& of = samples.regression();
+    const size_t width = step.state.size();
+    require_columns(inputs, of.depth, width, "inputs");
+    require_columns(targets, of.count, width, "targets");
+    require_size(whole.size(), static_cast<int>(width), "fluents");
+    return samples.learn(head_of(of, head), step, inputs.data(), targets.data(), whole.data());
+}
+
+void choose(Samples& samples, const Columns& targets, const Truths& whole) {
+    require_columns(targets, samples.regression().count, whole.size(), "targets");
+    samples.choose(targets.data(), whole.data());
 }
 
 std::pair<Array<double>, Array<double>> centre_and_half(const Samples& samples) {
@@ -527,21 +541,17 @@ void bind_samples(nb::module_& module) {
     bound.def(nb::init<std::shared_ptr<Regression>>(), nb::arg("regression"))
         .def("clear", &Samples::clear, "Forget everything.")
         .def("clear_errors", &Samples::clear_errors, "Forget the errors of the predictors.")
-        .def("learn", [](Samples& samples, std::int64_t head, const Vector& x, const Vector& y,
-                         const Truths& valid, const Vector& change, const Truths& enabled) {
-                return static_cast<int>(learn(samples, head, x, y, valid, change, enabled));
-            }, nb::arg("head"), nb::arg("x"), nb::arg("y"), nb::arg("valid"), nb::arg("change"),
-             nb::arg("enabled"),
-             "Learn from a sample: inputs `[d]`, observed next values less those of effects and "
-             "processes `[T]`, whether that is observed `[T]`, the observed change `[T]`, and "
-             "whether a residual may predict the target `[T]`.\n\n"
+        .def("learn", &learn, nb::arg("head"), nb::arg("step"), nb::arg("inputs"),
+             nb::arg("targets"), nb::arg("whole"),
+             "Learn from a step: columns of inputs `[d]` and targets `[T]` in its states, and which "
+             "fluents `[F]` have always been whole numbers, which a residual does not predict.\n\n"
              "Returns NOTHING; FIT where sums or weights are due for an update, or FORGET: the same "
              "after a lasting change of the world. After an update, `choose` must be called.")
-        .def("choose", &choose, nb::arg("enabled"),
-             "Choose the predictor of each target; `enabled` `[T]` says whether it may be a "
-             "residual.\n\nOf the file and the residuals, it is the simplest one that no other "
-             "beats clearly: by 5 %, and features by a hundredth of the change too. One that is in "
-             "use is kept until it is beaten at all.")
+        .def("choose", &choose, nb::arg("targets"), nb::arg("whole"),
+             "Choose the predictor of each target; the arguments are those of `learn`.\n\nOf the "
+             "file and the residuals, it is the simplest one that no other beats clearly: by 5 %, "
+             "and features by a hundredth of the change too. One that is in use is kept until it is "
+             "beaten at all.")
         .def("solution_due", &Samples::solution_due, "Return whether weights are to be solved.")
         .def("centre_and_half", &centre_and_half,
              "Return the centres of the ranges `[d]` and half their widths `[d]`, 1 for what never "

@@ -13,17 +13,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._core import Regression, Samples
+from serp._core import ObservedStep, Regression, Samples
 from serp._util.saved_state import MOST, Saved
 from serp.model.learned import residual_features as r
 from serp.model.learned.adoption import TrackRecord
 from serp.model.learned.residual_fit import FittedWeights
-from serp.model.transition_model import Vector
-
-HUGE = 1e60
-"""Numbers of at least this size are not used; sums of their squares would overflow."""
-
-Mask = NDArray[np.bool_]
 
 
 class ResidualRegression:
@@ -42,25 +36,25 @@ class ResidualRegression:
         self._fit.reset()
 
     def learn(
-        self, head: int, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask
+        self,
+        head: int,
+        step: ObservedStep,
+        inputs: NDArray[np.int64],
+        targets: NDArray[np.int64],
+        whole: NDArray[np.bool_],
     ) -> None:
-        """Learn from a sample.
+        """Learn from a step by the head of its action's schema.
 
-        Args:
-            head: The head of the action's schema.
-            x: `[d]` inputs.
-            y: `[T]` observed next values less those of effects and processes.
-            valid: `[T]` whether that is observed.
-            change: `[T]` observed change.
-            enabled: `[T]` whether a residual may predict the target.
+        `inputs` `[d]` and `targets` `[T]` are columns of its states, `whole` `[F]` says which
+        fluents have always been whole numbers: a residual does not predict these.
         """
-        due = self._samples.learn(head, x, y, valid, change, enabled)
+        due = self._samples.learn(head, step, inputs, targets, whole)
         if due != Samples.NOTHING:
             if due == Samples.FORGET:
                 self._forget()
             if self._fit.update():
                 self._solve()
-            self._samples.choose(enabled)
+            self._samples.choose(targets, whole)
 
     def begin_episode(self) -> None:
         """Note that the next sample is of another episode."""

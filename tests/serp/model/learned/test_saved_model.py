@@ -93,10 +93,20 @@ def test_the_core_refuses_what_does_not_fit() -> None:
     with pytest.raises(ValueError, match="inputs"):
         part.design_matrix(np.zeros((1, 2)), np.array([0]), np.ones(1))
     samples, one = Samples(part), np.ones(1)
+    step = AdaptedModel(worlds.shipped("cartpole")).core.observe(np.zeros(4), 0, np.zeros(4), False)
+    assert step is not None
+    three, first, whole = np.arange(3), np.zeros(1, np.int64), np.zeros(4, np.bool_)
     with pytest.raises(ValueError, match="head"):
-        samples.learn(-1, np.zeros(3), one, one > 0, one, one > 0)
+        samples.learn(-1, step, three, first, whole)
     with pytest.raises(ValueError, match="targets"):
-        samples.learn(0, np.zeros(3), one, np.ones(2, np.bool_), one, one > 0)
+        samples.learn(0, step, three, three, whole)
+    for wrong in (-1, 4):
+        with pytest.raises(ValueError, match="fluent"):
+            samples.learn(0, step, three, first + wrong, whole)
+        with pytest.raises(ValueError, match="fluent"):
+            samples.choose(first + wrong, whole)
+        with pytest.raises(ValueError, match="fluent"):
+            step.predicted(first + wrong)
     with pytest.raises(ValueError, match="samples"):
         samples.rows(0, 1)
     with pytest.raises(ValueError, match="samples"):
