@@ -33,9 +33,7 @@ class Section(BaseModel):
     What is outside its range, of another type, or unknown is a `SettingsError`.
     """
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     def __init__(self, **values: Any) -> None:
         try:

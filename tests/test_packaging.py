@@ -25,7 +25,9 @@ PACKAGES = {
     "serp_envs": ROOT / "envs" / "serp_envs",
 }
 STUB = ROOT / "serp" / "_core.pyi"
-HEAVY = {"gymnasium", "matplotlib", "networkx", "pydantic", "torch", "unified_planning"}
+HEAVY = {
+    "gymnasium", "matplotlib", "networkx", "pydantic", "scipy", "torch", "unified_planning",
+}  # fmt: skip
 
 
 def run(command: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
-from scipy import special
-
 from serp._util.saved_state import Saved
 from serp.agent.protocols import Proposer
 from serp.agent.strategy import PolicyEvidence, Seed, Situation, Strategy, Worth
@@ -147,8 +145,10 @@ class Evidence(Strategy):
             # All returns are equal. By Laplace's rule of succession the next one differs with
             # probability 1 / (n + 2), and is better as probably as worse.
             return 0.5 / (episodes + 2.0)
+        from scipy.special import stdtr  # takes a while to load, and a decision needs it rarely
+
         (mean, variance), (other, more) = self._beliefs()
-        return float(special.stdtr(self._freedom, (other - mean) / math.sqrt(variance + more)))
+        return float(stdtr(self._freedom, (other - mean) / math.sqrt(variance + more)))
 
     def _draw(self) -> None:
         """Draw who leads the next episode."""

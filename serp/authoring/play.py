@@ -16,8 +16,7 @@ from serp.agent.causes import (
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.model.transition_model import TransitionModel, Vector
-from serp.tasks.file_world import FileWorld, Happened, starting
-from serp.tasks.task import WorldOptions
+from serp.tasks.file_world import FileWorld, Happened, WorldOptions, starting
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 // A model as planners see it.
 #pragma once
 
-#include <algorithm>
 #include <memory>
 
 #include "serp/model/flags.hpp"
@@ -47,9 +46,6 @@ public:
     virtual bool branches() const { return false; }
     /// Returns whether a step may be uncertain.
     virtual bool doubts() const { return false; }
-    /// Writes the differences [F] below which two values of a fluent may count as the same in a
-    /// prediction of several steps; 0 where they are told apart exactly.
-    virtual void tolerances(double* out) const { std::fill_n(out, fluents(), 0.0); }
 };
 
 }  // namespace serp

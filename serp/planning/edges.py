@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from serp.settings import PlannerSettings
+if TYPE_CHECKING:
+    from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 4_000_000
 """Most edges that are tried."""

@@ -20,12 +20,10 @@ constexpr double INF = std::numeric_limits<double>::infinity();
 
 LookaheadSearch::LookaheadSearch(const Model& model, const LookaheadRules& rules)
     : model_(model), rules_(rules), width_(model.fluents()), actions_(model.actions()),
-      stepper_(model.stepper()), tolerances_(width_) {}
+      stepper_(model.stepper()) {}
 
 LookaheadForecast LookaheadSearch::forecast(const double* state, const LeafValues* leaves) {
     LookaheadForecast found{FirstActions(actions_)};
-    model_.tolerances(tolerances_.data());
-    merges_ = std::any_of(tolerances_.begin(), tolerances_.end(), [](double t) { return t > 0.0; });
     states_.resize(width_ + 1);
     std::copy_n(state, width_, states_.data());
     stored_ = 1;
@@ -55,7 +53,6 @@ bool LookaheadSearch::expand(int start, int end, int depth, const LeafValues* le
                                             std::int64_t{end - start} * actions_ + end);
     const std::size_t rows = last ? end + 1 : most + 1;
     if (states_.size() < rows * (width_ + 1)) states_.resize(rows * (width_ + 1));
-    if (merges_ && keys_.size() < rows * width_) keys_.resize(rows * width_);
     const std::size_t edges = static_cast<std::size_t>(end) * actions_;
     if (edges_.size() < edges) edges_.resize(edges);
     if (!last) table_.clear(std::max(1, most - end));
@@ -91,17 +88,11 @@ bool LookaheadSearch::expand(int start, int end, int depth, const LeafValues* le
 /// where there is none; -1 where that is one too many, and all nodes of the layer are leaves.
 int LookaheadSearch::child_of(int position) {
     if (stored_ > rules_.max_nodes) return -1;
-    if (merges_) {
-        const double* state = state_at(position);
-        double* key = keys_.data() + static_cast<std::size_t>(position) * width_;
-        for (int i = 0; i < width_; ++i)
-            key[i] = tolerances_[i] > 0.0 ? std::floor(state[i] / tolerances_[i] + 0.5) : state[i];
-    }
-    const double* key = key_at(position);
+    const double* state = state_at(position);
     const int node = table_.find_or_add(
-        digest_of_row(key, width_), position,
-        [this, key](int other) { return std::equal(key, key + width_, key_at(other)); },
-        [this](int other) { return digest_of_row(key_at(other), width_); });
+        digest_of_row(state, width_), position,
+        [this, state](int other) { return std::equal(state, state + width_, state_at(other)); },
+        [this](int other) { return digest_of_row(state_at(other), width_); });
     if (node == position && ++stored_ > rules_.max_nodes) return -1;
     return node;
 }

@@ -39,8 +39,7 @@ public:
     /// Expands the planning graph of a state [F] and finds the best path of every first action.
     ///
     /// `leaves` are the values of the states that the last layer leads to; 0 without. Where a budget
-    /// ends the expansion, leaves are worth 0. States that differ by less than the tolerances of the
-    /// model are one node of a layer.
+    /// ends the expansion, leaves are worth 0.
     LookaheadForecast forecast(const double* state, const LeafValues* leaves);
 
     /// The best path from a state.
@@ -67,23 +66,16 @@ private:
     double* state_at(int position) {
         return states_.data() + static_cast<std::size_t>(position) * (width_ + 1);
     }
-    const double* key_at(int position) {
-        return merges_ ? keys_.data() + static_cast<std::size_t>(position) * width_
-                       : state_at(position);
-    }
 
     const Model& model_;
     const LookaheadRules rules_;
     const int width_, actions_;
     const std::unique_ptr<Stepper> stepper_;
-    bool merges_ = false;             ///< whether any tolerance is above 0
-    std::vector<double> tolerances_;  ///< [F]
-    int stored_ = 0;                  ///< N, nodes that were found
-    std::vector<double> states_;      ///< [(N + 1) * (F + 1)] each followed by a reward
-    std::vector<double> keys_;        ///< [(N + 1) * F] what nodes are found by, if that is not the state
-    std::vector<Edge> edges_;         ///< [N * A]
-    std::vector<Path> paths_;         ///< of the expanded nodes
-    HashTable table_;                 ///< of the next layer
+    int stored_ = 0;              ///< N, nodes that were found
+    std::vector<double> states_;  ///< [(N + 1) * (F + 1)] each followed by a reward
+    std::vector<Edge> edges_;     ///< [N * A]
+    std::vector<Path> paths_;     ///< of the expanded nodes
+    HashTable table_;             ///< of the next layer
 };
 
 /// Monitor-replanning for use in every step of a training. Not thread-safe.

@@ -10,9 +10,8 @@ import itertools
 import math
 import time
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-import networkx as nx
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -25,6 +24,9 @@ from serp.planning.forecast import SAFE, Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import PathScore, counted, marked, path_score, rank_of, step_risk
 from serp.settings import PlannerSettings
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 State = tuple[float, ...]
 
@@ -163,6 +165,8 @@ class PlanningGraph:
         `safe_steps` None for SAFE. The key of an edge is the position of its action; `unsafe` is
         by the file, `risky` says that `risk` is not accepted, `chosen` that the best path has it.
         """
+        import networkx as nx
+
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
         names = [action.name for action in self.model.actions]
         nodes = zip(self._layer_of, self.states, self._ended, self._scores, strict=True)

@@ -31,9 +31,10 @@ from serp.runs import checkpoint
 from serp.runs.evaluation import Episode, play
 from serp.runs.run import Run, load_run
 from serp.settings import Settings
-from serp.tasks.task import BoundTask, Task, WorldOptions
+from serp.tasks.file_world import WorldOptions
+from serp.tasks.task import BoundTask, Task
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 MANIFEST, DOMAIN, PROBLEM = "manifest.json", "domain.pddl", "problem.pddl"
 AGENT: Final = "agent.safetensors"
 NETWORK: Final = "learner.onnx"

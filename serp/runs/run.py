@@ -41,15 +41,15 @@ from serp.runs.recording import Layout, Recorder, Recording, open_recording, rec
 from serp.runs.tables import read_metrics
 from serp.runs.trainer import Budget
 from serp.settings import Settings
-from serp.tasks.file_world import world_task
+from serp.tasks.file_world import WorldOptions, world_task
 from serp.tasks.registry import load_task
-from serp.tasks.task import BoundTask, Task, WorldOptions, reward_source
+from serp.tasks.task import BoundTask, Task, reward_source
 
 
 class RunMetadata(BaseModel):
     """The part of a run's configuration that it is read back with."""
 
-    model_config = ConfigDict(frozen=True, strict=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, strict=True)
 
     task: str
     """Name of the task."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.wrappers import TimeLimit
+from pydantic import Field, model_validator
 
+from serp._util.numbers import COUNTED
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.domain import Domain, load_domain, problem_beside
@@ -21,7 +23,41 @@ from serp.model.traced_step import Passage
 from serp.model.transition_model import Vector
 from serp.pddl.parser import parse_problem
 from serp.pddl.source import DomainError, Edit, Source, edited
-from serp.tasks.task import Task, WorldOptions
+from serp.settings import Section
+from serp.tasks.task import Task
+
+Chance = Annotated[float, Field(ge=0, lt=1)]
+"""A probability, at least 0 and below 1."""
+
+
+class WorldOptions(Section):
+    """The options of a world that is made of a file (`serp.file_task`)."""
+
+    failure: Chance = 0.0
+    """Probability that an action does nothing."""
+    slip: Chance = 0.0
+    """Probability that another action happens instead: one of those whose precondition holds, each
+    as likely as the others. Where there is none, nothing happens."""
+    noise: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Standard deviation of the change of a number, as a share of this change. What actions and
+    processes change by d becomes a change by d · (1 + noise · z), with z from the standard normal
+    distribution, before events are looked at."""
+    max_steps: Annotated[int, Field(ge=1, le=COUNTED)] = 1_000
+    """Steps after which an episode is cut off."""
+
+    @model_validator(mode="after")
+    def _something_may_work(self) -> Self:
+        if self.failure + self.slip > 1.0:
+            raise ValueError(
+                f"failure and world.slip are {self.failure!r} and {self.slip!r}; an action fails, "
+                "slips or is carried out, so together they must be at most 1"
+            )
+        return self
+
+    @classmethod
+    def section(cls) -> str:
+        """Return what messages call the options."""
+        return "world"
 
 
 def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
@@ -93,12 +129,17 @@ class Happened(NamedTuple):
     Attributes:
         action: Position of the ground action that was carried out; -1 for none.
         flags: The flags of the step.
-        passages: The effects, rates and events that took part, in order.
+        trace: Returns `passages`.
     """
 
     action: int
     flags: int
-    passages: list[Passage]
+    trace: Callable[[], list[Passage]]
+
+    @property
+    def passages(self) -> list[Passage]:
+        """The effects, rates and events that took part, in order."""
+        return self.trace()
 
 
 class FileWorld(gym.Env[Vector, int]):
@@ -134,7 +175,7 @@ class FileWorld(gym.Env[Vector, int]):
         self._start = _initial_state(domain)
         self._options = options or WorldOptions()
         self.state = self._start
-        self.happened = Happened(-1, 0, [])
+        self.happened = Happened(-1, 0, list)
         self._numeric = np.array([f.numeric for f in self.model.fluents], dtype=np.bool_)
         self.observation_space = spaces.Box(
             np.where(self._numeric, -np.inf, 0.0),
@@ -160,10 +201,10 @@ class FileWorld(gym.Env[Vector, int]):
         if not self.action_space.contains(action):
             raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
         done = self._disturbed(int(action))
-        out, flags, passages = self._carried_out(done)
+        out, flags, trace = self._carried_out(done)
         if not flags & (APPLICABLE | UNDEFINED):
             done = -1
-            out, flags, passages = self._carried_out(done)
+            out, flags, trace = self._carried_out(done)
         model = self.model
         if not flags & APPLICABLE:
             name = "waiting" if done < 0 else model.actions[done].name
@@ -173,7 +214,7 @@ class FileWorld(gym.Env[Vector, int]):
                 "contradicts itself"
             )
         reward = out.pop()
-        self.state, self.happened = np.array(out), Happened(done, flags, passages)
+        self.state, self.happened = np.array(out), Happened(done, flags, trace)
         info = {"applied": done == action, "unsafe": bool(flags & UNSAFE)}
         return self.state.copy(), reward, bool(flags & TERMINAL), False, info
 
@@ -192,11 +233,14 @@ class FileWorld(gym.Env[Vector, int]):
         others = [k for k in possible if k != action]
         return others[int(self.np_random.integers(len(others)))] if others else -1
 
-    def _carried_out(self, action: int) -> tuple[list[float], int, list[Passage]]:
-        noise = self._options.noise
-        return self.model.traced(
-            self.state.tolist(), action, amend=self._scatter if noise > 0.0 else None
-        )
+    def _carried_out(self, action: int) -> tuple[list[float], int, Callable[[], list[Passage]]]:
+        """Return next state and reward, the flags, and what returns the passages."""
+        state = self.state.tolist()
+        if self._options.noise > 0.0:
+            out, flags, passages = self.model.traced(state, action, amend=self._scatter)
+            return out, flags, lambda: passages
+        out, flags = self.model.transition(state, action)
+        return out, flags, lambda: self.model.traced(state, action).passages
 
     def _scatter(self, state: list[float], action: int, out: list[float]) -> None:
         """Make the changes of numbers larger or smaller by chance."""

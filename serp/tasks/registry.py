@@ -10,13 +10,15 @@ import traceback
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from serp._util import plugins
 from serp._util.text import did_you_mean
 from serp.errors import SerpError, TaskError
 from serp.model.domain import Domain, load_domain
-from serp.tasks.task import Task
+
+if TYPE_CHECKING:
+    from serp.tasks.task import Task
 
 GROUP = "serp.tasks"
 
@@ -39,7 +41,7 @@ def custom_task(name: str) -> Task:
     is_file = where.endswith(".py")
     module = import_file(Path(where), option) if is_file else _import_module(where, Path(), option)
     value = attribute_of(module, attribute, option) if attribute else _only(module, name)
-    if isinstance(value, Task):
+    if _is_task(value):
         return value
     if not callable(value):
         raise TaskError(f"{option}: `{attribute}` is a {type(value).__name__}, not a serp.Task")
@@ -49,7 +51,7 @@ def custom_task(name: str) -> Task:
         raise
     except Exception as error:
         raise _failed(f"{option}: making the task failed", error) from error
-    if not isinstance(made, Task):
+    if not _is_task(made):
         raise TaskError(f"{option}: it returned {type(made).__name__}, not a serp.Task")
     return made
 
@@ -105,7 +107,7 @@ def _only(module: ModuleType, name: str) -> Any:
     tasks = {
         key: value
         for key, value in vars(module).items()
-        if isinstance(value, Task) or _makes_task(value, module)
+        if _is_task(value) or _makes_task(value, module)
     }
     if len(tasks) == 1:
         return next(iter(tasks.values()))
@@ -118,11 +120,22 @@ def _only(module: ModuleType, name: str) -> Any:
     )
 
 
+def _is_task(value: Any) -> TypeGuard[Task]:
+    return isinstance(value, _task_class())
+
+
+def _task_class() -> type[Task]:
+    """Return `serp.Task`, importing it where a task is made: the name of a file needs none."""
+    from serp.tasks.task import Task
+
+    return Task
+
+
 def _makes_task(value: Any, module: ModuleType) -> bool:
     if not inspect.isfunction(value) or value.__module__ != module.__name__:
         return False
     returns = value.__annotations__.get("return")
-    return returns is Task or returns in ("Task", "serp.Task")
+    return returns in (_task_class(), "Task", "serp.Task")
 
 
 def _failed(what: str, error: Exception) -> TaskError:
@@ -153,7 +166,7 @@ def load_task(name: str) -> Task:
     entry = plugins.find(task_entries(), name, "task", TaskError, advice=advice)
     with plugins.loading(entry, "task", TaskError):
         made = entry.load()()
-    if not isinstance(made, Task):
+    if not _is_task(made):
         raise TaskError(f"`{entry.value}` returned {type(made).__name__}, not a serp.Task")
     return made
 

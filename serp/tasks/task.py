@@ -11,19 +11,17 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
 
 from serp._util.files import Closing
-from serp._util.numbers import COUNTED, real
+from serp._util.numbers import real
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
 from serp.model.domain import Domain, load_domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.settings import Section
 from serp.tasks import wrapper_state
 from serp.tasks.environment import ActionSpace, Observations, reset_answer, step_answer
 from serp.tasks.grounding import Grounding
@@ -32,6 +30,7 @@ from serp.tasks.symmetry import Symmetry
 if TYPE_CHECKING:
     from serp.planning.plan_follower import Advise
     from serp.settings import Settings
+    from serp.tasks.file_world import WorldOptions
 
 
 Source = Literal["domain", "environment", "sum"]
@@ -112,40 +111,6 @@ def describe_source(source: Source, *, in_file: bool, world: bool = False) -> st
         "the environment's reward; the planner plans with those of the domain file "
         "(training.reward=sum or domain: the learner learns from these, too)"
     )
-
-
-Chance = Annotated[float, Field(ge=0, lt=1)]
-"""A probability, at least 0 and below 1."""
-
-
-class WorldOptions(Section):
-    """The options of a world that is made of a file (`serp.file_task`)."""
-
-    failure: Chance = 0.0
-    """Probability that an action does nothing."""
-    slip: Chance = 0.0
-    """Probability that another action happens instead: one of those whose precondition holds, each
-    as likely as the others. Where there is none, nothing happens."""
-    noise: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Standard deviation of the change of a number, as a share of this change. What actions and
-    processes change by d becomes a change by d · (1 + noise · z), with z from the standard normal
-    distribution, before events are looked at."""
-    max_steps: Annotated[int, Field(ge=1, le=COUNTED)] = 1_000
-    """Steps after which an episode is cut off."""
-
-    @model_validator(mode="after")
-    def _something_may_work(self) -> Self:
-        if self.failure + self.slip > 1.0:
-            raise ValueError(
-                f"failure and world.slip are {self.failure!r} and {self.slip!r}; an action fails, "
-                "slips or is carried out, so together they must be at most 1"
-            )
-        return self
-
-    @classmethod
-    def section(cls) -> str:
-        """Return what messages call the options."""
-        return "world"
 
 
 Draw = Callable[[Mapping[str, float | bool]], str]

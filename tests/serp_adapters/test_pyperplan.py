@@ -13,8 +13,7 @@ from serp.errors import SerpError
 from serp.model.transition_model import TransitionModel
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
-from serp.tasks.file_world import FileWorld
-from serp.tasks.task import WorldOptions
+from serp.tasks.file_world import FileWorld, WorldOptions
 from serp_adapters.pyperplan.planner import Search, make
 from serp_adapters.pyperplan.strips import Strips
 from tests.generated import Texts, load_texts

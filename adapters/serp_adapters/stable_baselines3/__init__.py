@@ -4,6 +4,7 @@ Importing this package without stable-baselines3 raises `serp.errors.MissingExtr
 """
 
 from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
 from serp.errors import MissingExtra
 
@@ -11,6 +12,17 @@ if find_spec("stable_baselines3") is None:
     raise MissingExtra("what is of stable-baselines3 (`sb3-dqn`, `ppo`)", "sb3")
 
 from serp_adapters.stable_baselines3.algorithms import StableBaselines3, dqn, ppo
-from serp_adapters.stable_baselines3.buffer import ExecutedActionBuffer
+
+if TYPE_CHECKING:
+    from serp_adapters.stable_baselines3.buffer import ExecutedActionBuffer
 
 __all__ = ["ExecutedActionBuffer", "StableBaselines3", "dqn", "ppo"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the buffer, whose class is one of stable-baselines3's, where it is used."""
+    if name != "ExecutedActionBuffer":
+        raise AttributeError(f"module `{__name__}` has no attribute `{name}`")
+    from serp_adapters.stable_baselines3.buffer import ExecutedActionBuffer
+
+    return ExecutedActionBuffer

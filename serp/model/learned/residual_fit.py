@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from serp._core import Regression, Samples
 from serp._util.saved_state import LARGEST, Arrays, Saved, nested, part_of
@@ -66,6 +65,8 @@ class NormalEquations:
 
         Nothing is yielded for a matrix without a finite solution.
         """
+        from scipy.linalg import lapack
+
         for block, gram in enumerate(self.gram):
             owned = np.flatnonzero(self.block_of == block)
             if not len(owned):
@@ -171,6 +172,8 @@ class FittedWeights:
         Random features are drawn, and True is returned, if linear models leave something
         `unexplained` and there are enough samples.
         """
+        from scipy.linalg import lapack
+
         p, samples = self._parameters, self._samples
         samples.since_solved = 0
         recent = samples.number - samples.start

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr
 
 from serp.model.transition_model import Vector
 
@@ -95,6 +94,8 @@ def independent(columns: Vector, width: Vector) -> list[int]:
     """
     if not columns.size:
         return []
+    from scipy.linalg import qr
+
     scaled = columns * width
     triangle, order = qr(scaled, mode="r", pivoting=True)
     sizes, norms = np.abs(np.diag(triangle)), np.linalg.norm(scaled, axis=0)[order]

@@ -149,12 +149,12 @@ def _look(
 
     A task that does not fit is an error if the user asked for it, else a warning.
     """
-    from serp.authoring.lint.task_ranges import out_of_range
-    from serp.pddl.source import DomainWarning
-
     check.summary += _summary(domain)
     if task is None:
         return
+    from serp.authoring.lint.task_ranges import out_of_range
+    from serp.pddl.source import DomainWarning
+
     try:
         with task.bind() as bound:
             yield from out_of_range(bound)

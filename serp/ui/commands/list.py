@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint
+import functools
+from importlib.metadata import Distribution, EntryPoint
 from pathlib import Path
 
 import click
@@ -16,8 +17,8 @@ def command() -> None:
     from serp._util.plugins import offered
     from serp.agent.registry import KINDS, PLANNERS
     from serp.runs.comparison.algorithms import GROUP, OWN
-    from serp.runs.comparison.pool import GROUP as ENGINES
-    from serp.runs.comparison.pool import LOCAL
+    from serp.runs.comparison.engines import GROUP as ENGINES
+    from serp.runs.comparison.engines import LOCAL
     from serp.tasks.registry import task_entries
 
     console = open_console()
@@ -82,6 +83,10 @@ def _about(name: str) -> tuple[str, str, bool]:
 
 
 def _package(entry: EntryPoint) -> str:
-    if entry.dist is None:
-        return entry.value
-    return f"{entry.dist.name} {entry.dist.version}"
+    return entry.value if entry.dist is None else _name_and_version(entry.dist)
+
+
+@functools.cache
+def _name_and_version(package: Distribution) -> str:
+    metadata = package.metadata  # the file is read and parsed at every access
+    return f"{metadata['Name']} {metadata['Version']}"

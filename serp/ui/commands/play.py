@@ -73,9 +73,8 @@ def command(
     from serp.authoring.play import Game
     from serp.errors import SettingsError
     from serp.settings import resolve
-    from serp.tasks.file_world import starting
+    from serp.tasks.file_world import WorldOptions, starting
     from serp.tasks.registry import find_domain_file
-    from serp.tasks.task import WorldOptions
     from serp.ui.asked import asked_domain, parse_state
     from serp.ui.output import open_console
     from serp.ui.player import Player

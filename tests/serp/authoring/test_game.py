@@ -7,8 +7,7 @@ from serp.authoring.play import Game
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.pddl.source import Source
-from serp.tasks.file_world import starting
-from serp.tasks.task import WorldOptions
+from serp.tasks.file_world import WorldOptions, starting
 
 VAN = """(define (domain van)
   (:types place)

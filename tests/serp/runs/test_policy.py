@@ -3,6 +3,8 @@
 import hashlib
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +56,19 @@ def test_equal_runs_are_exported_to_equal_folders(run: serp.Run, tmp_path: Path)
     one, other = (serp.export_policy(run.path, tmp_path / name) for name in "ab")
     for file in one.iterdir():
         assert file.read_bytes() == (other / file.name).read_bytes()
+
+
+def test_a_robot_decides_without_libraries_for_learning_drawing_or_a_terminal(
+    cartpole: Path,
+) -> None:
+    script = (
+        "import json, sys, serp; policy = serp.Policy(sys.argv[1])\n"
+        "policy.decide([0.1] * 4, state=[0.1] * 4); print(json.dumps(list(sys.modules)))"
+    )
+    command = [sys.executable, "-c", script, str(cartpole)]
+    loaded = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    assert "serp.runs.policy" in loaded
+    assert {"click", "matplotlib", "networkx", "onnx", "rich", "scipy", "torch"}.isdisjoint(loaded)
 
 
 def test_a_grounding_is_checked_by_recorded_pairs(cartpole: Path) -> None:

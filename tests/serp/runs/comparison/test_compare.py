@@ -107,7 +107,7 @@ def test_an_engine_by_its_name_finds_what_this_process_finds(
     tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     entry = EntryPoint("threads", "tests.serp.runs.comparison.contest:threads", "serp.engines")
-    monkeypatch.setattr("serp.runs.comparison.pool.offered", lambda group: {"threads": entry})
+    monkeypatch.setattr("serp.runs.comparison.engines.offered", lambda group: {"threads": entry})
     small(walk(tmp_path), tmp_path / "c", engine="threads", address="there:1", jobs=2)
     assert everything(tmp_path / "c") == everything(whole / "c")
     here_only = walk(tmp_path, ground=lambda seen: {"x": seen[0]})

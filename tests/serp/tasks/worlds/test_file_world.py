@@ -12,8 +12,7 @@ import serp
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.pddl.source import Source
-from serp.tasks.file_world import FileWorld
-from serp.tasks.task import WorldOptions
+from serp.tasks.file_world import FileWorld, WorldOptions
 from tests.serp.runs.runs import train, without_pictures
 
 FERRY = """(define (domain ferry)

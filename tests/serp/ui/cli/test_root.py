@@ -27,7 +27,12 @@ from serp.ui.root import COMMANDS, exit_with
 from serp.ui.root import serp as group
 from tests.serp.ui.cli.conftest import Run
 
-HEAVY = {"gymnasium", "matplotlib", "networkx", "numpy", "rich", "torch"}
+NEVER = {"matplotlib", "networkx", "onnx", "scipy", "stable_baselines3", "torch"}
+"""What no command imports that looks at something and draws and learns nothing."""
+TASKS = NEVER | {"gymnasium", "pydantic"}
+"""Nor a command that looks at a file which belongs to no task."""
+HEAVY = TASKS | {"numpy", "rich"}
+"""Nor the help."""
 
 
 def subcommand(name: str) -> Any:
@@ -52,16 +57,36 @@ def test_examples_of_the_help_are_valid_command_lines(name: str, run: Run) -> No
 
 
 def test_the_package_runs_and_help_imports_nothing_heavy(tmp_path: Path) -> None:
-    script = (
-        "import json, sys; from serp.ui.root import COMMANDS, serp\n"
-        "for name in COMMANDS: serp([name, '--help'], standalone_mode=False)\n"
-        "print(); print(json.dumps(list(sys.modules)))"
-    )
+    assert HEAVY.isdisjoint(loaded_by(*(f"{name} --help" for name in COMMANDS)))
     options: dict[str, Any] = {"cwd": tmp_path, "capture_output": True, "check": True}
-    done = subprocess.run([sys.executable, "-c", script], text=True, **options)
-    assert HEAVY.isdisjoint(json.loads(done.stdout.splitlines()[-1]))
     done = subprocess.run([sys.executable, "-m", "serp", "--version"], text=True, **options)
     assert done.stdout == f"serp {serp.__version__}\n"
+
+
+def loaded_by(*lines: str) -> set[str]:
+    """Names of the modules that commands import, one after another in a new process."""
+    script = (
+        "import json, shlex, sys; from serp.ui.root import serp\n"
+        "for line in sys.argv[1:]: serp(shlex.split(line), standalone_mode=False)\n"
+        "print(); print(json.dumps(list(sys.modules)))"
+    )
+    command = [sys.executable, "-c", script, *lines]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return {*json.loads(done.stdout.splitlines()[-1])}
+
+
+def test_a_file_without_a_task_is_checked_without_what_tasks_need(walk: Path) -> None:
+    loaded = loaded_by(f"check {walk}")
+    assert "serp.model.domain" in loaded
+    assert TASKS.isdisjoint(loaded)
+
+
+def test_looking_at_tasks_and_runs_imports_no_library_for_learning_or_drawing(
+    trained: Path,
+) -> None:
+    loaded = loaded_by("list", "check cartpole", "plan --domain cartpole", f"why {trained}")
+    assert {"gymnasium", "serp.runs.run_model"} <= loaded
+    assert NEVER.isdisjoint(loaded)
 
 
 def test_an_unknown_command_or_option_says_what_there_is(run: Run) -> None:
