@@ -78,30 +78,38 @@ class Forecast(NamedTuple):
 
         The actions to choose from are those of the best rank, see `serp.planning.preference`.
         """
-        return self._alike(self.value.tolist())
+        values: list[float] = self.value.tolist()
+        tied = self._tied
+        return len(tied) > 1 and all(values[k] == values[tied[0]] for k in tied)
 
     @property
     def sees_costs_alone(self) -> bool:
         """Whether it is indifferent but for what the first step gives: the cost of acting."""
+        tied = self._tied
+        if len(tied) < 2:
+            return False
         values: list[float] = self.value.tolist()
-        rest = [value - first for value, first in zip(values, self.reward.tolist(), strict=True)]
+        rewards: list[float] = self.reward.tolist()
+        rest = [values[k] - rewards[k] for k in tied]
         largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
         if largest > 0.0:  # differences by rounding are none
             rest = [_rounded(part / largest) for part in rest]
-        return self._alike(rest)
+        return all(part == rest[0] for part in rest)
 
-    def _alike(self, values: list[float]) -> bool:
-        """Return whether the actions to choose from have the same score, with these values."""
+    @property
+    def _tied(self) -> list[int]:
+        """The actions of the best rank, if all have the same risk and safe steps; else none."""
         # Lists, because arrays of a few actions take ten times as long.
         flags: list[int] = self.flags.tolist()
         ranks = [rank_of(flag) if flag & APPLICABLE else 3 for flag in flags]
         best = min(ranks, default=3)
-        if best == 3 or ranks.count(best) < 2:
-            return False
-        first = ranks.index(best)
-        chosen = [k for k, rank in enumerate(ranks) if rank == best]
-        columns = values, self.path_risk.tolist(), self.safe_steps.tolist()
-        return all(column[k] == column[first] for column in columns for k in chosen)
+        if best == 3:
+            return []
+        tied = [k for k, rank in enumerate(ranks) if rank == best]
+        for column in (self.path_risk.tolist(), self.safe_steps.tolist()):
+            if any(column[k] != column[tied[0]] for k in tied):
+                return []
+        return tied
 
 
 def _rounded(number: float) -> float:
