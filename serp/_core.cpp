@@ -12,7 +12,9 @@ void bind_lookahead(Module&);
 void bind_closed_graph(Module&);
 void bind_cell_graph(Module&);
 void bind_goal_search(Module&);
-void bind_learning(Module&);
+void bind_network(Module&);
+void bind_samples(Module&);
+void bind_q_learning(Module&);
 
 }  // namespace serp
 
@@ -27,5 +29,7 @@ NB_MODULE(_core, module) {
     serp::bind_closed_graph(module);
     serp::bind_cell_graph(module);
     serp::bind_goal_search(module);
-    serp::bind_learning(module);
+    serp::bind_network(module);
+    serp::bind_samples(module);
+    serp::bind_q_learning(module);
 }

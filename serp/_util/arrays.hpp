@@ -32,9 +32,11 @@ Array<T> array_of(std::vector<T>&& numbers, std::initializer_list<size_t> shape)
 }
 
 /// Returns a NumPy view of numbers that `owner`, a bound object, keeps alive and never moves.
+/// `strides`, if given, are the numbers from one entry to the next along each axis.
 template <class T>
-Array<T> view_of(T* numbers, std::initializer_list<size_t> shape, nb::handle owner) {
-    return Array<T>(numbers, shape, owner);
+Array<T> view_of(T* numbers, std::initializer_list<size_t> shape, nb::handle owner,
+                 std::initializer_list<std::int64_t> strides = {}) {
+    return Array<T>(numbers, shape, owner, strides);
 }
 
 /// Returns a copy of an array as a vector.

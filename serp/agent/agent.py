@@ -58,12 +58,6 @@ def exploration_bonus(visits: NDArray[np.int64], min_visits: int, forecast: Fore
     return forecast._replace(choice=int(least.argmin()))
 
 
-def _too_large(values: Vector) -> int:
-    """Return the index of a number that is not finite in float32; -1 if there is none."""
-    fits = np.abs(values) <= FLOAT32_MAX
-    return -1 if fits.all() else int(fits.argmin())
-
-
 class Agent:
     """Planner, learner and arbiter of one task.
 
@@ -167,23 +161,20 @@ class Agent:
 
         Errors are those of `perceive`; the observation is a flat vector.
         """
-        advice = (
-            f"too large for the learner, which computes in float32 (up to {FLOAT32_MAX:.2g}); use "
-            "other units, or clip it"
-        )
-        place = _too_large(observation)
-        if place >= 0:
-            raise EnvironmentFailure(
-                f"task {self.task.name}: the observation: {self.task.observations.name(place)} "
-                f"is {observation[place]:g}, {advice}"
+        x = np.concatenate((observation, state))
+        fits = np.abs(x) <= FLOAT32_MAX
+        if not fits.all():
+            task, place = self.task, int(fits.argmin())
+            advice = (
+                f"is {x[place]:g}, too large for the learner, which computes in float32 (up to "
+                f"{FLOAT32_MAX:.2g}); use other units, or clip it"
             )
-        place = _too_large(state)
-        if place >= 0:
-            raise TaskError(
-                f"task {self.task.name}: grounding: fluent `{self.task.model.fluents[place].name}` "
-                f"is {state[place]:g}, {advice}"
-            )
-        return state, np.concatenate((observation, state))
+            if place < len(observation):
+                name = task.observations.name(place)
+                raise EnvironmentFailure(f"task {task.name}: the observation: {name} {advice}")
+            name = task.model.fluents[place - len(observation)].name
+            raise TaskError(f"task {task.name}: grounding: fluent `{name}` {advice}")
+        return state, x
 
     def turn_to(self, env_index: int) -> None:
         """Note from which of several environments, from 0, the next calls come."""

@@ -21,6 +21,7 @@ _SIGHT: Final = {
     "cut_short": ("nodes", "time"),
 }
 """Name of a count → the bounds of the planner's sight that it counts: names of `Bound`."""
+_SIGHT_OF: Final = {bound: name for name, bounds in _SIGHT.items() for bound in bounds}
 _SUMS: Final = (*SAFETY[1:], *_SIGHT, "layers_seen", "indifferent")
 
 
@@ -62,9 +63,10 @@ class DecisionCounts(Declared):
         self.unsafe_predicted += step.proposal_unsafe
         self.unsafe_executed += step.unsafe
         self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
-        for name, bounds in _SIGHT.items():
-            setattr(self, name, getattr(self, name) + (step.bound in bounds))
-        self.layers_seen += 0 if step.bound in _SIGHT["saw_all"] else step.depth
+        sight = _SIGHT_OF.get(step.bound)
+        if sight is not None:
+            setattr(self, sight, getattr(self, sight) + 1)
+        self.layers_seen += 0 if sight == "saw_all" else step.depth
         self.indifferent += step.indifferent
 
     @property

@@ -104,9 +104,9 @@ class VetoPolicy(Declared):
             allowed &= forecast.reward >= self._settings.r_min
         if self._settings.veto_horizon == "lookahead" and self.lookahead_reliable:
             # If no modelled action has a safe plan, none is refused for that.
-            known = forecast.safe_steps[self._actions.modelled]
-            if known.size and known.max() == SAFE:
-                allowed &= forecast.safe_steps == SAFE
+            lasting = forecast.safe_steps == SAFE
+            if (lasting & self._actions.modelled).any():
+                allowed &= lasting
         return allowed | self.available
 
     def why_refused(self, forecast: ActionForecast, action: int) -> Reason:

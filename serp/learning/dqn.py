@@ -7,7 +7,7 @@ One env step of a training loop::
     learner.remember(observation, executed, reward, next_observation, terminated, truncated)
     loss = learner.learn()
 
-See `serp.learning.network` about threads and determinism.
+See `serp.learning.q_learning` about determinism.
 """
 
 from __future__ import annotations
@@ -151,10 +151,10 @@ class DQN:
         Raises:
             ValueError: The input has another shape.
         """
-        mean_q, reflection = self.learning.online.mean_q, self._reflection
-        if reflection is None or x.shape[-1:] != (self.input_size,):
-            return mean_q(x)
-        both = mean_q(np.concatenate((np.atleast_2d(x), np.atleast_2d(reflection.of_inputs(x)))))
+        q, reflection = self.learning.online.q, self._reflection
+        if reflection is None or x.ndim not in (1, 2) or x.shape[-1] != self.input_size:
+            return q(x)
+        both = q(np.concatenate((np.atleast_2d(x), np.atleast_2d(reflection.of_inputs(x)))))
         count = len(both) // 2
         mean: type_F32 = (both[:count] + reflection.of_actions(both[count:])) * np.float32(0.5)
         return mean if x.ndim == 2 else mean[0]
@@ -183,7 +183,7 @@ class DQN:
         """Choose the action with the largest Q for one input ``[F]``; draw nothing at random."""
         if x.ndim != 1:
             raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
-        q = self.learning.online.mean_q(x)
+        q = self.learning.online.q(x)
         return Proposal(best_of(q), False, q)
 
     def remember(
@@ -238,8 +238,7 @@ class DQN:
         """
         if updates <= 0 or not self.replay.size:
             return None
-        with np.errstate(over="ignore", invalid="ignore"):  # visible in the loss
-            return sum(self._update() for _ in range(updates)) / updates
+        return sum(self._update() for _ in range(updates)) / updates
 
     def _update(self) -> float:
         bounds = (-math.inf, math.inf)
@@ -269,7 +268,7 @@ class DQN:
             "env_steps": self.env_steps,
             "learn_calls": self._learn_calls,
             "updates": self.learning.updates,
-            "adam_steps": self.learning.optimizer.steps,
+            "adam_steps": self.learning.compiled.steps,
             "seen_rewards": self._bounds.state(),
             "explore_rng": self._explore_rng.bit_generator.state,
             "replay": replay_meta,
@@ -303,7 +302,7 @@ class DQN:
         for name, array in trained.items():
             array[...] = arrays[name]
         self.env_steps, self._learn_calls = env_steps, learn_calls
-        learning.updates, learning.optimizer.steps = updates, adam_steps
+        learning.updates, learning.compiled.steps = updates, adam_steps
         self._bounds.load_state(seen_rewards)
         self._explore_rng.bit_generator.state = state
 

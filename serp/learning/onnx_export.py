@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from serp import _core
 from serp.errors import needs_extra
-from serp.learning.network import QNetwork
 from serp.learning.reflection import Reflection
 
 _OPSET: Final = 17
@@ -18,7 +17,7 @@ _IR_VERSION: Final = 8
 """The version of the format that belongs to it, which older onnxruntimes read, too."""
 
 
-def network_as_onnx(network: QNetwork, reflection: Reflection | None = None) -> bytes:
+def network_as_onnx(network: _core.QNetwork, reflection: Reflection | None = None) -> bytes:
     """Return a network as ONNX: `x` float32 ``[F]`` → `q` float32 ``[A]``.
 
     Q is the mean over members and mirror images, as of `DQN.q_values`. Both agree to float32
@@ -57,7 +56,7 @@ def network_as_onnx(network: QNetwork, reflection: Reflection | None = None) -> 
             h = node("LayerNormalization", h, ones, epsilon=_core.NORM_EPSILON)
             h = node("Mul", h, constant(f"gain{k}", vectors[:, 1]))
             h = node("Add", h, constant(f"shift{k}", vectors[:, 2]))
-        if layer is not network.layers[-1]:
+        if k + 1 < len(network.layers):
             h = node("Relu", h)
     actions = np.array([[image.actions for image in images]] * network.members)
     of_images = node("GatherElements", h, constant("actions", actions), axis=2)

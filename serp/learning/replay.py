@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from serp import _core
 from serp._util.saved_state import LARGEST, Saved
 from serp.errors import RunError
 from serp.learning.reflection import Reflection
@@ -31,7 +33,8 @@ class SampleSpec(NamedTuple):
     imitates: bool = False
 
 
-class Samples(NamedTuple):
+@dataclass(frozen=True)
+class Samples:
     """Samples, one array per field; the leading axes N are the same in all.
 
     The last field has no rows for a learner that does not imitate.
@@ -55,26 +58,30 @@ class Samples(NamedTuple):
     imitated: type_I64
 
     @staticmethod
-    def zeros(count: int, spec: SampleSpec) -> Samples:
-        """Allocate `count` samples."""
+    def zeros(lead: tuple[int, ...], spec: SampleSpec) -> Samples:
+        """Allocate samples with these leading axes."""
         return Samples(
-            observation=np.zeros((count, spec.input_size), np.float32),
-            action=np.zeros(count, np.int64),
-            reward=np.zeros(count, np.float32),
-            next_observation=np.zeros((count, spec.input_size), np.float32),
-            discount=np.zeros(count, np.float32),
-            forbidden=np.zeros((count, spec.action_count), np.bool_),
-            imitated=np.zeros(count if spec.imitates else 0, np.int64),
+            observation=np.zeros((*lead, spec.input_size), np.float32),
+            action=np.zeros(lead, np.int64),
+            reward=np.zeros(lead, np.float32),
+            next_observation=np.zeros((*lead, spec.input_size), np.float32),
+            discount=np.zeros(lead, np.float32),
+            forbidden=np.zeros((*lead, spec.action_count), np.bool_),
+            imitated=np.zeros(lead if spec.imitates else 0, np.int64),
         )
 
-    def arrays(self) -> dict[str, npt.NDArray[np.generic]]:
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return field → array, without those that have no rows in this learner."""
-        named = self._asdict()
-        return {name: array for name, array in named.items() if len(array) == len(self.action)}
+        return {
+            name: array for name, array in vars(self).items() if name != "compiled" and array.size
+        }
 
-    def split(self, *lead: int) -> Samples:
-        """Return views with the one leading axis split into several."""
-        return Samples._make(a.reshape(*(lead if len(a) else (0,)), *a.shape[1:]) for a in self)
+    @cached_property
+    def compiled(self) -> _core.Samples:
+        """The same memory for compiled code, with one leading axis."""
+        lead = self.action.ndim
+        arrays = (getattr(self, field.name) for field in fields(self))
+        return _core.Samples(*(array.reshape(-1, *array.shape[lead:]) for array in arrays))
 
 
 @dataclass(slots=True)
@@ -111,11 +118,13 @@ class ReplayBuffer:
         rng: np.random.Generator,
         reflection: Reflection | None = None,
     ) -> None:
-        self._reflection = reflection
+        self._mirror = None
+        if reflection is not None:
+            self._mirror = _core.Mirror(reflection.columns, reflection.signs, reflection.actions)
         self._spec = spec
         self._settings = settings
         self.size = self._head = 0
-        self._store = Samples.zeros(settings.buffer_size, spec)
+        self._store = Samples.zeros((settings.buffer_size,), spec)
         self._fields = self._store.arrays()
         self.env_index = 0
         self._pending = defaultdict[int, deque[PendingStep]](deque)
@@ -123,11 +132,8 @@ class ReplayBuffer:
         self._powers = [settings.discount**k for k in range(settings.n_step + 1)]
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
         self._rng = rng
-        shape = (settings.members, settings.batch_size)
-        self._uniform = np.zeros(shape)
-        drawn = Samples.zeros(shape[0] * shape[1], spec)
-        self._drawn = drawn.arrays()
-        self._batch = drawn.split(*shape)
+        self._batch = Samples.zeros((settings.members, settings.batch_size), spec)
+        self._uniform = np.zeros((1 if reflection is None else 2, self._batch.action.size))
 
     def add(
         self,
@@ -196,26 +202,8 @@ class ReplayBuffer:
             Samples with leading axes ``[members, batch]``, valid until the next draw.
         """
         self._rng.random(out=self._uniform)
-        rows = (self._uniform * self.size).astype(np.int64).ravel()
-        for name, stored in self._fields.items():
-            # mode="raise" would copy once more.
-            stored.take(rows, axis=0, out=self._drawn[name], mode="clip")
-        if self._reflection is not None:
-            self._mirror(self._reflection)
+        self._batch.compiled.draw(self._store.compiled, self.size, self._uniform, self._mirror)
         return self._batch
-
-    def _mirror(self, reflection: Reflection) -> None:
-        """Replace half of the samples drawn by their mirror images."""
-        self._rng.random(out=self._uniform)
-        chosen = np.flatnonzero(self._uniform >= 0.5)
-        for name, drawn in self._drawn.items():
-            if name.endswith("observation"):
-                drawn[chosen] = reflection.of_inputs(drawn[chosen])
-            elif name == "forbidden":
-                drawn[chosen] = reflection.of_actions(drawn[chosen])
-            elif name in ("action", "imitated"):
-                actions = drawn[chosen]
-                drawn[chosen] = np.where(actions == -1, -1, reflection.actions[actions])
 
     def _shapes(self) -> dict[str, int]:
         """Return the sizes that must be equal for a state to fit."""

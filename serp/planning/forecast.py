@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,25 +78,44 @@ class Forecast(NamedTuple):
 
         The actions to choose from are those of the best rank, see `serp.planning.preference`.
         """
-        # Lists, because arrays of a few actions take ten times as long.
-        flags: list[int] = self.flags.tolist()
-        ranked = [(rank_of(flag), k) for k, flag in enumerate(flags) if flag & APPLICABLE]
-        best = min(ranked, default=(0, 0))[0]
-        chosen = [k for rank, k in ranked if rank == best]
-        if len(chosen) < 2:
-            return False
-        columns = self.value.tolist(), self.path_risk.tolist(), self.safe_steps.tolist()
-        first = chosen[0]
-        return all(column[k] == column[first] for column in columns for k in chosen)
+        values: list[float] = self.value.tolist()
+        tied = self._tied
+        return len(tied) > 1 and all(values[k] == values[tied[0]] for k in tied)
 
     @property
     def sees_costs_alone(self) -> bool:
         """Whether it is indifferent but for what the first step gives: the cost of acting."""
-        rest = self.value - self.reward
-        largest = np.abs(self.value[np.isfinite(self.value)]).max(initial=0.0)
-        if largest > 0.0:
-            rest = np.round(rest / largest, 9)  # differences by rounding are none
-        return self._replace(value=rest).indifferent
+        tied = self._tied
+        if len(tied) < 2:
+            return False
+        values: list[float] = self.value.tolist()
+        rewards: list[float] = self.reward.tolist()
+        rest = [values[k] - rewards[k] for k in tied]
+        largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+        if largest > 0.0:  # differences by rounding are none
+            rest = [_rounded(part / largest) for part in rest]
+        return all(part == rest[0] for part in rest)
+
+    @property
+    def _tied(self) -> list[int]:
+        """The actions of the best rank, if all have the same risk and safe steps; else none."""
+        # Lists, because arrays of a few actions take ten times as long.
+        flags: list[int] = self.flags.tolist()
+        ranks = [rank_of(flag) if flag & APPLICABLE else 3 for flag in flags]
+        best = min(ranks, default=3)
+        if best == 3:
+            return []
+        tied = [k for k, rank in enumerate(ranks) if rank == best]
+        for column in (self.path_risk.tolist(), self.safe_steps.tolist()):
+            if any(column[k] != column[tied[0]] for k in tied):
+                return []
+        return tied
+
+
+def _rounded(number: float) -> float:
+    """Return the number of billionths; the number itself where it is not finite."""
+    billionths = number * 1e9
+    return round(billionths) if math.isfinite(billionths) else number
 
 
 def forecast_of(fields: tuple[Any, ...]) -> Forecast:

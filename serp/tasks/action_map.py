@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,7 @@ class ActionMap:
             groups[action].append(ground)
         self.groups = groups
         self.modelled = np.array([bool(group) for group in groups])
+        self._all_modelled = all(groups)
         self._one_to_one = all(len(group) <= 1 for group in groups)
         self._first = np.array([group[0] if group else -1 for group in groups], dtype=np.int64)
         self._identity = bool((self._first == np.arange(size)).all()) and self._one_to_one
@@ -160,12 +161,11 @@ class ActionMap:
     def _projected(self, forecast: Forecast, ground: NDArray[np.int64]) -> Forecast:
         """Return a forecast for the environment actions, given the ground action of each."""
         choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
-        # Position -1 is that of the actions that the model does not know.
-        value = np.append(forecast.value, -np.inf)[ground]
-        risk = np.append(forecast.path_risk, 0.0)[ground]
-        steps = np.append(forecast.safe_steps, SAFE)[ground]
-        reward = np.append(forecast.reward, 0.0)[ground]
-        flags = np.append(forecast.flags, 0)[ground]
+        columns: tuple[NDArray[Any], ...] = forecast[1:6]
+        if not self._all_modelled:  # position -1 is that of the actions without a ground action
+            unknown = -np.inf, 0.0, SAFE, 0.0, 0
+            columns = tuple(map(np.append, columns, unknown))
+        value, risk, steps, reward, flags = (column[ground] for column in columns)
         if not self._one_to_one:
             for action, group in enumerate(self.groups):
                 together = [k for k in group if forecast.flags[k] & APPLICABLE]

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._core import ObservedStep
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
-from serp.model.learned.adapted_model import AdaptedModel, ObservedStep, observed_step
+from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.learned.adoption import (
     FluentAdoption,
     ModelAdoption,
@@ -19,7 +20,7 @@ from serp.model.learned.adoption import (
     parameters_in_use,
 )
 from serp.model.learned.outcome_counts import OutcomeCounts
-from serp.model.learned.residual import HUGE, ResidualRegression
+from serp.model.learned.residual import ResidualRegression
 from serp.model.learned.residual_features import Key
 from serp.model.learned.transitions import OVER, TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
@@ -113,44 +114,30 @@ class GroupLearners:
             if residuals[symbol] or outcomes[symbol]
         )
 
-    def learn(self, step: ObservedStep) -> None:
-        """Learn from an env step, unless it holds NaN or huge numbers.
+    def learn(self, step: ObservedStep, action: int) -> None:
+        """Learn from an env step of a ground action, unless it holds NaN or huge numbers.
 
         After the end of an episode the state need not be what the file says: only the outcomes that
         ended it are learned.
         """
-        state, action, next_state, over, flowed, settled, _ = step
-        if over:
+        if step.over:
             for residual in self._residuals.values():
                 residual.begin_episode()
-            if not np.isfinite(state).all():
-                return
-        else:
-            if not (np.abs((state, next_state)) < HUGE).all():
-                return
-            self._whole &= ~self._numeric | (next_state == np.floor(next_state))
-            self._share_wholeness()
-        # Where an event changes a fluent, the result of effects and processes is not observed.
-        observed = flowed == settled
-        file = self._model.core.file_step()
+        if not step.usable:
+            return
+        if not step.over:
+            self._share_wholeness(step.count_whole(self._whole, self._numeric))
         for key, inputs, targets in self._columns[action]:
-            if not self._counts[key].learn(file, inputs, step, self._whole):
+            if not self._counts[key].learn(inputs, step, self._whole):
                 self._whole[targets] = False
-                self._share_wholeness()
+                self._share_wholeness(int(np.count_nonzero(self._whole)))
             self._publish(key)
-            if key[1:] in self._residuals and not over:
-                self._residuals[key[1:]].learn(
-                    self._model.shared[key].head,
-                    state[inputs],
-                    next_state[targets] - flowed[targets],
-                    observed[targets],
-                    next_state[targets] - state[targets],
-                    ~self._whole[targets],
-                )
+            if key[1:] in self._residuals and not step.over:
+                head = self._model.shared[key].head
+                self._residuals[key[1:]].learn(head, step, inputs, targets, self._whole)
 
-    def _share_wholeness(self) -> None:
+    def _share_wholeness(self, wholes: int) -> None:
         """Treat a function as whole-numbered only if it is so for all objects."""
-        wholes = int(np.count_nonzero(self._whole))
         if wholes != self._wholes:
             for columns in self._alike:
                 self._whole[columns] = self._whole[columns].all()
@@ -209,7 +196,7 @@ class ModelAdaptation:
         self.experience = TransitionMemory.of(written)
         self.visits = np.zeros(len(written.actions), dtype=np.int64)
         self.notice: str | None = None
-        self._alike = np.arange(len(written.actions))
+        self._alike: list[list[int]] = [[k] for k in range(len(written.actions))]
         self._written = written
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
@@ -229,7 +216,7 @@ class ModelAdaptation:
     def visit(self, action: int) -> None:
         """Count a visit of a ground action; -1 for none."""
         if action >= 0:
-            self.visits[self._alike == self._alike[action]] += 1
+            self.visits[self._alike[action]] += 1
 
     def observe(
         self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
@@ -271,9 +258,9 @@ class ModelAdaptation:
         self, adapted: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool
     ) -> None:
         assert self._learners is not None
-        step = observed_step(adapted, state, action, next_state, over)
+        step = adapted.core.observe(state, action, next_state, over)
         if step is not None:
-            self._learners.learn(step)
+            self._learners.learn(step, action)
 
     @property
     def _revision(self) -> int:
@@ -325,14 +312,16 @@ class ModelAdaptation:
         return {name: part for name, part in parts.items() if part is not None}
 
 
-def _alike_actions(model: AdaptedModel) -> NDArray[np.int64]:
-    """Return `[A]` numbers, equal for ground actions that share all that is learned."""
+def _alike_actions(model: AdaptedModel) -> list[list[int]]:
+    """Return, for each ground action, those with which it shares all that is learned."""
     keys = [
         (action.schema, *(group.key for group in groups))
         for action, groups in zip(model.actions, model.feature_groups, strict=True)
     ]
-    first: dict[tuple[object, ...], int] = {}
-    return np.array([first.setdefault(key, k) for k, key in enumerate(keys)], dtype=np.int64)
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for k, key in enumerate(keys):
+        alike.setdefault(key, []).append(k)
+    return [alike[key] for key in keys]
 
 
 def _newest_of_each(actions: NDArray[np.int64], count: int) -> NDArray[np.int64]:

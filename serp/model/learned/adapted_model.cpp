@@ -11,6 +11,7 @@
 
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/unique_ptr.h>
 #include <nanobind/stl/vector.h>
 
 #include "serp/_util/arrays.hpp"
@@ -33,6 +34,13 @@ bool inside(const std::vector<int>& positions, int least, int size) {
 }
 
 }  // namespace
+
+bool ObservedStep::usable() const {
+    if (over) return finite(state.data(), static_cast<int>(state.size()));
+    const auto small = [](double number) { return std::abs(number) < HUGE_NUMBER; };
+    return std::all_of(state.begin(), state.end(), small) &&
+           std::all_of(next_state.begin(), next_state.end(), small);
+}
 
 AdaptedModel::AdaptedModel(std::shared_ptr<const WrittenModel> written, SameArguments others,
                            bool flagging, std::vector<std::vector<FeatureGroup>> groups)
@@ -494,19 +502,44 @@ Array<double> branches_of(const AdaptedModel& model, const State& state, std::in
     return array_of(std::move(rows), {count, row});
 }
 
-/// State and reward [F + 1] after effects and processes, the same after events, and the flags of the
-/// former.
-std::tuple<Array<double>, Array<double>, Flags> flow_and_settle(const AdaptedModel& model,
-                                                                const State& state,
-                                                                std::int64_t action) {
-    FileStep file = model.file_step();
-    std::vector<double> flowed(model.fluents() + 1);
-    file.from(checked(model, state, action));
-    const Flags flags = file.flow(static_cast<int>(action), flowed.data());
-    std::vector<double> settled = flowed;
-    if (flags & APPLICABLE) file.settle(flags, settled.data());
-    const std::size_t size = flowed.size();
-    return {array_of(std::move(flowed), {size}), array_of(std::move(settled), {size}), flags};
+/// Returns null where the action is not applicable by the file.
+std::unique_ptr<ObservedStep> observe(const AdaptedModel& model, const State& state,
+                                      std::int64_t action, const State& next_state, bool over) {
+    const double* from = checked(model, state, action);
+    checked(model, next_state, action);
+    auto step = std::make_unique<ObservedStep>(
+        ObservedStep{model.file_step(), static_cast<int>(action), over, vector_of(state),
+                     vector_of(next_state), std::vector<double>(model.fluents() + 1)});
+    step->file.from(from);
+    step->flags = step->file.flow(step->action, step->flowed.data());
+    if (!(step->flags & APPLICABLE)) return nullptr;
+    step->settled = step->flowed;
+    step->file.settle(step->flags, step->settled.data());
+    return step;
+}
+
+/// Notes in `whole` [F] which numbers are not whole; returns how many fluents are.
+int count_whole(const ObservedStep& step, const Out<bool, nb::ndim<1>>& whole,
+                const In<bool, nb::ndim<1>>& numeric) {
+    require(whole.size() == step.state.size() && numeric.size() == whole.size(),
+            "there is one truth for each fluent");
+    int count = 0;
+    for (std::size_t i = 0; i < whole.size(); ++i) {
+        const double number = step.next_state[i];
+        bool& all = whole.data()[i];
+        all = all && (!numeric.data()[i] || number == std::floor(number));
+        count += all;
+    }
+    return count;
+}
+
+bool predicted(const ObservedStep& step, const In<std::int64_t, nb::ndim<1>>& columns) {
+    for (std::size_t k = 0; k < columns.size(); ++k) {
+        const std::int64_t column = columns.data()[k];
+        require(0 <= column && column < std::ssize(step.state), "there is no such fluent");
+        if (!(step.next_state[column] == step.settled[column])) return false;
+    }
+    return true;
 }
 
 }  // namespace
@@ -524,6 +557,16 @@ void bind_adapted_model(nb::module_& module) {
                      nb::for_getter(nb::sig("def outcomes(self) -> OutcomeTable | None")),
                      nb::for_setter(nb::sig("def outcomes(self, table: OutcomeTable | None) -> None")),
                      "The counts in use, or None. A ValueError says that they do not fit.");
+
+    nb::class_<ObservedStep>(module, "ObservedStep",
+                             "An observed transition, beside what the file says of it.")
+        .def_ro("over", &ObservedStep::over, "Whether it ended the episode.")
+        .def_prop_ro("usable", &ObservedStep::usable,
+                     "Whether its numbers are small enough to learn from.")
+        .def("count_whole", &count_whole, nb::arg("whole").noconvert(), nb::arg("numeric"),
+             "Note in `whole` `[F]` which numbers are not whole; return how many fluents are.")
+        .def("predicted", &predicted, nb::arg("columns"),
+             "Return whether the file predicted these fluents of the next state.");
 
     nb::class_<AdaptedModel, Model>(module, "AdaptedModel",
                                     "A model that is adapted to observed transitions.")
@@ -545,11 +588,13 @@ void bind_adapted_model(nb::module_& module) {
         .def("adopt", [](AdaptedModel& model, const State& parameters) {
                 model.adopt(vector_of(parameters));
             }, nb::arg("parameters"), "Use parameters `[P]` from now on.")
-        .def("file_step", &AdaptedModel::file_step, nb::keep_alive<0, 1>(),
-             "Return the step of the file with the parameters in use now.")
-        .def("flow_and_settle", &flow_and_settle, nb::arg("state"), nb::arg("action"),
-             "Return state and reward `[F + 1]` after the file's effects and processes, the same "
-             "after events, and the flags of the former.")
+        .def("observe", &observe, nb::arg("state"), nb::arg("action"), nb::arg("next_state"),
+             nb::arg("over"), nb::keep_alive<0, 1>(),
+             nb::sig("def observe(self, state: numpy.typing.NDArray[numpy.float64], action: int, "
+                     "next_state: numpy.typing.NDArray[numpy.float64], over: bool) -> "
+                     "ObservedStep | None"),
+             "Return an observed transition to learn from; None if the action is not applicable by "
+             "the file. `over` says whether it ended the episode.")
         .def("branches_of", &branches_of, nb::arg("state"), nb::arg("action"),
              "Return all outcomes before events: state, reward, 0 and probability `[n, F + 3]`.");
 }

@@ -33,6 +33,23 @@ struct FeatureGroup {
     int place = 0;  ///< equal for groups of one regression with the same inputs
 };
 
+/// Numbers of at least this size are not learned from; sums of their squares would overflow.
+inline constexpr double HUGE_NUMBER = 1e60;
+
+/// An observed transition, beside what the file says of it.
+struct ObservedStep {
+    FileStep file;
+    int action;
+    bool over;                               ///< whether it ended the episode
+    std::vector<double> state, next_state;   ///< [F]
+    std::vector<double> flowed, settled{};   ///< [F + 1] after effects and processes; after events
+    Flags flags = 0;                         ///< of `flowed`
+
+    /// Whether its numbers are small enough to learn from. After the end of an episode the next
+    /// state need not be what the file says, so it does not matter then.
+    bool usable() const;
+};
+
 /// A transition model that is adapted to observed transitions.
 ///
 /// A step applies the file's effects and processes with the parameters in use, adds a residual,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from serp import _core
 from serp._util.saved_state import Arrays, Saved, nested, part_of
 from serp.errors import RunError
-from serp.model.flags import APPLICABLE, UNSAFE, risk_of
+from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground_model import UNSAFE_TARGET, GroundSchema
 from serp.model.learned.residual_features import (
     FeatureGroup,
@@ -181,36 +181,6 @@ def _parameters_of(
         for roles, alike in heads.items()
         for head, group in enumerate(alike)
     }
-
-
-class ObservedStep(NamedTuple):
-    """An observed transition, beside what the file says of it.
-
-    Attributes:
-        state, action, next_state: The transition; states are `[F]`.
-        over: Whether it ended the episode.
-        flowed: `[F + 1]` state and reward after effects and processes.
-        settled: `[F + 1]` the same after events.
-        flags: Flags of the former.
-    """
-
-    state: Vector
-    action: int
-    next_state: Vector
-    over: bool
-    flowed: Vector
-    settled: Vector
-    flags: int
-
-
-def observed_step(
-    model: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool
-) -> ObservedStep | None:
-    """Return a transition to learn from; None if its action is not applicable by the file."""
-    flowed, settled, flags = model.core.flow_and_settle(state, action)
-    if not flags & APPLICABLE:
-        return None
-    return ObservedStep(state, action, next_state, over, flowed, settled, flags)
 
 
 def same_arguments(actions: Sequence[GroundSchema]) -> NDArray[np.int64]:

@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "serp/_util/arrays.hpp"
+#include "serp/model/learned/adapted_model.hpp"
 #include "serp/model/learned/outcome_table.hpp"
 
 namespace serp {
@@ -33,22 +34,15 @@ void require_shape(bool fits) {
     if (!fits) throw std::invalid_argument("the arrays have other shapes than expected");
 }
 
-bool count(OutcomeTable& table, FileStep& file, const Positions& inputs, const Vector& state,
-           int action, const Vector& next_state, bool over, const Vector& flowed, Flags flags,
+bool count(OutcomeTable& table, ObservedStep& step, const Positions& inputs,
            const Out<double, nb::shape<2>>& losses, double rate) {
-    const int width = file.width();
-    const auto expected = static_cast<std::size_t>(width);
-    require_shape(state.size() == expected && next_state.size() == expected &&
-                  flowed.size() == expected + 1);
-    if (action < 0 || action >= file.others().actions()) {
-        throw std::invalid_argument("there is no such action");
-    }
+    const int width = step.file.width();
     const std::vector<int> columns = integers(inputs);
-    table.check(columns, width, file.others().schemas);
+    table.check(columns, width, step.file.others().schemas);
     OutcomeRoom room(width);
-    const ObservedTransition seen{state.data(), action, next_state.data(), over,
-                                  flowed.data(), flags};
-    return table.count(file, columns, seen, losses.data(), rate, room);
+    const ObservedTransition seen{step.state.data(), step.action,        step.next_state.data(),
+                                  step.over,         step.flowed.data(), step.flags};
+    return table.count(step.file, columns, seen, losses.data(), rate, room);
 }
 
 nb::dict contents(const OutcomeTable& table) {
@@ -114,7 +108,6 @@ void restore(OutcomeTable& table, const Vector& schemas, const Matrix& changes, 
 }  // namespace
 
 void bind_outcome_counts(nb::module_& module) {
-    nb::class_<FileStep>(module, "FileStep", "The step of the file with the parameters in use.");
     nb::class_<OutcomeTable>(module, "OutcomeTable",
                              "Counts of the outcomes of the ground actions that share the key of a "
                              "feature group.")
@@ -125,11 +118,9 @@ void bind_outcome_counts(nb::module_& module) {
             },
             nb::arg("places"), nb::arg("context"),
             "Counted fluents, and those of a context: positions within the inputs.")
-        .def("count", &count, nb::arg("file"), nb::arg("inputs"), nb::arg("state"),
-             nb::arg("action"), nb::arg("next_state"), nb::arg("over"), nb::arg("flowed"),
-             nb::arg("flags"), nb::arg("losses").noconvert(), nb::arg("rate"),
+        .def("count", &count, nb::arg("step"), nb::arg("inputs"), nb::arg("losses").noconvert(),
+             nb::arg("rate"),
              "Update the losses `[2]` of the file and of the counts, and then count a sample.\n\n"
-             "`flowed` `[F + 1]` is the state after effects and processes, `flags` are theirs.\n"
              "Returns False where the sample is no outcome, and there is no room for another.")
         .def("start", &OutcomeTable::start, nb::arg("samples"),
              "Count samples that were as in the file, before all others.")

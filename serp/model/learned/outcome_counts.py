@@ -14,14 +14,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._core import FileStep, OutcomeTable
+from serp._core import ObservedStep, OutcomeTable
 from serp._util.saved_state import MOST, Saved
-from serp.model.learned.adapted_model import (
-    AdaptedModel,
-    ObservedStep,
-    observed_step,
-    same_arguments,
-)
+from serp.model.learned.adapted_model import AdaptedModel, same_arguments
 from serp.model.learned.adoption import BETTER, TrackRecord
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.learned.residual_features import FeatureGroup, Key, rate_of
@@ -107,23 +102,18 @@ class OutcomeCounts:
         return shares, contents["schemas"].astype(np.int64), contents["changes"]
 
     def learn(
-        self,
-        file: FileStep,
-        inputs: NDArray[np.int64],
-        step: ObservedStep,
-        whole: NDArray[np.bool_],
+        self, inputs: NDArray[np.int64], step: ObservedStep, whole: NDArray[np.bool_]
     ) -> bool:
         """Count a sample; return False where there are too many different outcomes to count.
 
-        `file` is the step that said what `step` has of the file. `inputs` `[d]` are columns of the
-        feature group in states `[F]`. `whole` `[F]`: whether a
+        `inputs` `[d]` are columns of the feature group in states `[F]`. `whole` `[F]`: whether a
         fluent has always been whole. The end of an episode is counted as one of the outcomes that
         end it, if there are any.
         """
         if step.over:
             if self.table is not None:
                 self.samples += 1
-                self._count(file, inputs, step)
+                self._count(inputs, step)
             return True
         if self._given_up:
             return False
@@ -132,17 +122,16 @@ class OutcomeCounts:
             self._begin(np.sort(np.concatenate((self._predicates, numbers))))
         if not len(self.places):
             return True
-        columns = inputs[self.places]
         self.samples += 1
         if self.table is None:
             # While the file is right there is nothing to count.
-            if (step.next_state[columns] == step.settled[columns]).all():
+            if step.predicted(inputs[self.places]):
                 return True
             self._context = np.union1d(self._bits, np.flatnonzero(whole[inputs]))
             self.table = OutcomeTable(self.places, self._context)
             # All samples so far were as in the file.
             self.table.start(self.samples - 1)
-        if not self._count(file, inputs, step):
+        if not self._count(inputs, step):
             self._strays += 1
             if self.samples >= 50 and self._strays > 0.2 * self.samples:
                 # Without the numbers, the predicates may have few outcomes.
@@ -151,11 +140,9 @@ class OutcomeCounts:
                 return False
         return True
 
-    def _count(self, file: FileStep, inputs: NDArray[np.int64], step: ObservedStep) -> bool:
+    def _count(self, inputs: NDArray[np.int64], step: ObservedStep) -> bool:
         assert self.table is not None
-        rate = rate_of(self.samples - 1, _MEMORY)
-        transition, flow = step[:4], (step.flowed, step.flags)
-        return self.table.count(file, inputs, *transition, *flow, self._scores, rate)
+        return self.table.count(step, inputs, self._scores, rate_of(self.samples - 1, _MEMORY))
 
     def _begin(self, places: NDArray[np.int64]) -> None:
         self.places = places
@@ -326,14 +313,13 @@ def _learn(
     whole: Mask,
 ) -> None:
     whole = whole.copy()
-    file = adapted.core.file_step()
     for state, action, after, over in zip(*transitions, strict=True):
-        step = observed_step(adapted, state, int(action), after, bool(over))
+        step = adapted.core.observe(state, int(action), after, bool(over))
         if step is None:
             continue
         for group in groups[action]:
             counts, inputs = found[group.key].counts, np.array(group.inputs, dtype=np.int64)
-            if not counts.learn(file, inputs, step, whole):
+            if not counts.learn(inputs, step, whole):
                 whole[list(group.targets)] = False
 
 

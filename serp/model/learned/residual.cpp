@@ -1,4 +1,4 @@
-// Which predictor of a residual has been best; the regression as Python sees it.
+// The samples of a regression, and which of its predictors has been best; both as Python sees them.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -6,13 +6,16 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include "serp/_util/arrays.hpp"
+#include "serp/model/learned/adapted_model.hpp"
 #include "serp/model/learned/regression.hpp"
 
 namespace serp {
@@ -32,16 +35,46 @@ constexpr double NOTICED = 0.1, RECENT = 0.85, LASTING = 0.7;
 /// Fraction of the error of another predictor below which one replaces it.
 constexpr double BETTER = 0.95;
 constexpr int PREDICTORS = FULL + 1;
+/// An input is an outlier so many half ranges from the middle of its range.
+constexpr double FAR = 8.0, EXTREME = 100.0;
+/// After more successive outliers the environment is assumed to have changed.
+constexpr std::int64_t PATIENCE = 3;
+/// A change is lasting if it goes on in the next episode, or for so many steps: not an impact, nor
+/// what a robot meets at the end of an episode only.
+constexpr std::int64_t LONG = 24;
+/// Weights are solved after every 30th part of the samples, or later where it takes long: after as
+/// many samples as this cost goes into the cube of the columns, but after a quarter of the samples.
+constexpr double EARLY = 4.0, LATER = 30.0, COST = 1e6;
 
-/// Errors of all predictors of a regression, each before the sample was learned from.
-class PredictionErrors {
+/// What is due after a sample, see `RegressionSamples::learn`.
+enum Due : int { NOTHING, FIT, FORGET };
+
+/// The newest samples of a regression, the ranges of their inputs, and the errors of all predictors,
+/// each before the sample was learned from. Weights are fitted elsewhere.
+class RegressionSamples {
 public:
-    explicit PredictionErrors(std::shared_ptr<Regression> regression)
-        : regression_(std::move(regression)) {
+    /// Most samples that are kept, and most that wait for being added to the sums.
+    static constexpr std::int64_t KEPT = 4096, PENDING = 32;
+    /// Newest samples that are believed after a lasting change.
+    static constexpr std::int64_t REMEMBERED = 8;
+
+    explicit RegressionSamples(std::shared_ptr<Regression> regression)
+        : regression_(std::move(regression)), x_(regression_->depth), y_(regression_->count),
+          change_(regression_->count), valid_(regression_->count) {
         clear();
     }
 
     void clear() {
+        clear_errors();
+        number = start = pending = since_solved = outliers = alarms = 0;
+        of_episode = REMEMBERED;
+        const double infinity = std::numeric_limits<double>::infinity();
+        low.assign(regression_->depth, infinity);
+        high.assign(regression_->depth, -infinity);
+        block_of.assign(regression_->count, 0);
+    }
+
+    void clear_errors() {
         const auto count = static_cast<std::size_t>(regression_->count);
         loss.assign(PREDICTORS * count, 0.0);
         seen.assign(count, 0.0);
@@ -50,38 +83,150 @@ public:
         surprises.assign(1, 0.0);
     }
 
-    std::pair<double, bool> account(int head, const double* x, const double* y, const bool* valid,
-                                    const double* change);
-    bool choose(const bool* enabled);
+    Due learn(int head, const ObservedStep& step, const std::int64_t* inputs,
+              const std::int64_t* targets, const bool* whole);
+    void choose(const std::int64_t* targets, const bool* whole);
+    bool solution_due() const;
+    void centre_and_half(double* centre, double* half) const;
+    void keep(int head, const double* x, const double* y, const std::uint8_t* valid, double weight);
+    std::int64_t kept() const { return std::min(number, KEPT); }
 
-    Regression& regression() { return *regression_; }
+    const Regression& regression() const { return *regression_; }
 
     std::vector<double> loss;       ///< [4, T] moving averages of errors by predictor
     std::vector<double> seen;       ///< [T] samples in them
     std::vector<double> spread;     ///< [T] mean change
     std::vector<double> samples;    ///< [H, T] samples of each head
     std::vector<double> surprises;  ///< [1] fraction of surprises
+    std::vector<double> low, high;  ///< [d] ends of the ranges of inputs; infinite at first
+    /// A ring of `kept` samples: inputs [d], errors [T], whether these are observed, head, weight.
+    std::vector<double> x_of, y_of, weight_of;
+    std::vector<std::uint8_t> valid_of;
+    std::vector<std::int64_t> head_of;
+    std::vector<std::int64_t> block_of;  ///< [T] which matrix of sums each target is in: 0 or 1
+    std::int64_t number;        ///< of samples ever kept
+    std::int64_t start;         ///< number of samples before the present world
+    std::int64_t pending;       ///< newest samples that are not in the sums
+    std::int64_t since_solved;  ///< samples since weights were solved
+    std::int64_t outliers;      ///< successive ones
+    std::int64_t alarms;        ///< successive samples by which the world may have changed
+    std::int64_t of_episode;    ///< samples since the episode began
 
 private:
-    double predict(int head, const double* x, const double* y);
+    bool accept();
+    std::pair<double, bool> account(int head);
+    double predict(int head);
     void update(int head, int t, double weight, double share, double change);
 
     std::shared_ptr<Regression> regression_;
+    /// The new sample: inputs [d], observed next values less those of effects and processes [T],
+    /// whether these are observed, and the observed change [T].
+    std::vector<double> x_, y_, change_;
+    std::vector<std::uint8_t> valid_;
     std::vector<double> errors_, u_, z_, room_;
 };
 
+/// Writes the centres of the ranges [d] and half their widths [d], 1 for what never changed.
+void RegressionSamples::centre_and_half(double* centre, double* half) const {
+    for (std::size_t i = 0; i < low.size(); ++i) {
+        centre[i] = (high[i] + low[i]) / 2.0;
+        half[i] = (high[i] - low[i]) / 2.0;
+        if (half[i] <= 1e-9 * std::max(1.0, std::abs(centre[i]))) half[i] = 1.0;
+    }
+}
+
+/// Widens the ranges to the inputs, or returns false for an outlier. After several outliers in a row
+/// they are accepted.
+bool RegressionSamples::accept() {
+    const auto depth = low.size();
+    bool far = false;
+    if (static_cast<double>(number) >= FEW) {
+        room_.resize(2 * depth);
+        double *centre = room_.data(), *half = centre + depth;
+        centre_and_half(centre, half);
+        const double limit = static_cast<double>(number) >= SETTLED ? FAR : EXTREME;
+        for (std::size_t i = 0; i < depth; ++i) {
+            far = far || std::abs(x_[i] - centre[i]) > limit * half[i];
+        }
+    }
+    outliers = far ? outliers + 1 : 0;
+    if (0 < outliers && outliers <= PATIENCE) return false;
+    for (std::size_t i = 0; i < depth; ++i) {
+        low[i] = std::min(low[i], x_[i]);
+        high[i] = std::max(high[i], x_[i]);
+    }
+    return true;
+}
+
+/// Puts a sample into the ring, in the place of the oldest one if it is full.
+void RegressionSamples::keep(int head, const double* x, const double* y, const std::uint8_t* valid,
+                   double weight) {
+    const auto place = static_cast<std::size_t>(number % KEPT);
+    const auto put = [place](auto& ring, const auto* values, std::size_t length) {
+        if (ring.size() < (place + 1) * length) ring.resize((place + 1) * length);
+        std::copy_n(values, length, ring.begin() + static_cast<std::ptrdiff_t>(place * length));
+    };
+    const std::int64_t of_head = head;
+    put(x_of, x, low.size());
+    put(y_of, y, block_of.size());
+    put(valid_of, valid, block_of.size());
+    put(head_of, &of_head, 1);
+    put(weight_of, &weight, 1);
+    ++number;
+    ++pending;
+    ++since_solved;
+}
+
+bool RegressionSamples::solution_due() const {
+    const std::int64_t last = *std::max_element(block_of.begin(), block_of.end());
+    const double size = regression_->columns + regression_->features();
+    const double cost = static_cast<double>(1 + last) * (size * size * size) / COST;
+    const auto recent = static_cast<double>(number - start);
+    return static_cast<double>(since_solved) >=
+           std::max(recent / LATER, std::min(recent / EARLY, cost));
+}
+
+/// Learns from a step of a ground action: columns of inputs [d] and targets [T] in its states, and
+/// which fluents [F] have always been whole numbers, which a residual does not predict.
+///
+/// Returns what is due, after which `choose` must be called: FIT is an update of sums or weights,
+/// FORGET the same after a lasting change of the world.
+Due RegressionSamples::learn(int head, const ObservedStep& step, const std::int64_t* inputs,
+                   const std::int64_t* targets, const bool* whole) {
+    for (std::size_t i = 0; i < x_.size(); ++i) x_[i] = step.state[inputs[i]];
+    bool any = false, moved = false;
+    for (std::size_t t = 0; t < y_.size(); ++t) {
+        const std::int64_t column = targets[t];
+        y_[t] = step.next_state[column] - step.flowed[column];
+        change_[t] = step.next_state[column] - step.state[column];
+        // Where an event changes a fluent, the result of effects and processes is not observed.
+        valid_[t] = step.flowed[column] == step.settled[column] && std::abs(y_[t]) < HUGE_NUMBER;
+        any = any || valid_[t];
+        moved = moved || (!valid_[t] && block_of[t] == 0);
+    }
+    if (!any || !accept()) return NOTHING;
+    const auto [weight, changed] = account(head);
+    keep(head, x_.data(), y_.data(), valid_.data(), weight);
+    ++of_episode;
+    alarms = changed ? alarms + 1 : 0;
+    if (changed && (of_episode < REMEMBERED || alarms > LONG)) return FORGET;
+    if (moved || pending >= PENDING || solution_due()) return FIT;
+    choose(targets, whole);
+    return NOTHING;
+}
+
 /// Writes the errors [4, T] of all predictors; returns the leverage.
-double PredictionErrors::predict(int head, const double* x, const double* y) {
+double RegressionSamples::predict(int head) {
     const Regression& of = *regression_;
     const int count = of.count;
     errors_.resize(PREDICTORS * static_cast<std::size_t>(count));
     u_.resize(of.depth);
     z_.resize(Regression::SMOOTH);
-    of.normalise(x, u_.data());
+    of.normalise(x_.data(), u_.data());
     for (int t = 0; t < count; ++t) {
-        errors_[t] = y[t];
+        errors_[t] = y_[t];
         for (int kind = LINEAR; kind <= FULL; ++kind) {
-            errors_[kind * count + t] = y[t] - of.linear_of(head, kind, t, u_.data());
+            errors_[kind * count + t] = y_[t] - of.linear_of(head, kind, t, u_.data());
         }
     }
     if (of.features() == 0) return of.leverage(head, u_.data(), z_.data(), room_);
@@ -98,22 +243,19 @@ double PredictionErrors::predict(int head, const double* x, const double* y) {
     return share;
 }
 
-/// Adds a sample to the losses: inputs [d], observed next values less those of effects and processes
-/// [T], whether that is observed [T], and the change [T].
-///
-/// Returns the weight of the sample in the regression, and whether the world may have changed.
-std::pair<double, bool> PredictionErrors::account(int head, const double* x, const double* y,
-                                                  const bool* valid, const double* change) {
+/// Adds a sample to the losses. Returns its weight in the regression, and whether the world may have
+/// changed.
+std::pair<double, bool> RegressionSamples::account(int head) {
     const Regression& of = *regression_;
     const int count = of.count;
-    const double share = predict(head, x, y);
+    const double share = predict(head);
     double worst = 0.0;
     bool surprise = false;
     for (int t = 0; t < count; ++t) {
         const double seen_of_head = samples[head * count + t];
-        if (!valid[t] || !(seen_of_head >= FEW)) continue;
+        if (!valid_[t] || !(seen_of_head >= FEW)) continue;
         const double error = errors_[of.predictors()[t] * count + t];
-        const double least = 1e-9 * (1.0 + std::abs(y[t] - error));
+        const double least = 1e-9 * (1.0 + std::abs(y_[t] - error));
         const double typical = of.typical[head * count + t];
         const double variance =
             typical * typical + share * (of.scale[t] * of.scale[t]) + least * least;
@@ -126,12 +268,12 @@ std::pair<double, bool> PredictionErrors::account(int head, const double* x, con
     const double weight = worst <= ROBUST * ROBUST ? 1.0 : ROBUST * ROBUST / worst;
     surprises[0] = RECENT * surprises[0] + (surprise ? 1.0 - RECENT : 0.0);
     for (int t = 0; t < count; ++t) {
-        if (valid[t]) update(head, t, weight, share, change[t]);
+        if (valid_[t]) update(head, t, weight, share, change_[t]);
     }
     return {weight, surprise && surprises[0] > LASTING};
 }
 
-void PredictionErrors::update(int head, int t, double weight, double share, double change) {
+void RegressionSamples::update(int head, int t, double weight, double share, double change) {
     Regression& of = *regression_;
     const int count = of.count;
     const double error = errors_[of.predictors()[t] * count + t], size = std::abs(error);
@@ -172,15 +314,15 @@ void PredictionErrors::update(int head, int t, double weight, double share, doub
     of.scale[count + t] = spread[t];
 }
 
-/// Chooses the predictor of each target where `enabled` [T]; returns whether any is a residual.
+/// Chooses the predictor of each target: the file where it is one of the `whole` [F] fluents.
 ///
 /// Of the file and the residuals, the simplest one that no other beats clearly: by 5 %, and features
 /// by a hundredth of the change too. One that is in use is kept until it is beaten at all.
-bool PredictionErrors::choose(const bool* enabled) {
+void RegressionSamples::choose(const std::int64_t* targets, const bool* whole) {
     Regression& of = *regression_;
     std::vector<std::int64_t> chosen(of.count, FILE_ALONE);
     for (int t = 0; t < of.count; ++t) {
-        if (!enabled[t] || !(seen[t] >= 2.0)) continue;
+        if (whole[targets[t]] || !(seen[t] >= 2.0)) continue;
         double least = loss[t];
         for (std::int64_t kind = LINEAR; kind <= (of.features() > 0 ? FULL : LINEAR); ++kind) {
             const double factor = kind == of.predictors()[t] ? 1.0 : BETTER;
@@ -193,7 +335,6 @@ bool PredictionErrors::choose(const bool* enabled) {
         }
     }
     of.use_predictors(std::move(chosen));
-    return of.most() != FILE_ALONE;
 }
 
 // For Python ---------------------------------------------------------------------------------------
@@ -214,14 +355,14 @@ int head_of(const Regression& of, std::int64_t head) {
 }
 
 /// Binds a writable view of numbers. `shape(owner)` is its shape.
-template <class Class, class Shape>
-void bind_view(nb::class_<Class>& bound, const char* name, std::vector<double> Class::*numbers,
+template <class Class, class Number, class Shape>
+void bind_view(nb::class_<Class>& bound, const char* name, std::vector<Number> Class::*numbers,
                Shape shape, const char* doc) {
     bound.def_prop_ro(
         name,
         [numbers, shape](nb::pointer_and_handle<Class> self) {
             const std::vector<size_t> sizes = shape(*self.p);
-            return Array<double>((self.p->*numbers).data(), sizes.size(), sizes.data(), self.h);
+            return Array<Number>((self.p->*numbers).data(), sizes.size(), sizes.data(), self.h);
         },
         nb::rv_policy::reference, doc);
 }
@@ -306,38 +447,139 @@ void bind_regression(nb::module_& module) {
               "first is computed from.");
 }
 
-std::pair<double, bool> account(PredictionErrors& errors, std::int64_t head, const Vector& x,
-                                const Vector& y, const Truths& valid, const Vector& change) {
-    const Regression& of = errors.regression();
-    require_size(x.size(), of.depth, "inputs");
-    for (const size_t size : {y.size(), valid.size(), change.size()}) {
-        require_size(size, of.count, "targets");
+using Columns = In<std::int64_t, nb::ndim<1>>;
+
+void require_columns(const Columns& columns, int size, size_t width, const char* what) {
+    require_size(columns.size(), size, what);
+    for (size_t k = 0; k < columns.size(); ++k) {
+        if (columns.data()[k] < 0 || columns.data()[k] >= static_cast<std::int64_t>(width)) {
+            throw std::invalid_argument("there is no such fluent");
+        }
     }
-    return errors.account(head_of(of, head), x.data(), y.data(), valid.data(), change.data());
 }
 
-bool choose(PredictionErrors& errors, const Truths& enabled) {
-    require_size(enabled.size(), errors.regression().count, "targets");
-    return errors.choose(enabled.data());
+int learn(RegressionSamples& samples, std::int64_t head, const ObservedStep& step, const Columns& inputs,
+          const Columns& targets, const Truths& whole) {
+    const Regression& of = samples.regression();
+    const size_t width = step.state.size();
+    require_columns(inputs, of.depth, width, "inputs");
+    require_columns(targets, of.count, width, "targets");
+    require_size(whole.size(), static_cast<int>(width), "fluents");
+    return samples.learn(head_of(of, head), step, inputs.data(), targets.data(), whole.data());
 }
 
-void bind_prediction_errors(nb::module_& module) {
-    nb::class_<PredictionErrors> bound(module, "PredictionErrors",
-                                       "Errors of all predictors of a regression, each before the "
-                                       "sample was learned from.");
+void choose(RegressionSamples& samples, const Columns& targets, const Truths& whole) {
+    require_columns(targets, samples.regression().count, whole.size(), "targets");
+    samples.choose(targets.data(), whole.data());
+}
+
+std::pair<Array<double>, Array<double>> centre_and_half(const RegressionSamples& samples) {
+    const size_t depth = samples.low.size();
+    std::vector<double> centre(depth), half(depth);
+    samples.centre_and_half(centre.data(), half.data());
+    return {array_of(std::move(centre), {depth}), array_of(std::move(half), {depth})};
+}
+
+/// Inputs [n, d], errors [n, T], whether these are observed (0 or 1), heads [n] and weights [n].
+using Rows = std::tuple<Array<double>, Array<double>, Array<std::uint8_t>, Array<std::int64_t>,
+                        Array<double>>;
+
+/// Returns samples by their number; those before `number - kept` are lost.
+Rows rows(const RegressionSamples& samples, std::int64_t first, std::int64_t last) {
+    if (first < samples.number - samples.kept() || first > last || last > samples.number) {
+        throw std::invalid_argument("there are no such samples");
+    }
+    const auto depth = samples.low.size(), count = samples.block_of.size();
+    const auto size = static_cast<size_t>(last - first);
+    std::vector<double> x, y, weight;
+    std::vector<std::uint8_t> valid;
+    std::vector<std::int64_t> heads;
+    const auto append = [](auto& to, const auto& from, size_t at, size_t length) {
+        const auto begin = from.begin() + static_cast<std::ptrdiff_t>(at * length);
+        to.insert(to.end(), begin, begin + static_cast<std::ptrdiff_t>(length));
+    };
+    for (std::int64_t k = first; k < last; ++k) {
+        const auto place = static_cast<size_t>(k % RegressionSamples::KEPT);
+        append(x, samples.x_of, place, depth);
+        append(y, samples.y_of, place, count);
+        append(valid, samples.valid_of, place, count);
+        append(heads, samples.head_of, place, 1);
+        append(weight, samples.weight_of, place, 1);
+    }
+    return {array_of(std::move(x), {size, depth}), array_of(std::move(y), {size, count}),
+            array_of(std::move(valid), {size, count}), array_of(std::move(heads), {size}),
+            array_of(std::move(weight), {size})};
+}
+
+/// Puts the newest samples [n] of `number` in order of time into an empty ring.
+void restore(RegressionSamples& samples, std::int64_t number, const In<double, nb::ndim<2>>& x,
+             const In<double, nb::ndim<2>>& y, const In<std::uint8_t, nb::ndim<2>>& valid,
+             const In<std::int64_t, nb::ndim<1>>& heads, const Vector& weight) {
+    const Regression& of = samples.regression();
+    const std::int64_t size = std::clamp<std::int64_t>(number, 0, RegressionSamples::KEPT);
+    for (const size_t rows : {x.shape(0), y.shape(0), valid.shape(0), heads.size(), weight.size()}) {
+        require_size(rows, static_cast<int>(size), "samples");
+    }
+    require_size(x.shape(1), of.depth, "inputs");
+    for (const size_t columns : {y.shape(1), valid.shape(1)}) {
+        require_size(columns, of.count, "targets");
+    }
+    for (size_t k = 0; k < heads.size(); ++k) head_of(of, heads.data()[k]);
+    samples.clear();
+    samples.number = number - size;
+    for (std::int64_t k = 0; k < size; ++k) {
+        samples.keep(static_cast<int>(heads.data()[k]), x.data() + k * of.depth,
+                     y.data() + k * of.count, valid.data() + k * of.count, weight.data()[k]);
+    }
+}
+
+void bind_samples(nb::module_& module) {
+    nb::class_<RegressionSamples> bound(module, "RegressionSamples",
+                              "The newest samples of a regression, the ranges of their inputs, and "
+                              "the errors of all predictors, each before the sample was learned "
+                              "from.");
     bound.def(nb::init<std::shared_ptr<Regression>>(), nb::arg("regression"))
-        .def("clear", &PredictionErrors::clear, "Forget all samples.")
-        .def("account", &account, nb::arg("head"), nb::arg("x"), nb::arg("y"), nb::arg("valid"),
-             nb::arg("change"),
-             "Add a sample: inputs `[d]`, observed next values less those of effects and processes "
-             "`[T]`, whether that is observed `[T]`, and the change `[T]`.\n\n"
-             "Returns its weight in the regression, and whether the world may have changed.")
-        .def("choose", &choose, nb::arg("enabled"),
-             "Choose the predictor of each target; `enabled` `[T]` says whether it may be a "
-             "residual.\n\nReturns whether any is. Of the file and the residuals, it is the simplest "
-             "one that no other beats clearly: by 5 %, and features by a hundredth of the change "
-             "too. One that is in use is kept until it is beaten at all.");
-    using Of = PredictionErrors;
+        .def("clear", &RegressionSamples::clear, "Forget everything.")
+        .def("clear_errors", &RegressionSamples::clear_errors, "Forget the errors of the predictors.")
+        .def("learn", &learn, nb::arg("head"), nb::arg("step"), nb::arg("inputs"),
+             nb::arg("targets"), nb::arg("whole"),
+             "Learn from a step: columns of inputs `[d]` and targets `[T]` in its states, and which "
+             "fluents `[F]` have always been whole numbers, which a residual does not predict.\n\n"
+             "Returns NOTHING; FIT where sums or weights are due for an update, or FORGET: the same "
+             "after a lasting change of the world. After an update, `choose` must be called.")
+        .def("choose", &choose, nb::arg("targets"), nb::arg("whole"),
+             "Choose the predictor of each target; the arguments are those of `learn`.\n\nOf the "
+             "file and the residuals, it is the simplest one that no other beats clearly: by 5 %, "
+             "and features by a hundredth of the change too. One that is in use is kept until it is "
+             "beaten at all.")
+        .def("solution_due", &RegressionSamples::solution_due, "Return whether weights are to be solved.")
+        .def("centre_and_half", &centre_and_half,
+             "Return the centres of the ranges `[d]` and half their widths `[d]`, 1 for what never "
+             "changed.")
+        .def("rows", &rows, nb::arg("first"), nb::arg("last"),
+             "Return samples by their number: inputs `[n, d]`, errors `[n, T]`, whether these are "
+             "observed (0 or 1), heads `[n]` and weights `[n]`.")
+        .def("restore", &restore, nb::arg("number"), nb::arg("x"), nb::arg("y"), nb::arg("valid"),
+             nb::arg("heads"), nb::arg("weight"),
+             "Forget everything, and keep the newest samples of `number`, in order of time; a "
+             "ValueError says what does not fit.")
+        .def_prop_ro("kept", &RegressionSamples::kept, "Number of samples that are kept.")
+        .def_ro("number", &RegressionSamples::number, "Number of samples ever kept.")
+        .def_rw("start", &RegressionSamples::start, "Number of samples before the present world.")
+        .def_rw("pending", &RegressionSamples::pending, "Number of the newest samples not in the sums.")
+        .def_rw("since_solved", &RegressionSamples::since_solved, "Samples since weights were solved.")
+        .def_rw("outliers", &RegressionSamples::outliers, "Successive outliers.")
+        .def_rw("alarms", &RegressionSamples::alarms,
+                "Successive samples by which the world may have changed.")
+        .def_rw("of_episode", &RegressionSamples::of_episode, "Samples since the episode began.");
+    for (const auto& [name, value] : {std::pair{"NOTHING", NOTHING}, {"FIT", FIT}, {"FORGET", FORGET}}) {
+        bound.attr(name) = static_cast<int>(value);
+    }
+    bound.attr("KEPT") = RegressionSamples::KEPT;
+    bound.attr("PENDING") = RegressionSamples::PENDING;
+    bound.attr("REMEMBERED") = RegressionSamples::REMEMBERED;
+    using Of = RegressionSamples;
+    const auto inputs = [](const Of& of) { return std::vector<size_t>{of.low.size()}; };
     const auto targets = [](const Of& of) { return std::vector<size_t>{of.seen.size()}; };
     bind_view(bound, "loss", &Of::loss,
               [](const Of& of) { return std::vector<size_t>{PREDICTORS, of.seen.size()}; },
@@ -351,13 +593,17 @@ void bind_prediction_errors(nb::module_& module) {
               "`[H, T]` samples of each head.");
     bind_view(bound, "surprises", &Of::surprises, [](const Of&) { return std::vector<size_t>{1}; },
               "`[1]` fraction of surprises.");
+    bind_view(bound, "low", &Of::low, inputs, "`[d]` lower ends of the ranges of inputs.");
+    bind_view(bound, "high", &Of::high, inputs, "`[d]` upper ends of them.");
+    bind_view(bound, "block_of", &Of::block_of, targets,
+              "`[T]` which matrix of sums each target is in: 0 or 1.");
 }
 
 }  // namespace
 
 void bind_residual(nb::module_& module) {
     bind_regression(module);
-    bind_prediction_errors(module);
+    bind_samples(module);
 }
 
 }  // namespace serp

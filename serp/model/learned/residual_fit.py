@@ -14,10 +14,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._core import Regression
+from serp._core import Regression, RegressionSamples
 from serp._util.saved_state import LARGEST, Arrays, Saved, nested, part_of
 from serp.model.learned import residual_features as r
-from serp.model.learned.residual_features import Ranges
 from serp.model.transition_model import Vector
 
 
@@ -33,8 +32,8 @@ class NormalEquations:
         total: Rows in the sums.
     """
 
-    def __init__(self, count: int) -> None:
-        self.block_of = np.zeros(count, dtype=np.int64)
+    def __init__(self, block_of: NDArray[np.int64]) -> None:
+        self.block_of = block_of
         self.clear(0)
 
     def clear(self, size: int) -> None:
@@ -83,70 +82,10 @@ class NormalEquations:
                 yield owned, weights, factor
 
 
-Mask = NDArray[np.bool_]
+_FADED: Final = 0.1
+"""The weight that all samples together keep after a lasting change, but for the newest: where
+nothing contradicts them they are still the best that is known."""
 
-_KEPT: Final = 4096
-
-
-class KeptSamples:
-    """A ring of samples; `d` inputs, `T` targets, of some heads of the regression.
-
-    Attributes:
-        x, y, valid: Inputs, errors, and whether these are observed.
-        head, weight: Head and weight in the regression.
-        seen: Number of samples ever added.
-    """
-
-    def __init__(self, depth: int, count: int, heads: int) -> None:
-        self.x = np.zeros((_KEPT, depth))
-        self.y = np.zeros((_KEPT, count))
-        self.valid = np.zeros((_KEPT, count), dtype=np.bool_)
-        self.head, self.weight = np.zeros(_KEPT, dtype=np.int64), np.zeros(_KEPT)
-        self.seen = 0
-        self._heads = heads
-
-    def __len__(self) -> int:
-        return min(self.seen, _KEPT)
-
-    def add(self, *sample: Any) -> None:
-        """Add a sample: its inputs, errors, whether these are observed, its head and its weight."""
-        at = self.seen % _KEPT
-        for name, value in zip(self._SAVED, sample, strict=True):
-            getattr(self, name)[at] = value
-        self.seen += 1
-
-    def newest(self, count: int) -> NDArray[np.int64]:
-        """Return the positions of the newest samples, in order of time."""
-        return np.arange(self.seen - count, self.seen) % _KEPT
-
-    def age(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return how many samples are newer than each of some positions."""
-        return (self.seen - 1 - rows) % _KEPT
-
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Return arrays that `load_state_dict` restores exactly."""
-        return {name: getattr(self, name)[: len(self)].copy() for name in self._SAVED}
-
-    def load_state_dict(self, saved: Saved, seen: int) -> None:
-        """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
-        self.seen = seen
-        ranges = {"x": (-LARGEST, LARGEST), "head": (0, self._heads - 1), "weight": (0.0, 1.0)}
-        for name in self._SAVED:
-            own = getattr(self, name)[: len(self)]
-            low, high = ranges.get(name, (None, LARGEST))  # not finite where it is not valid
-            own[:] = saved.array(name, own.dtype, own.shape, low, high)
-
-    _SAVED = ("x", "y", "valid", "head", "weight")
-
-
-REMEMBERED, _FADED = 8, 0.1
-"""Newest samples that are believed after a lasting change, and the weight that all others together
-keep: where nothing contradicts them they are still the best that is known."""
-
-_PENDING: Final = 32  # samples that are added to the sums at once
-_EARLY, _LATER, _COST = 4, 30, 1e6
-"""Weights are solved after every 30th part of the samples, or later where it takes long: after as
-many samples as this cost goes into the cube of the columns, but after a quarter of the samples."""
 _FEATURES_FROM: Final = 60  # samples after which random features may be used
 _WIDEST, _NARROWEST = 0.4, 1.2
 """Frequencies are drawn with standard deviations in this range, for normalised inputs: a mixture of
@@ -158,89 +97,74 @@ differ in slopes has to be seen."""
 
 
 class FittedWeights:
-    """Fits weights to kept samples, and writes them into parameters.
+    """Fits weights to samples, and writes them into the parameters of the regression."""
 
-    Attributes:
-        kept: The newest samples.
-        start: Position of the first sample of the present world.
-    """
-
-    def __init__(self, parameters: Regression, seed: np.random.SeedSequence) -> None:
-        p = self._parameters = parameters
+    def __init__(
+        self, parameters: Regression, samples: RegressionSamples, seed: np.random.SeedSequence
+    ) -> None:
+        self._parameters, self._samples = parameters, samples
         self._seed = seed
-        self._ranges = Ranges(p.depth)
-        self._sums = NormalEquations(p.count)
-        self.kept = KeptSamples(p.depth, p.count, p.heads)
+        self._sums = NormalEquations(samples.block_of)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
-        self._sums.block_of[:] = 0
-        self._ranges.clear()
-        self.kept.seen = self.start = self._pending = self._since_solved = 0
+        """Forget everything, after the samples."""
         self._sums.clear(self._size)
-
-    @property
-    def recent(self) -> int:
-        """Number of samples of the present world."""
-        return self.kept.seen - self.start
 
     @property
     def _size(self) -> int:
         return int(self._parameters.columns + self._parameters.features)
 
-    def accepts(self, x: Vector) -> bool:
-        """Widen the ranges to inputs `[d]`, or return False for an outlier."""
-        return self._ranges.accept(x, self.kept.seen)
-
-    def keep(self, x: Vector, y: Vector, valid: Mask, head: int, weight: float) -> None:
-        """Keep a sample of a head, with its weight; `update` learns from it."""
-        self.kept.add(x, y, valid, head, weight)
-        self._pending += 1
-        self._since_solved += 1
-
-    def update(self, valid: Mask) -> bool:
+    def update(self) -> bool:
         """Learn from the sample that was kept last; return whether weights are to be solved."""
-        if not valid[self._sums.block_of == 0].all():
-            self._sums.block_of[~valid] = 1
+        samples = self._samples
+        block_of = samples.block_of
+        valid = samples.rows(samples.number - 1, samples.number)[2][0] == 1
+        if not valid[block_of == 0].all():
+            block_of[~valid] = 1
             self._refit()
-        if self._pending == _PENDING:
+        if samples.pending >= RegressionSamples.PENDING:
             self._add_pending()
-        cost = len(self._sums.gram) * self._size**3 / _COST
-        return self._since_solved >= max(self.recent / _LATER, min(self.recent / _EARLY, cost))
+        return samples.solution_due()
 
     def forget(self) -> None:
         """Believe the newest samples: the present world begins with them."""
-        self.start = self.kept.seen - REMEMBERED
+        self._samples.start = self._samples.number - RegressionSamples.REMEMBERED
         self._refit()
 
     def _add_pending(self) -> None:
-        if self._pending:
-            self._add(self.kept.newest(self._pending))
-            self._pending = 0
+        samples = self._samples
+        if samples.pending:
+            self._add(samples.number - samples.pending, samples.number)
+            samples.pending = 0
 
-    def _add(self, rows: NDArray[np.int64]) -> None:
-        """Add kept samples to the sums: of targets always observed, and of the others."""
-        p, kept = self._parameters, self.kept
-        weight = kept.weight[rows]
-        if self.start:
-            age = kept.age(rows) - self.recent
-            weight = np.where(age >= 0, weight * (_FADED / len(kept)), weight)
-            weight[(age < 0) & (age >= -REMEMBERED)] = 1.0
+    def _add(self, first: int, last: int) -> None:
+        """Add samples to the sums: of targets always observed, and of the others."""
+        samples, start = self._samples, self._samples.start
+        x, y, valid, head, weight = samples.rows(first, last)
+        if start:
+            number = np.arange(first, last)
+            weight = np.where(number < start, weight * (_FADED / samples.kept), weight)
+            weight[(number >= start) & (number < start + RegressionSamples.REMEMBERED)] = 1.0
         weight = np.sqrt(weight)
-        design = p.design_matrix(kept.x[rows], kept.head[rows], weight)
-        self._sums.add(design, kept.y[rows] * weight[:, None], kept.valid[rows])
+        design = self._parameters.design_matrix(x, head, weight)
+        self._sums.add(design, y * weight[:, None], valid == 1)
 
     def _refit(self) -> None:
         """Add all kept samples to new sums, with inputs normalised by their ranges."""
-        p = self._parameters
-        p.centre[:], half = self._ranges.centre_and_half()
+        p, samples = self._parameters, self._samples
+        p.centre[:], half = samples.centre_and_half()
         p.shrink[:] = 1.0 / half
-        self._pending = 0
+        samples.pending = 0
         self._sums.clear(self._size)
-        known = self.kept.newest(len(self.kept))
-        for start in range(0, len(known), 512):
-            self._add(known[start : start + 512])
+        for first in range(samples.number - samples.kept, samples.number, 512):
+            self._add(first, min(first + 512, samples.number))
+
+    def _out_of_range(self) -> bool:
+        """Return whether a range is much wider than the one that inputs are normalised by."""
+        p, samples = self._parameters, self._samples
+        ends = np.maximum(samples.high - p.centre, p.centre - samples.low) * p.shrink
+        return not p.shrink.all() or bool((ends > r.RANGE).any())
 
     def solve(self, unexplained: bool) -> bool:
         """Publish the weights; without a finite solution they are unchanged.
@@ -250,13 +174,14 @@ class FittedWeights:
         """
         from scipy.linalg import lapack
 
-        p = self._parameters
-        self._since_solved = 0
-        draws = not p.features and unexplained and self.recent >= _FEATURES_FROM
+        p, samples = self._parameters, self._samples
+        samples.since_solved = 0
+        recent = samples.number - samples.start
+        draws = not p.features and unexplained and recent >= _FEATURES_FROM
         if draws:
             self._draw_features()
             self._refit()
-        elif self._ranges.beyond(p.centre, p.shrink):
+        elif self._out_of_range():
             self._refit()
         self._add_pending()
         linear, smooth = p.columns, p.columns + r.SMOOTH
@@ -293,38 +218,56 @@ class FittedWeights:
         if kind:
             p.amplitude[kind - 1, owned, : features.shape[1]] = features
 
-    _SUMS: Final = ("block_of", "gram", "moment")
+    _SUMS: Final = "gram", "moment"
+    _ENDS: Final = "low", "high"
+    _ROWS: Final = "x", "y", "valid", "head", "weight"
+    _COUNTS: Final = "start", "pending", "since_solved", "outliers", "alarms", "of_episode"
 
-    def state_dict(self) -> tuple[Arrays, dict[str, float]]:
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        arrays = {name: getattr(self._sums, name).copy() for name in self._SUMS}
-        arrays |= {"low": self._ranges.low.copy(), "high": self._ranges.high.copy()}
-        return arrays | nested("kept", self.kept.state_dict()), {
-            "start": self.start,
-            "pending": self._pending,
-            "since_solved": self._since_solved,
-            "samples": self.kept.seen,
-            "total": self._sums.total,
-            "outliers": self._ranges.outliers,
-        }
+        samples, number = self._samples, self._samples.number
+        arrays: Arrays = {name: getattr(self._sums, name).copy() for name in self._SUMS}
+        arrays |= {name: getattr(samples, name).copy() for name in ("block_of", *self._ENDS)}
+        rows: Any = zip(self._ROWS, samples.rows(number - samples.kept, number), strict=True)
+        kept = {name: np.roll(row, self._oldest(number), 0) for name, row in rows}
+        kept["valid"] = kept["valid"] == 1
+        meta = {name: getattr(samples, name) for name in self._COUNTS}
+        meta |= {"samples": number, "total": self._sums.total}
+        return arrays | nested("kept", kept), meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned, after the model; `RunError` if it does not fit."""
+        p, samples = self._parameters, self._samples
         saved = Saved("residual", arrays, meta)
-        seen = saved.whole("samples")
-        self.kept.load_state_dict(Saved("residual", part_of(arrays, "kept"), {}), seen)
-        self.start, self._pending = saved.whole("start"), saved.whole("pending")
-        self._since_solved = saved.whole("since_solved")
-        if self.start > seen:
+        counts = {name: saved.whole(name) for name in self._COUNTS}
+        number = saved.whole("samples")
+        size = min(number, RegressionSamples.KEPT)
+        if counts["start"] > number:
             raise saved.wrong("the last change is later than the last sample")
-        if self._pending > min(len(self.kept), _PENDING):
+        if counts["pending"] > min(size, RegressionSamples.PENDING):
             raise saved.wrong("more samples are pending than there are")
-        self._ranges.outliers = saved.whole("outliers")
-        for name, end in (("low", self._ranges.low), ("high", self._ranges.high)):
+        rows = Saved("residual", part_of(arrays, "kept"), {})
+        kept: tuple[NDArray[Any], ...] = (
+            rows.array("x", np.float64, (size, p.depth), -LARGEST, LARGEST),
+            rows.array("y", np.float64, (size, p.count), None, LARGEST),  # NaN where not valid
+            rows.array("valid", np.bool_, (size, p.count)).astype(np.uint8),
+            rows.array("head", np.int64, (size,), 0, p.heads - 1),
+            rows.array("weight", np.float64, (size,), 0.0, 1.0),
+        )
+        samples.restore(number, *(np.roll(row, -self._oldest(number), 0) for row in kept))
+        for name, value in counts.items():
+            setattr(samples, name, value)
+        for name in self._ENDS:
+            end = getattr(samples, name)
             end[:] = saved.array(name, np.float64, end.shape, -np.inf, np.inf)
-        block_of = self._sums.block_of
-        block_of[:] = saved.array("block_of", np.int64, block_of.shape, 0, 1)
+        samples.block_of[:] = saved.array("block_of", np.int64, samples.block_of.shape, 0, 1)
         self._sums.clear(self._size)
-        for name, own in (("gram", self._sums.gram), ("moment", self._sums.moment)):
+        for name in self._SUMS:
+            own = getattr(self._sums, name)
             own[:] = saved.array(name, np.float64, own.shape)
         self._sums.total = saved.real("total", 0.0)
+
+    @staticmethod
+    def _oldest(number: int) -> int:
+        """Return the saved position of the oldest sample; they are saved as a ring."""
+        return number % RegressionSamples.KEPT if number > RegressionSamples.KEPT else 0

@@ -11,17 +11,18 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from serp import _core
-from serp.learning.network import QNetwork, Workspace
-from serp.learning.q_learning import Adam
+from serp._core import QNetwork
+from serp.learning.q_learning import draw
 
 
 def random_network(
     inputs: int, actions: int, hidden: list[int], layer_norm: bool, members: int, seed: int
 ) -> tuple[QNetwork, np.random.Generator]:
     rng = np.random.default_rng(seed)
-    network = QNetwork((inputs, *hidden, actions), layer_norm=layer_norm, members=members, rng=rng)
-    noise = rng.standard_normal(tuple(network.parameters.shape), np.float32) * np.float32(0.3)
-    network.parameters += noise  # gains and shifts that matter
+    network = QNetwork((inputs, *hidden, actions), layer_norm, members)
+    draw(network, rng)
+    noise = rng.standard_normal(network.parameters.shape, np.float32) * np.float32(0.3)
+    network.parameters[...] += noise  # gains and shifts that matter
     return network, rng
 
 
@@ -37,7 +38,7 @@ def module_of(network: QNetwork) -> torch.nn.Module:
 def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
     flat = torch.from_numpy(network.parameters[member].copy())
     stack: list[torch.nn.Module] = []
-    for layer in network.layers:
+    for k, layer in enumerate(network.layers):
         weight = flat[layer.start : layer.bias].reshape(layer.inputs, layer.outputs)
         vectors = flat[layer.bias : layer.end].reshape(-1, layer.outputs)
         linear = torch.nn.Linear(layer.inputs, layer.outputs)
@@ -47,7 +48,7 @@ def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
             norm = torch.nn.LayerNorm(layer.outputs, eps=_core.NORM_EPSILON)
             norm.load_state_dict({"weight": vectors[1], "bias": vectors[2]})
             stack.append(norm)
-        if layer is not network.layers[-1]:
+        if k + 1 < len(network.layers):
             stack.append(torch.nn.ReLU())
     return torch.nn.Sequential(*stack)
 
@@ -105,10 +106,7 @@ def test_outputs_and_gradient_are_those_of_torch(
     network, rng = random_network(inputs, actions, hidden, layer_norm, members, seed)
     x = rng.standard_normal((members, batch, inputs)).astype(np.float32)
     slope = rng.standard_normal((members, batch, actions)).astype(np.float32)
-    work = Workspace(network, batch)
-    q = network.forward(x, work).copy()
-    work.q_gradient[...] = slope
-    network.backward(work)
+    q, gradient = network.gradient(x, slope)
     whole = module_of(network).double()
     modules = list(whole.members) if isinstance(whole, MeanModule) else [whole]
     for m, module in enumerate(modules):
@@ -118,15 +116,16 @@ def test_outputs_and_gradient_are_those_of_torch(
         np.testing.assert_allclose(q[m], expected_q.detach().numpy(), rtol=1e-4, atol=1e-4)
         (expected_q * torch.from_numpy(slope[m]).double()).sum().backward()
         expected = flat_gradient(module)  # type: ignore[arg-type]
-        error = (torch.from_numpy(network.gradient[m]).double() - expected).abs().max()
+        error = (torch.from_numpy(gradient[m]).double() - expected).abs().max()
         assert error <= 2e-5 * (1 + expected.abs().max())
-    shared = network.forward(x[0], Workspace(network, batch)).mean(axis=0)
+    mean = network.q(x[0])
     exported = whole(torch.from_numpy(x[0]).double()).detach().numpy()
-    np.testing.assert_allclose(shared, exported, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(mean, exported, rtol=1e-4, atol=1e-4)
 
 
 def test_start_is_that_of_torch_linear_in_distribution() -> None:
-    network = QNetwork((16, 400, 4), rng=np.random.default_rng(0))
+    network = QNetwork((16, 400, 4))
+    draw(network, np.random.default_rng(0))
     first, last = network.layers
     flat = network.parameters[0]
     for layer, bound in ((first, 1 / 4), (last, 1 / 20)):
@@ -140,27 +139,28 @@ def test_start_is_that_of_torch_linear_in_distribution() -> None:
 @pytest.mark.parametrize("members", [1, 3])
 def test_steps_are_those_of_torchs_adam(members: int, largest_norm: float | None) -> None:
     rng = np.random.default_rng(0)
+    norm = np.inf if largest_norm is None else largest_norm
+    ours = _core.QLearning((24, 8), False, members, 1, 0.01, norm, 0.1)
     start = rng.standard_normal((members, 200)).astype(np.float32)
-    parameters, gradient = torch.from_numpy(start.copy()), torch.zeros(members, 200)
-    average = torch.zeros(members, 200)
-    slow = average.clone()
-    ours = Adam(
-        *(t.numpy() for t in (parameters, gradient)), 0.01, largest_norm, average.numpy(), 0.1
-    )
+    ours.online.parameters[...] = start
+    assert ours.target is not None
+    slow = torch.zeros(members, 200)
     theirs = [torch.nn.Parameter(torch.from_numpy(row.copy())) for row in start]
     optimizer = torch.optim.Adam(theirs, lr=0.01, fused=True)
 
     for step in range(100):
         size = 10.0 ** rng.uniform(-4, 1)
-        gradient.copy_(torch.from_numpy(rng.standard_normal((members, 200)) * size))
+        gradient = torch.from_numpy((rng.standard_normal((members, 200)) * size).astype(np.float32))
         gradient[:, :20] = 0.0 if step % 7 else 1e-20
         for parameter, row in zip(theirs, gradient, strict=True):
             parameter.grad = row.clone()
             if largest_norm is not None:
                 torch.nn.utils.clip_grad_norm_([parameter], largest_norm)
         optimizer.step()
-        ours.step()
+        ours.step(gradient.numpy())
         expected = torch.stack([p.detach() for p in theirs])
+        parameters = torch.from_numpy(ours.online.parameters)
         torch.testing.assert_close(parameters, expected, rtol=1e-5, atol=1e-5)
         slow.lerp_(parameters, 0.1)
+        average = torch.from_numpy(ours.target.parameters)
         torch.testing.assert_close(average, slow, rtol=1e-5, atol=1e-5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from serp._core import AdaptedModel as Core
-from serp._core import GroupParameters, OutcomeTable, PredictionErrors, Regression
+from serp._core import GroupParameters, OutcomeTable, Regression, RegressionSamples
 from serp.errors import RunError
 from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.learned.residual_features import FEATURES, FULL, SMOOTH
@@ -92,11 +92,27 @@ def test_the_core_refuses_what_does_not_fit() -> None:
         part.design_matrix(np.zeros((1, 3)), np.array([2]), np.ones(1))
     with pytest.raises(ValueError, match="inputs"):
         part.design_matrix(np.zeros((1, 2)), np.array([0]), np.ones(1))
-    errors, one = PredictionErrors(part), np.ones(1)
+    samples, one = RegressionSamples(part), np.ones(1)
+    step = AdaptedModel(worlds.shipped("cartpole")).core.observe(np.zeros(4), 0, np.zeros(4), False)
+    assert step is not None
+    three, first, whole = np.arange(3), np.zeros(1, np.int64), np.zeros(4, np.bool_)
     with pytest.raises(ValueError, match="head"):
-        errors.account(-1, np.zeros(3), one, one > 0, one)
+        samples.learn(-1, step, three, first, whole)
     with pytest.raises(ValueError, match="targets"):
-        errors.account(0, np.zeros(3), one, np.ones(2, np.bool_), one)
+        samples.learn(0, step, three, three, whole)
+    for wrong in (-1, 4):
+        with pytest.raises(ValueError, match="fluent"):
+            samples.learn(0, step, three, first + wrong, whole)
+        with pytest.raises(ValueError, match="fluent"):
+            samples.choose(first + wrong, whole)
+        with pytest.raises(ValueError, match="fluent"):
+            step.predicted(first + wrong)
+    with pytest.raises(ValueError, match="samples"):
+        samples.rows(0, 1)
+    with pytest.raises(ValueError, match="samples"):
+        samples.restore(1, np.zeros((0, 3)), *2 * (np.zeros((0, 1)),), np.zeros(0, int), one[:0])
+    with pytest.raises(ValueError, match="head"):
+        samples.restore(1, np.zeros((1, 3)), *2 * (np.zeros((1, 1)),), np.full(1, 2), one)
     written, none = worlds.shipped("cartpole").core, np.zeros((9, 1), np.int64)
     for head, inputs, targets in ((2, [0, 1, 2], [0]), (0, [0, 1], [0]), (0, [0, 1, 9], [0])):
         of = [[(inputs, targets, GroupParameters(part, head))]] + [[]] * (written.actions - 1)
