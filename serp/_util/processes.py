@@ -72,7 +72,8 @@ def _end_with_parent() -> None:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit BLAS to one thread: in small networks more threads are slower."""
+    """Limit BLAS to one thread: more are slower, and how many there are changes bits."""
+    import scipy.linalg  # noqa: F401  (a library that is loaded later is not limited)
     import threadpoolctl
 
     with threadpoolctl.threadpool_limits(1):
@@ -82,6 +83,7 @@ def one_thread() -> Iterator[None]:
 @functools.cache
 def _libraries() -> threadpoolctl.ThreadpoolController:
     """Return the libraries that are loaded when this is first called; to find them takes 2 ms."""
+    import scipy.linalg  # noqa: F401
     import threadpoolctl
 
     return threadpoolctl.ThreadpoolController()
