@@ -76,11 +76,11 @@ class Samples:
         return {name: array for name, array in named.items() if array.size}
 
     @cached_property
-    def compiled(self) -> _core.Samples:
+    def compiled(self) -> _core.ReplaySamples:
         """The same memory for compiled code, with one leading axis."""
         lead = self.action.ndim
         arrays = (getattr(self, field.name) for field in fields(self))
-        return _core.Samples(*(array.reshape(-1, *array.shape[lead:]) for array in arrays))
+        return _core.ReplaySamples(*(array.reshape(-1, *array.shape[lead:]) for array in arrays))
 
 
 @dataclass(slots=True)
