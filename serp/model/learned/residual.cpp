@@ -46,19 +46,19 @@ constexpr std::int64_t LONG = 24;
 /// many samples as this cost goes into the cube of the columns, but after a quarter of the samples.
 constexpr double EARLY = 4.0, LATER = 30.0, COST = 1e6;
 
-/// What is due after a sample, see `Samples::learn`.
+/// What is due after a sample, see `RegressionSamples::learn`.
 enum Due : int { NOTHING, FIT, FORGET };
 
 /// The newest samples of a regression, the ranges of their inputs, and the errors of all predictors,
 /// each before the sample was learned from. Weights are fitted elsewhere.
-class Samples {
+class RegressionSamples {
 public:
     /// Most samples that are kept, and most that wait for being added to the sums.
     static constexpr std::int64_t KEPT = 4096, PENDING = 32;
     /// Newest samples that are believed after a lasting change.
     static constexpr std::int64_t REMEMBERED = 8;
 
-    explicit Samples(std::shared_ptr<Regression> regression)
+    explicit RegressionSamples(std::shared_ptr<Regression> regression)
         : regression_(std::move(regression)), x_(regression_->depth), y_(regression_->count),
           change_(regression_->count), valid_(regression_->count) {
         clear();
@@ -127,7 +127,7 @@ private:
 };
 
 /// Writes the centres of the ranges [d] and half their widths [d], 1 for what never changed.
-void Samples::centre_and_half(double* centre, double* half) const {
+void RegressionSamples::centre_and_half(double* centre, double* half) const {
     for (std::size_t i = 0; i < low.size(); ++i) {
         centre[i] = (high[i] + low[i]) / 2.0;
         half[i] = (high[i] - low[i]) / 2.0;
@@ -137,7 +137,7 @@ void Samples::centre_and_half(double* centre, double* half) const {
 
 /// Widens the ranges to the inputs, or returns false for an outlier. After several outliers in a row
 /// they are accepted.
-bool Samples::accept() {
+bool RegressionSamples::accept() {
     const auto depth = low.size();
     bool far = false;
     if (static_cast<double>(number) >= FEW) {
@@ -159,7 +159,7 @@ bool Samples::accept() {
 }
 
 /// Puts a sample into the ring, in the place of the oldest one if it is full.
-void Samples::keep(int head, const double* x, const double* y, const std::uint8_t* valid,
+void RegressionSamples::keep(int head, const double* x, const double* y, const std::uint8_t* valid,
                    double weight) {
     const auto place = static_cast<std::size_t>(number % KEPT);
     const auto put = [place](auto& ring, const auto* values, std::size_t length) {
@@ -177,7 +177,7 @@ void Samples::keep(int head, const double* x, const double* y, const std::uint8_
     ++since_solved;
 }
 
-bool Samples::solution_due() const {
+bool RegressionSamples::solution_due() const {
     const std::int64_t last = *std::max_element(block_of.begin(), block_of.end());
     const double size = regression_->columns + regression_->features();
     const double cost = static_cast<double>(1 + last) * (size * size * size) / COST;
@@ -191,7 +191,7 @@ bool Samples::solution_due() const {
 ///
 /// Returns what is due, after which `choose` must be called: FIT is an update of sums or weights,
 /// FORGET the same after a lasting change of the world.
-Due Samples::learn(int head, const ObservedStep& step, const std::int64_t* inputs,
+Due RegressionSamples::learn(int head, const ObservedStep& step, const std::int64_t* inputs,
                    const std::int64_t* targets, const bool* whole) {
     for (std::size_t i = 0; i < x_.size(); ++i) x_[i] = step.state[inputs[i]];
     bool any = false, moved = false;
@@ -216,7 +216,7 @@ Due Samples::learn(int head, const ObservedStep& step, const std::int64_t* input
 }
 
 /// Writes the errors [4, T] of all predictors; returns the leverage.
-double Samples::predict(int head) {
+double RegressionSamples::predict(int head) {
     const Regression& of = *regression_;
     const int count = of.count;
     errors_.resize(PREDICTORS * static_cast<std::size_t>(count));
@@ -245,7 +245,7 @@ double Samples::predict(int head) {
 
 /// Adds a sample to the losses. Returns its weight in the regression, and whether the world may have
 /// changed.
-std::pair<double, bool> Samples::account(int head) {
+std::pair<double, bool> RegressionSamples::account(int head) {
     const Regression& of = *regression_;
     const int count = of.count;
     const double share = predict(head);
@@ -273,7 +273,7 @@ std::pair<double, bool> Samples::account(int head) {
     return {weight, surprise && surprises[0] > LASTING};
 }
 
-void Samples::update(int head, int t, double weight, double share, double change) {
+void RegressionSamples::update(int head, int t, double weight, double share, double change) {
     Regression& of = *regression_;
     const int count = of.count;
     const double error = errors_[of.predictors()[t] * count + t], size = std::abs(error);
@@ -318,7 +318,7 @@ void Samples::update(int head, int t, double weight, double share, double change
 ///
 /// Of the file and the residuals, the simplest one that no other beats clearly: by 5 %, and features
 /// by a hundredth of the change too. One that is in use is kept until it is beaten at all.
-void Samples::choose(const std::int64_t* targets, const bool* whole) {
+void RegressionSamples::choose(const std::int64_t* targets, const bool* whole) {
     Regression& of = *regression_;
     std::vector<std::int64_t> chosen(of.count, FILE_ALONE);
     for (int t = 0; t < of.count; ++t) {
@@ -458,7 +458,7 @@ void require_columns(const Columns& columns, int size, size_t width, const char*
     }
 }
 
-int learn(Samples& samples, std::int64_t head, const ObservedStep& step, const Columns& inputs,
+int learn(RegressionSamples& samples, std::int64_t head, const ObservedStep& step, const Columns& inputs,
           const Columns& targets, const Truths& whole) {
     const Regression& of = samples.regression();
     const size_t width = step.state.size();
@@ -468,12 +468,12 @@ int learn(Samples& samples, std::int64_t head, const ObservedStep& step, const C
     return samples.learn(head_of(of, head), step, inputs.data(), targets.data(), whole.data());
 }
 
-void choose(Samples& samples, const Columns& targets, const Truths& whole) {
+void choose(RegressionSamples& samples, const Columns& targets, const Truths& whole) {
     require_columns(targets, samples.regression().count, whole.size(), "targets");
     samples.choose(targets.data(), whole.data());
 }
 
-std::pair<Array<double>, Array<double>> centre_and_half(const Samples& samples) {
+std::pair<Array<double>, Array<double>> centre_and_half(const RegressionSamples& samples) {
     const size_t depth = samples.low.size();
     std::vector<double> centre(depth), half(depth);
     samples.centre_and_half(centre.data(), half.data());
@@ -485,7 +485,7 @@ using Rows = std::tuple<Array<double>, Array<double>, Array<std::uint8_t>, Array
                         Array<double>>;
 
 /// Returns samples by their number; those before `number - kept` are lost.
-Rows rows(const Samples& samples, std::int64_t first, std::int64_t last) {
+Rows rows(const RegressionSamples& samples, std::int64_t first, std::int64_t last) {
     if (first < samples.number - samples.kept() || first > last || last > samples.number) {
         throw std::invalid_argument("there are no such samples");
     }
@@ -499,7 +499,7 @@ Rows rows(const Samples& samples, std::int64_t first, std::int64_t last) {
         to.insert(to.end(), begin, begin + static_cast<std::ptrdiff_t>(length));
     };
     for (std::int64_t k = first; k < last; ++k) {
-        const auto place = static_cast<size_t>(k % Samples::KEPT);
+        const auto place = static_cast<size_t>(k % RegressionSamples::KEPT);
         append(x, samples.x_of, place, depth);
         append(y, samples.y_of, place, count);
         append(valid, samples.valid_of, place, count);
@@ -512,11 +512,11 @@ Rows rows(const Samples& samples, std::int64_t first, std::int64_t last) {
 }
 
 /// Puts the newest samples [n] of `number` in order of time into an empty ring.
-void restore(Samples& samples, std::int64_t number, const In<double, nb::ndim<2>>& x,
+void restore(RegressionSamples& samples, std::int64_t number, const In<double, nb::ndim<2>>& x,
              const In<double, nb::ndim<2>>& y, const In<std::uint8_t, nb::ndim<2>>& valid,
              const In<std::int64_t, nb::ndim<1>>& heads, const Vector& weight) {
     const Regression& of = samples.regression();
-    const std::int64_t size = std::clamp<std::int64_t>(number, 0, Samples::KEPT);
+    const std::int64_t size = std::clamp<std::int64_t>(number, 0, RegressionSamples::KEPT);
     for (const size_t rows : {x.shape(0), y.shape(0), valid.shape(0), heads.size(), weight.size()}) {
         require_size(rows, static_cast<int>(size), "samples");
     }
@@ -534,13 +534,13 @@ void restore(Samples& samples, std::int64_t number, const In<double, nb::ndim<2>
 }
 
 void bind_samples(nb::module_& module) {
-    nb::class_<Samples> bound(module, "Samples",
+    nb::class_<RegressionSamples> bound(module, "RegressionSamples",
                               "The newest samples of a regression, the ranges of their inputs, and "
                               "the errors of all predictors, each before the sample was learned "
                               "from.");
     bound.def(nb::init<std::shared_ptr<Regression>>(), nb::arg("regression"))
-        .def("clear", &Samples::clear, "Forget everything.")
-        .def("clear_errors", &Samples::clear_errors, "Forget the errors of the predictors.")
+        .def("clear", &RegressionSamples::clear, "Forget everything.")
+        .def("clear_errors", &RegressionSamples::clear_errors, "Forget the errors of the predictors.")
         .def("learn", &learn, nb::arg("head"), nb::arg("step"), nb::arg("inputs"),
              nb::arg("targets"), nb::arg("whole"),
              "Learn from a step: columns of inputs `[d]` and targets `[T]` in its states, and which "
@@ -552,7 +552,7 @@ void bind_samples(nb::module_& module) {
              "file and the residuals, it is the simplest one that no other beats clearly: by 5 %, "
              "and features by a hundredth of the change too. One that is in use is kept until it is "
              "beaten at all.")
-        .def("solution_due", &Samples::solution_due, "Return whether weights are to be solved.")
+        .def("solution_due", &RegressionSamples::solution_due, "Return whether weights are to be solved.")
         .def("centre_and_half", &centre_and_half,
              "Return the centres of the ranges `[d]` and half their widths `[d]`, 1 for what never "
              "changed.")
@@ -563,22 +563,22 @@ void bind_samples(nb::module_& module) {
              nb::arg("heads"), nb::arg("weight"),
              "Forget everything, and keep the newest samples of `number`, in order of time; a "
              "ValueError says what does not fit.")
-        .def_prop_ro("kept", &Samples::kept, "Number of samples that are kept.")
-        .def_ro("number", &Samples::number, "Number of samples ever kept.")
-        .def_rw("start", &Samples::start, "Number of samples before the present world.")
-        .def_rw("pending", &Samples::pending, "Number of the newest samples not in the sums.")
-        .def_rw("since_solved", &Samples::since_solved, "Samples since weights were solved.")
-        .def_rw("outliers", &Samples::outliers, "Successive outliers.")
-        .def_rw("alarms", &Samples::alarms,
+        .def_prop_ro("kept", &RegressionSamples::kept, "Number of samples that are kept.")
+        .def_ro("number", &RegressionSamples::number, "Number of samples ever kept.")
+        .def_rw("start", &RegressionSamples::start, "Number of samples before the present world.")
+        .def_rw("pending", &RegressionSamples::pending, "Number of the newest samples not in the sums.")
+        .def_rw("since_solved", &RegressionSamples::since_solved, "Samples since weights were solved.")
+        .def_rw("outliers", &RegressionSamples::outliers, "Successive outliers.")
+        .def_rw("alarms", &RegressionSamples::alarms,
                 "Successive samples by which the world may have changed.")
-        .def_rw("of_episode", &Samples::of_episode, "Samples since the episode began.");
+        .def_rw("of_episode", &RegressionSamples::of_episode, "Samples since the episode began.");
     for (const auto& [name, value] : {std::pair{"NOTHING", NOTHING}, {"FIT", FIT}, {"FORGET", FORGET}}) {
         bound.attr(name) = static_cast<int>(value);
     }
-    bound.attr("KEPT") = Samples::KEPT;
-    bound.attr("PENDING") = Samples::PENDING;
-    bound.attr("REMEMBERED") = Samples::REMEMBERED;
-    using Of = Samples;
+    bound.attr("KEPT") = RegressionSamples::KEPT;
+    bound.attr("PENDING") = RegressionSamples::PENDING;
+    bound.attr("REMEMBERED") = RegressionSamples::REMEMBERED;
+    using Of = RegressionSamples;
     const auto inputs = [](const Of& of) { return std::vector<size_t>{of.low.size()}; };
     const auto targets = [](const Of& of) { return std::vector<size_t>{of.seen.size()}; };
     bind_view(bound, "loss", &Of::loss,

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._core import ObservedStep, Regression, Samples
+from serp._core import ObservedStep, Regression, RegressionSamples
 from serp._util.saved_state import MOST, Saved
 from serp.model.learned import residual_features as r
 from serp.model.learned.adoption import TrackRecord
@@ -25,7 +25,7 @@ class ResidualRegression:
 
     def __init__(self, parameters: Regression, seed: np.random.SeedSequence) -> None:
         self._parameters = parameters
-        self._samples = Samples(parameters)
+        self._samples = RegressionSamples(parameters)
         self._fit = FittedWeights(parameters, self._samples, seed)
         self.reset()
 
@@ -49,8 +49,8 @@ class ResidualRegression:
         fluents have always been whole numbers: a residual does not predict these.
         """
         due = self._samples.learn(head, step, inputs, targets, whole)
-        if due != Samples.NOTHING:
-            if due == Samples.FORGET:
+        if due != RegressionSamples.NOTHING:
+            if due == RegressionSamples.FORGET:
                 self._forget()
             if self._fit.update():
                 self._solve()

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._core import Regression, Samples
+from serp._core import Regression, RegressionSamples
 from serp._util.saved_state import LARGEST, Arrays, Saved, nested, part_of
 from serp.model.learned import residual_features as r
 from serp.model.transition_model import Vector
@@ -100,7 +100,7 @@ class FittedWeights:
     """Fits weights to samples, and writes them into the parameters of the regression."""
 
     def __init__(
-        self, parameters: Regression, samples: Samples, seed: np.random.SeedSequence
+        self, parameters: Regression, samples: RegressionSamples, seed: np.random.SeedSequence
     ) -> None:
         self._parameters, self._samples = parameters, samples
         self._seed = seed
@@ -123,13 +123,13 @@ class FittedWeights:
         if not valid[block_of == 0].all():
             block_of[~valid] = 1
             self._refit()
-        if samples.pending >= Samples.PENDING:
+        if samples.pending >= RegressionSamples.PENDING:
             self._add_pending()
         return samples.solution_due()
 
     def forget(self) -> None:
         """Believe the newest samples: the present world begins with them."""
-        self._samples.start = self._samples.number - Samples.REMEMBERED
+        self._samples.start = self._samples.number - RegressionSamples.REMEMBERED
         self._refit()
 
     def _add_pending(self) -> None:
@@ -145,7 +145,7 @@ class FittedWeights:
         if start:
             number = np.arange(first, last)
             weight = np.where(number < start, weight * (_FADED / samples.kept), weight)
-            weight[(number >= start) & (number < start + Samples.REMEMBERED)] = 1.0
+            weight[(number >= start) & (number < start + RegressionSamples.REMEMBERED)] = 1.0
         weight = np.sqrt(weight)
         design = self._parameters.design_matrix(x, head, weight)
         self._sums.add(design, y * weight[:, None], valid == 1)
@@ -241,10 +241,10 @@ class FittedWeights:
         saved = Saved("residual", arrays, meta)
         counts = {name: saved.whole(name) for name in self._COUNTS}
         number = saved.whole("samples")
-        size = min(number, Samples.KEPT)
+        size = min(number, RegressionSamples.KEPT)
         if counts["start"] > number:
             raise saved.wrong("the last change is later than the last sample")
-        if counts["pending"] > min(size, Samples.PENDING):
+        if counts["pending"] > min(size, RegressionSamples.PENDING):
             raise saved.wrong("more samples are pending than there are")
         rows = Saved("residual", part_of(arrays, "kept"), {})
         kept: tuple[NDArray[Any], ...] = (
@@ -270,4 +270,4 @@ class FittedWeights:
     @staticmethod
     def _oldest(number: int) -> int:
         """Return the saved position of the oldest sample; they are saved as a ring."""
-        return number % Samples.KEPT if number > Samples.KEPT else 0
+        return number % RegressionSamples.KEPT if number > RegressionSamples.KEPT else 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from serp._core import AdaptedModel as Core
-from serp._core import GroupParameters, OutcomeTable, Regression, Samples
+from serp._core import GroupParameters, OutcomeTable, Regression, RegressionSamples
 from serp.errors import RunError
 from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.learned.residual_features import FEATURES, FULL, SMOOTH
@@ -92,7 +92,7 @@ def test_the_core_refuses_what_does_not_fit() -> None:
         part.design_matrix(np.zeros((1, 3)), np.array([2]), np.ones(1))
     with pytest.raises(ValueError, match="inputs"):
         part.design_matrix(np.zeros((1, 2)), np.array([0]), np.ones(1))
-    samples, one = Samples(part), np.ones(1)
+    samples, one = RegressionSamples(part), np.ones(1)
     step = AdaptedModel(worlds.shipped("cartpole")).core.observe(np.zeros(4), 0, np.zeros(4), False)
     assert step is not None
     three, first, whole = np.arange(3), np.zeros(1, np.int64), np.zeros(4, np.bool_)
