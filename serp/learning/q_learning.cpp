@@ -64,8 +64,9 @@ struct Imitation {
 ///
 /// The target of a sample is reward + discount * next_q[best], with best the action of largest
 /// choice_q among those not forbidden (the lowest index in a tie), and next_q[best] clipped to
-/// lower and upper. With an action g to be imitated, weight * (max over a of (q[a] + margin * [a != g]) -
-/// q[g]) is added to the loss of the sample. q and the like are [E * B, A].
+/// lower and upper. With an action g to be imitated, weight * (max over a of
+/// (q[a] + margin * [a != g]) - q[g]) is added to the loss of the sample. q and the like are
+/// [E * B, A].
 double td_gradient(const float* q, const float* next_q, const float* choice_q,
                    const ReplaySamples& samples, size_t batch, float lower, float upper,
                    Imitation imitation, float* q_gradient) {

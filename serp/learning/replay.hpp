@@ -20,7 +20,7 @@ public:
     using Actions = Out<std::int64_t, nb::ndim<1>>;
 
     ReplaySamples(Rows observation, Actions action, Numbers reward, Rows next_observation,
-            Numbers discount, Out<bool, nb::ndim<2>> forbidden, Actions imitated);
+                  Numbers discount, Out<bool, nb::ndim<2>> forbidden, Actions imitated);
 
     size_t count() const { return action.size(); }
     size_t inputs() const { return observation.shape(1); }
