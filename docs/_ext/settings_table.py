@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
 
 from serp.settings import PRESETS, Settings, resolve
@@ -67,14 +67,16 @@ class SettingsTable(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Write the table as Markdown and parse it in its place."""
         (section,) = self.arguments
-        schema = getattr(Settings(), section).model_json_schema()
+        kind = type(getattr(Settings(), section))
+        schema = kind.model_json_schema()
+        texts = ModuleAnalyzer.for_module(kind.__module__).find_attr_docs()
         presets = {name: resolve(name).as_dict()[section] for name in PRESETS}
         rows = [
             "| setting | meaning | range | `default` | `paper` |",
             "|---|---|---|---|---|",
         ]
         for name, described in schema["properties"].items():
-            meaning = re.sub(r"\s+", " ", described["description"])
+            meaning = " ".join(" ".join(texts[kind.__name__, name]).split())
             values = [f"`{value_text(presets[preset][name])}`" for preset in ("default", "paper")]
             cells = [f"`{name}`", meaning, range_text(described), *values]
             rows.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")

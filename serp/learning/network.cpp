@@ -45,7 +45,8 @@ SERP_INLINE void multiply_block(Matrix a, size_t inner, const float* __restrict 
             }
         }
     for (int i = 0; i < ROWS; ++i)
-        for (size_t j = 0; j < width; ++j) c[i * c_row + j] = bias ? sum[i][j] + bias[j] : sum[i][j];
+        for (size_t j = 0; j < width; ++j)
+            c[i * c_row + j] = bias ? sum[i][j] + bias[j] : sum[i][j];
 }
 
 /// Writes `width` columns of a product.
@@ -227,7 +228,10 @@ void QNetwork::backward(size_t member, const float* inputs, Pass& pass, float* g
         if (!layer.normalized)
             sum_rows(slope, batch, layer.outputs, vectors_of(gradient, layer).bias);
         const float* below = inputs;
-        if (k) below = (layers_[k - 1].normalized ? pass.layers[k - 1].h : pass.layers[k - 1].z).data();
+        if (k) {
+            const Activations& of = pass.layers[k - 1];
+            below = (layers_[k - 1].normalized ? of.h : of.z).data();
+        }
         multiply({below, 1, layer.inputs}, layer.inputs, batch, slope, layer.outputs, nullptr,
                  gradient + layer.start, scratch);
         if (!k) return;

@@ -33,7 +33,7 @@ struct Layer {
 
 /// What the forward pass of a batch computes in a layer, for the backward pass.
 struct Activations {
-    Floats z;        ///< [B, outputs], before ReLU; under LayerNorm normalised, before gain and shift
+    Floats z;        ///< [B, outputs], before ReLU; normalised, before gain and shift
     Floats h;        ///< [B, outputs], after ReLU, under LayerNorm only; otherwise z is overwritten
     Floats inverse;  ///< [B], the reciprocal of each row's standard deviation, under LayerNorm only
     Floats slope;    ///< [B, outputs], the gradient of the loss

@@ -10,7 +10,7 @@
 #include "serp/_util/arrays.hpp"
 #include "serp/_util/vector_code.hpp"
 #include "serp/learning/network.hpp"
-#include "serp/learning/samples.hpp"
+#include "serp/learning/replay.hpp"
 
 namespace serp {
 
@@ -63,11 +63,12 @@ struct Imitation {
 /// Writes the gradient of each member's mean loss; returns the mean loss over members and batch.
 ///
 /// The target of a sample is reward + discount * next_q[best], with best the action of largest
-/// choice_q among those not forbidden (the lowest index in a tie), and next_q[best] clipped to lower
-/// and upper. With an action g to be imitated, weight * (max over a of (q[a] + margin * [a != g]) -
-/// q[g]) is added to the loss of the sample. q and the like are [E * B, A].
+/// choice_q among those not forbidden (the lowest index in a tie), and next_q[best] clipped to
+/// lower and upper. With an action g to be imitated, weight * (max over a of
+/// (q[a] + margin * [a != g]) - q[g]) is added to the loss of the sample. q and the like are
+/// [E * B, A].
 double td_gradient(const float* q, const float* next_q, const float* choice_q,
-                   const Samples& samples, size_t batch, float lower, float upper,
+                   const ReplaySamples& samples, size_t batch, float lower, float upper,
                    Imitation imitation, float* q_gradient) {
     const size_t actions = samples.actions();
     const float share = 1.0f / static_cast<float>(batch);
@@ -136,17 +137,17 @@ public:
     }
 
     /// Does one update on samples [E * B]; returns the loss. Without a finite loss nothing changes.
-    double update(const Samples& samples, float lower, float upper, float imitation_weight) {
+    double update(const ReplaySamples& samples, float lower, float upper, float imitation_weight) {
         const size_t batch = next_pass_.batch, members = online.members();
         const size_t outputs = batch * online.actions();
         if (samples.count() != members * batch || samples.inputs() != online.inputs() ||
             samples.actions() != online.actions())
             throw std::invalid_argument("the samples have other shapes than the network");
-        const auto rows_of = [&](const Samples::Rows& inputs, size_t member) {
+        const auto rows_of = [&](const ReplaySamples::Rows& inputs, size_t member) {
             return inputs.data() + member * batch * online.inputs();
         };
         for (size_t e = 0; e < members; ++e) {
-            const auto value = [&](const QNetwork& network, const Samples::Rows& inputs,
+            const auto value = [&](const QNetwork& network, const ReplaySamples::Rows& inputs,
                                    Pass& pass, std::vector<float>& q) {
                 network.forward(e, rows_of(inputs, e), pass);
                 std::copy_n(pass.q(), outputs, q.data() + e * outputs);
@@ -214,7 +215,7 @@ private:
 using Values = In<float, nb::ndim<3>>;
 
 nb::tuple td_gradient_of(const Values& q, const Values& next_q, const Values& choice_q,
-                         const Samples& samples, float lower, float upper, float margin,
+                         const ReplaySamples& samples, float lower, float upper, float margin,
                          float weight) {
     for (const Values* of : {&q, &next_q, &choice_q})
         if (of->shape(0) != q.shape(0) || of->shape(0) * of->shape(1) != samples.count() ||
@@ -267,8 +268,8 @@ void bind_q_learning(nb::module_& module) {
                nb::arg("weight"),
                nb::sig("def td_gradient(q: numpy.typing.NDArray[numpy.float32], next_q: "
                        "numpy.typing.NDArray[numpy.float32], choice_q: "
-                       "numpy.typing.NDArray[numpy.float32], samples: Samples, lower: float, upper: "
-                       "float, margin: float, weight: float) -> tuple[float, "
+                       "numpy.typing.NDArray[numpy.float32], samples: ReplaySamples, lower: float, "
+                       "upper: float, margin: float, weight: float) -> tuple[float, "
                        "numpy.typing.NDArray[numpy.float32]]"),
                "Return the mean loss of a batch, and the gradient of each member's mean loss. The "
                "target of a sample is reward + discount * next_q[best], with best the action of "

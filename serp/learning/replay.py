@@ -72,16 +72,15 @@ class Samples:
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return field → array, without those that have no rows in this learner."""
-        return {
-            name: array for name, array in vars(self).items() if name != "compiled" and array.size
-        }
+        named = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: array for name, array in named.items() if array.size}
 
     @cached_property
-    def compiled(self) -> _core.Samples:
+    def compiled(self) -> _core.ReplaySamples:
         """The same memory for compiled code, with one leading axis."""
         lead = self.action.ndim
         arrays = (getattr(self, field.name) for field in fields(self))
-        return _core.Samples(*(array.reshape(-1, *array.shape[lead:]) for array in arrays))
+        return _core.ReplaySamples(*(array.reshape(-1, *array.shape[lead:]) for array in arrays))
 
 
 @dataclass(slots=True)

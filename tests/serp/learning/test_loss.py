@@ -46,7 +46,10 @@ Imitation = tuple[float, float] | None
 
 
 def compiled(q: dict[str, np.ndarray], batch: Samples, how: Imitation) -> tuple[float, np.ndarray]:
-    return _core.td_gradient(*q.values(), batch.compiled, LOWER, UPPER, *(how or (0.0, 0.0)))
+    margin, weight = how or (0.0, 0.0)
+    return _core.td_gradient(
+        q["q"], q["next_q"], q["choice_q"], batch.compiled, LOWER, UPPER, margin, weight
+    )
 
 
 def by_definition(

@@ -83,7 +83,7 @@ def well_conditioned(module: torch.nn.Sequential, x: torch.Tensor) -> bool:
             return False
         if isinstance(layer, torch.nn.LayerNorm):
             spread = x.std(-1, correction=0)
-            if bool(((spread > 0) & (spread <= 0.03)).any()):
+            if bool(((spread > 0) & (spread <= 0.1)).any()):
                 return False
         x = layer(x)
     return True

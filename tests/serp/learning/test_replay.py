@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from serp import _core
 from serp.learning.replay import ReplayBuffer, Samples, SampleSpec
 from serp.settings import LearnerSettings
 
@@ -169,3 +170,37 @@ def test_draws_are_uniform_whole_samples_and_differ_between_members() -> None:
             assert sample == by_number[sample[0][0]]
     expected = 200 * 96 / len(counts)
     assert all(abs(count - expected) < 5 * expected**0.5 for count in counts.values())
+
+
+@pytest.mark.parametrize(
+    ("size", "uniform", "columns", "action"),
+    [
+        (0, [[0.5], [0.5]], [0, 1], 0),
+        (5, [[0.5], [0.5]], [0, 1], 0),
+        (4, [[1.0], [0.5]], [0, 1], 0),
+        (4, [[0.5]], [0, 1], 0),
+        (4, [[0.5], [0.5]], [0, 2], 0),
+        (4, [[0.5], [0.5]], [0, 1], A),
+    ],
+)
+def test_compiled_code_reads_nothing_outside_of_the_arrays(
+    size: int, uniform: list[list[float]], columns: list[int], action: int
+) -> None:
+    store, batch = (Samples.zeros(lead, SampleSpec(F, A)) for lead in ((4,), (1, 1)))
+    store.action[:] = action
+    mirror = _core.Mirror(np.array(columns), np.ones(F, np.float32), np.arange(A))
+    with pytest.raises(ValueError):
+        batch.compiled.draw(store.compiled, size, np.array(uniform), mirror)
+
+
+def test_compiled_code_learns_from_no_action_out_of_range() -> None:
+    batch = Samples.zeros((1, 8), SampleSpec(F, A))
+    learning = _core.QLearning((F, A), False, 1, 8, 0.1, np.inf, None)
+    for wrong in (A, -1):
+        batch.action[0, 3] = wrong
+        with pytest.raises(ValueError, match="out of range"):
+            learning.update(batch.compiled, -1.0, 1.0, 0.0)
+    other = Samples.zeros((1, 7), SampleSpec(F, A))
+    with pytest.raises(ValueError, match="other shapes"):
+        learning.update(other.compiled, -1.0, 1.0, 0.0)
+    assert learning.steps == 0

@@ -1,4 +1,4 @@
-#include "serp/learning/samples.hpp"
+#include "serp/learning/replay.hpp"
 
 #include <algorithm>
 #include <stdexcept>
@@ -41,8 +41,9 @@ bool are_places(const In<std::int64_t, nb::ndim<1>>& entries, size_t count) {
 
 }  // namespace
 
-Samples::Samples(Rows observation, Actions action, Numbers reward, Rows next_observation,
-                 Numbers discount, Out<bool, nb::ndim<2>> forbidden, Actions imitated)
+ReplaySamples::ReplaySamples(Rows observation, Actions action, Numbers reward,
+                             Rows next_observation, Numbers discount,
+                             Out<bool, nb::ndim<2>> forbidden, Actions imitated)
     : observation(std::move(observation)),
       action(std::move(action)),
       reward(std::move(reward)),
@@ -57,8 +58,8 @@ Samples::Samples(Rows observation, Actions action, Numbers reward, Rows next_obs
             "the fields of samples have other shapes");
 }
 
-void Samples::draw(const Samples& store, size_t size, const In<double, nb::ndim<2>>& uniform,
-                   const Mirror* mirror) {
+void ReplaySamples::draw(const ReplaySamples& store, size_t size,
+                         const In<double, nb::ndim<2>>& uniform, const Mirror* mirror) {
     const size_t drawn = count(), width = inputs(), choices = actions();
     require(size && size <= store.count() && store.inputs() == width &&
                 store.actions() == choices && !store.imitated.size() == !imitated.size() &&
@@ -70,7 +71,8 @@ void Samples::draw(const Samples& store, size_t size, const In<double, nb::ndim<
     for (size_t i = 0; i < drawn; ++i) {
         const double number = uniform.data()[i];
         require(number >= 0.0 && number < 1.0, "a number lies outside of [0, 1)");
-        const size_t row = std::min(static_cast<size_t>(number * static_cast<double>(size)), size - 1);
+        const auto place = static_cast<size_t>(number * static_cast<double>(size));
+        const size_t row = std::min(place, size - 1);
         const Mirror* of = mirror && uniform.data()[drawn + i] >= 0.5 ? mirror : nullptr;
         copy_inputs(store.observation.data() + row * width, observation.data() + i * width, width,
                     of);
@@ -89,19 +91,20 @@ void Samples::draw(const Samples& store, size_t size, const In<double, nb::ndim<
     }
 }
 
-void bind_samples(nb::module_& module) {
+void bind_replay(nb::module_& module) {
     nb::class_<Mirror>(module, "Mirror", "A reflection of inputs and actions.")
         .def(nb::init<In<std::int64_t, nb::ndim<1>>, In<float, nb::ndim<1>>,
                       In<std::int64_t, nb::ndim<1>>>(),
              nb::arg("columns"), nb::arg("signs"), nb::arg("actions"));
-    nb::class_<Samples>(module, "Samples",
+    nb::class_<ReplaySamples>(module, "ReplaySamples",
                         "N samples in arrays, which are those given; see `serp.learning.replay`.")
-        .def(nb::init<Samples::Rows, Samples::Actions, Samples::Numbers, Samples::Rows,
-                      Samples::Numbers, Out<bool, nb::ndim<2>>, Samples::Actions>(),
+        .def(nb::init<ReplaySamples::Rows, ReplaySamples::Actions, ReplaySamples::Numbers,
+                      ReplaySamples::Rows, ReplaySamples::Numbers, Out<bool, nb::ndim<2>>,
+                      ReplaySamples::Actions>(),
              nb::arg("observation"), nb::arg("action"), nb::arg("reward"),
              nb::arg("next_observation"), nb::arg("discount"), nb::arg("forbidden"),
              nb::arg("imitated"))
-        .def("draw", &Samples::draw, nb::arg("store"), nb::arg("size"), nb::arg("uniform"),
+        .def("draw", &ReplaySamples::draw, nb::arg("store"), nb::arg("size"), nb::arg("uniform"),
              nb::arg("mirror").none(), nb::call_guard<nb::gil_scoped_release>(),
              "Replace all samples by samples of `store`, one of its first `size` for each number "
              "uniform[0, i] in [0, 1), and by its mirror image where uniform[1, i] >= 1/2.");

@@ -1,4 +1,4 @@
-// Samples of the replay memory in NumPy arrays, and batches drawn from them.
+// ReplaySamples of the replay memory in NumPy arrays, and batches drawn from them.
 #pragma once
 
 #include "serp/_util/arrays.hpp"
@@ -13,14 +13,14 @@ struct Mirror {
 };
 
 /// N samples; `serp.learning.replay.Samples` describes the fields. `imitated` may have no rows.
-class Samples {
+class ReplaySamples {
 public:
     using Rows = Out<float, nb::ndim<2>>;
     using Numbers = Out<float, nb::ndim<1>>;
     using Actions = Out<std::int64_t, nb::ndim<1>>;
 
-    Samples(Rows observation, Actions action, Numbers reward, Rows next_observation,
-            Numbers discount, Out<bool, nb::ndim<2>> forbidden, Actions imitated);
+    ReplaySamples(Rows observation, Actions action, Numbers reward, Rows next_observation,
+                  Numbers discount, Out<bool, nb::ndim<2>> forbidden, Actions imitated);
 
     size_t count() const { return action.size(); }
     size_t inputs() const { return observation.shape(1); }
@@ -29,7 +29,7 @@ public:
     /// Replaces all samples by samples of `store`, for each a number in [0, 1) that chooses one of
     /// its first `size`. Where the second number of a sample, if there are any, is 1/2 or more, the
     /// sample is replaced by its mirror image.
-    void draw(const Samples& store, size_t size, const In<double, nb::ndim<2>>& uniform,
+    void draw(const ReplaySamples& store, size_t size, const In<double, nb::ndim<2>>& uniform,
               const Mirror* mirror);
 
     Rows observation;
