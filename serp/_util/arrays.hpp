@@ -16,7 +16,7 @@ namespace nb = nanobind;
 /// A C-contiguous array in memory that the callee only reads. nanobind copies what is not.
 template <class T, class... Shape>
 using In = nb::ndarray<const T, nb::c_contig, nb::device::cpu, Shape...>;
-/// A C-contiguous array that the callee writes to; never a copy.
+/// A C-contiguous array that the callee writes to; bind it with `.noconvert()`, or it may be a copy.
 template <class T, class... Shape>
 using Out = nb::ndarray<T, nb::c_contig, nb::device::cpu, Shape...>;
 /// A new NumPy array.

@@ -101,11 +101,11 @@ void bind_replay(nb::module_& module) {
         .def(nb::init<ReplaySamples::Rows, ReplaySamples::Actions, ReplaySamples::Numbers,
                       ReplaySamples::Rows, ReplaySamples::Numbers, Out<bool, nb::ndim<2>>,
                       ReplaySamples::Actions>(),
-             nb::arg("observation"), nb::arg("action"), nb::arg("reward"),
-             nb::arg("next_observation"), nb::arg("discount"), nb::arg("forbidden"),
-             nb::arg("imitated"))
+             nb::arg("observation").noconvert(), nb::arg("action").noconvert(), nb::arg("reward").noconvert(),
+             nb::arg("next_observation").noconvert(), nb::arg("discount").noconvert(), nb::arg("forbidden").noconvert(),
+             nb::arg("imitated").noconvert())
         .def("draw", &ReplaySamples::draw, nb::arg("store"), nb::arg("size"), nb::arg("uniform"),
-             nb::arg("mirror").none(), nb::call_guard<nb::gil_scoped_release>(),
+             nb::arg("mirror").none(),
              "Replace all samples by samples of `store`, one of its first `size` for each number "
              "uniform[0, i] in [0, 1), and by its mirror image where uniform[1, i] >= 1/2.");
 }

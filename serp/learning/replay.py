@@ -263,7 +263,8 @@ class ReplayBuffer:
 
         self.size, self._head = size, head
         for name, array in self._fields.items():
-            array[:size] = arrays[name]
+            # A saved truth value may have any bits; compiled code takes 0 and 1.
+            array[:size] = arrays[name] != 0 if array.dtype == np.bool_ else arrays[name]
         self._pending.clear()
         self._pending[0] = pending
         self._rng.bit_generator.state = state

@@ -243,27 +243,6 @@ Flags Program::settle(Flags flags, double* out, double* registers) const {
     return finished(run(registers, {entries_.settle}), out, registers);
 }
 
-Flags Program::flow(const double* state, int action, const double* theta, double dt, double* out,
-                    double* registers) const {
-    prepare(theta, dt, registers);
-    from(state, registers);
-    return flow(action, out, registers);
-}
-
-Flags Program::settle(const double* state, Flags flags, const double* theta, double dt, double* out,
-                      double* registers) const {
-    prepare(theta, dt, registers);
-    from(state, registers);
-    return settle(flags, out, registers);
-}
-
-Flags Program::step(const double* state, int action, const double* theta, double dt, double* out,
-                    double* registers) const {
-    prepare(theta, dt, registers);
-    from(state, registers);
-    return step(action, out, registers);
-}
-
 Flags Program::judge(const double* state, int action, const double* next_state, const double* theta,
                      double dt, double* out, double* registers) const {
     prepare(theta, dt, registers);

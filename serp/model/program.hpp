@@ -96,14 +96,7 @@ public:
     /// Events, goal and metric, applied to what `flow` wrote; `flags` are those that it returned.
     Flags settle(Flags flags, double* out, double* registers) const;
 
-    // The same in one call.
-
-    Flags flow(const double* state, int action, const double* theta, double dt, double* out,
-               double* registers) const;
-    Flags settle(const double* state, Flags flags, const double* theta, double dt, double* out,
-                 double* registers) const;
-    Flags step(const double* state, int action, const double* theta, double dt, double* out,
-               double* registers) const;
+    // One step of its own.
 
     /// Reward and flags of an observed transition; the reward is written to `out` at F. Action -1
     /// is none of the model's.

@@ -100,17 +100,15 @@ std::pair<Array<double>, Array<Flags>> step_batch(const Model& model, const Stat
     const size_t batch = states.shape(0), width = static_cast<size_t>(model.fluents());
     if (states.shape(1) != width || actions.size() != batch)
         throw std::invalid_argument("the shapes of states and actions do not fit the model");
-    for (size_t k = 0; k < batch; ++k) action_of(model, actions.data()[k]);
+    std::vector<int> checked(batch);
+    for (size_t k = 0; k < batch; ++k) checked[k] = action_of(model, actions.data()[k]);
     std::vector<double> out(batch * (width + 1));
     std::vector<Flags> flags(batch);
-    {
-        nb::gil_scoped_release released;
-        const auto stepper = model.stepper();
-        for (size_t k = 0; k < batch; ++k) {
-            stepper->from(states.data() + k * width);
-            flags[k] = stepper->step(static_cast<int>(actions.data()[k]),
-                                     out.data() + k * (width + 1));
-        }
+    const auto stepper = model.stepper();
+    for (size_t k = 0; k < batch; ++k) {
+        stepper->from(states.data() + k * width);
+        flags[k] = stepper->step(checked[k],
+                                 out.data() + k * (width + 1));
     }
     return {array_of(std::move(out), {batch, width + 1}), array_of(std::move(flags), {batch})};
 }

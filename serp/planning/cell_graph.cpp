@@ -133,16 +133,22 @@ std::pair<std::int64_t, bool> CellGraph::expand(const Model& model, Cells cells,
     first_edge_.assign(1, 0), edges_.clear(), reached_.clear(), value_.clear();
     const int actions = model.actions();
     const int most_nodes = max_edges_ / std::max(1, actions) + actions;
-    for (std::size_t at = 0; at < roots.size() && nodes() < most_nodes; at += cells_.width())
-        node_of(roots.data() + at);
-    const auto first = model.stepper(), further = model.stepper();
     std::int64_t steps = 0;
-    while (expanded() < nodes()) {
-        if (nodes() + actions > most_nodes || edges() > max_edges_ || steps >= limit)
-            return {steps, false};
-        steps += expand_node(*first, *further, actions, unknown);
+    try {
+        for (std::size_t at = 0; at < roots.size() && nodes() < most_nodes; at += cells_.width())
+            node_of(roots.data() + at);
+        const auto first = model.stepper(), further = model.stepper();
+        while (expanded() < nodes()) {
+            if (nodes() + actions > most_nodes || edges() > max_edges_ || steps >= limit)
+                return {steps, false};
+            steps += expand_node(*first, *further, actions, unknown);
+        }
+        return {steps, true};
+    } catch (const std::bad_alloc&) {  // no room
+        index_.clear(), states_.clear(), undefined_.clear();
+        first_edge_.assign(1, 0), edges_.clear(), reached_.clear();
+        return {steps, false};
     }
-    return {steps, true};
 }
 
 /// Expands the next node; returns the steps that were predicted.
@@ -340,7 +346,6 @@ std::pair<std::int64_t, bool> expand(CellGraph& graph, const Model& model, const
     if (low.size() != width || roots.shape(1) != width || width == 0)
         throw std::invalid_argument("cells and states need " + std::to_string(width) + " numbers");
     const std::vector<double> states = vector_of(roots);
-    nb::gil_scoped_release released;
     return graph.expand(model, std::move(cells), states, limit, unknown);
 }
 
@@ -369,10 +374,8 @@ void bind_cell_graph(nb::module_& module) {
             }, "Return rewards per control period, and actions, of the edges after which the task "
                "goes on.")
         .def("begin", &CellGraph::begin, nb::arg("former").none(), nb::arg("otherwise"),
-             nb::call_guard<nb::gil_scoped_release>(),
              "Begin with former values of cells; with `otherwise` where there are none.")
         .def("solve", &CellGraph::solve, nb::arg("worst"), nb::arg("beyond"),
-             nb::call_guard<nb::gil_scoped_release>(),
              "Find the values of the cells; return that of the first one. What is unsafe is worth "
              "`worst`, what is not known `beyond`.")
         .def("values", &CellGraph::values, nb::arg("unknown"),

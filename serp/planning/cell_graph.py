@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from serp import _core
 from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
+from serp.planning.edges import edge_budget
 from serp.planning.inert import inert_fluents
 from serp.settings import PlannerSettings
 
@@ -53,7 +54,8 @@ class CellGraph:
         self, model: TransitionModel, settings: PlannerSettings, max_edges: int = MAX_EDGES
     ) -> None:
         self._model, self._discount = model, settings.discount
-        self._max_edges = max(len(model.actions), max_edges)
+        fitting = min(max_edges, edge_budget(len(model.fluents)))
+        self._max_edges = max(len(model.actions), fitting)
         self._core = _core.CellGraph(settings.discount, settings.accepted_risk, self._max_edges)
         self.values: _core.CellValues | None = None
         self.explores = False

@@ -96,6 +96,7 @@ public:
     /// Where its cell is not there, it is the least of those in its area, or of all: a plan looks
     /// for the best of many states, and would find the one about which the least is known.
     double at(const double* state) const override;
+    int width() const override { return cells_.width(); }
 
     /// Sets the value of the cell of a state [F], if it is there; the areas keep theirs.
     void set(const double* state, double value);

@@ -41,6 +41,7 @@ void check_rises(const std::vector<std::int32_t>& first, int end, const char* na
 
 /// Throws where a column of a graph does not fit the others.
 void check(const Graph& of, int actions) {
+    if (of.bytes() > 2 * MAX_BYTES) refuse("it is too large");
     const std::size_t nodes = of.layer.size(), edges = of.action.size();
     check_length(of.states, nodes * of.width, "states");
     check_length(of.undefined, nodes, "undefined");
@@ -55,6 +56,9 @@ void check(const Graph& of, int actions) {
     check_length(of.chance, of.target.size(), "chance");
     check_rises(of.first_edge, of.edges(), "first_edge");
     check_rises(of.first_outcome, of.outcomes(), "first_outcome");
+    if (std::adjacent_find(of.first_outcome.begin(), of.first_outcome.end()) !=
+        of.first_outcome.end())
+        refuse("an edge has no outcome");
     check_range(of.action, 0, actions, "action");
     check_range(of.target, ENDED, of.nodes(), "target");
     check_range(of.layer, 0, std::int64_t{1} << 30, "layer");
@@ -117,6 +121,8 @@ void ClosedGraph::grow(const double* states, int count, std::int64_t limit) {
             while (judged <= graph_.edges()) judged *= 2;
         }
         solve();
+    } catch (const std::bad_alloc&) {  // no room: no graph, the lookahead decides
+        clear(inert_);
     } catch (...) {
         clear(inert_);
         throw;
@@ -282,7 +288,6 @@ void restore(ClosedGraph& closed, const nb::dict& columns) {
 void grow(ClosedGraph& closed, const In<double, nb::ndim<2>>& states, std::int64_t limit) {
     if (states.shape(1) != static_cast<std::size_t>(closed.graph().width))
         refuse("a state has " + std::to_string(closed.graph().width) + " numbers");
-    nb::gil_scoped_release released;
     closed.grow(states.data(), static_cast<int>(states.shape(0)), limit);
 }
 
@@ -308,7 +313,7 @@ void bind_closed_graph(nb::module_& module) {
             }, nb::arg("inert"), "Forget all nodes; `inert` are fluents that make no difference.")
         .def("grow", &grow, nb::arg("states"), nb::arg("limit"),
              "Add states [n, F] and what can be reached from them, and solve the graph.")
-        .def("solve", &ClosedGraph::solve, nb::call_guard<nb::gil_scoped_release>(),
+        .def("solve", &ClosedGraph::solve,
              "Find the best policy of every node.")
         .def("forecast", &forecast, nb::arg("state"),
              "Return the fields of a `Forecast` for a state [F]; None where the state is not in the "

@@ -140,7 +140,8 @@ void WaySearch<Number>::add(double* row, int parent) {
     const auto [cost, left] = costs_.estimate(row);
     left_.push_back(static_cast<std::uint8_t>(std::min(left, MOST_LEFT)));
     by_novelty_.append((novelty(node) - 1) * (MOST_LEFT + 1) + left_[node], node);
-    by_cost_.append(static_cast<int>(std::min(cost, BY_COST - 1.0)), node);
+    // Rounding may make a sum of large and small costs negative.
+    by_cost_.append(cost > 0.0 ? static_cast<int>(std::min(cost, BY_COST - 1.0)) : 0, node);
 }
 
 /// Returns the novelty of a node, and remembers its values and pairs: 1 where a value is new among
@@ -244,11 +245,8 @@ std::pair<std::int64_t, std::optional<Array<double>>> find_way(
         if (fluent < 0 || fluent >= model.fluents())
             throw std::invalid_argument("there is no fluent " + std::to_string(fluent));
     Found found;
-    {
-        nb::gil_scoped_release released;
-        const auto& find = binary ? found_way<std::uint8_t> : found_way<double>;
-        found = find(model, relaxation, fluents, accepted_risk, state.data(), limit);
-    }
+    const auto& find = binary ? found_way<std::uint8_t> : found_way<double>;
+    found = find(model, relaxation, fluents, accepted_risk, state.data(), limit);
     if (!found.second) return {found.first, std::nullopt};
     const std::size_t count = found.second->size() / std::max<std::size_t>(1, width);
     return {found.first, array_of(std::move(*found.second), {count, width})};

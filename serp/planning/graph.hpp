@@ -127,7 +127,8 @@ public:
 
 private:
     static bool equal(const Graph& graph, const double* row, int node) {
-        return std::equal(row, row + graph.width, graph.state(node));
+        return std::equal(row, row + graph.width, graph.state(node),
+                          [](double a, double b) { return bits_of(a) == bits_of(b); });
     }
 
     int place(const Graph& graph, const double* row, int node) {

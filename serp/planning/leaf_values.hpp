@@ -9,6 +9,8 @@ public:
     virtual ~LeafValues() = default;
 
     /// Returns the value of a state [F].
+    /// Returns F.
+    virtual int width() const = 0;
     virtual double at(const double* state) const = 0;
 };
 

@@ -8,6 +8,7 @@
 #include <future>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 namespace serp {
 
@@ -158,9 +159,15 @@ std::vector<LookaheadForecast> Lookahead::forecast_batch(const double* states, i
                 states + static_cast<std::size_t>(k) * model_.fluents(), leaves);
     };
     std::vector<std::future<void>> others;
-    for (int thread = 1; thread < threads; ++thread)
-        others.push_back(std::async(std::launch::async, part, thread));
+    others.reserve(threads);
+    int alone = 1;  // the first part that no thread could be had for
+    try {
+        for (; alone < threads; ++alone)
+            others.push_back(std::async(std::launch::async, part, alone));
+    } catch (const std::system_error&) {
+    }
     part(0);
+    for (int thread = alone; thread < threads; ++thread) part(thread);
     for (auto& other : others) other.get();
     return found;
 }
@@ -176,32 +183,27 @@ Result result_of(LookaheadForecast&& of) {
     return {forecast_tuple(std::move(of.first), of.depth, of.bound), of.followed};
 }
 
-void check_width(const Lookahead& lookahead, std::size_t numbers) {
-    if (numbers != static_cast<std::size_t>(lookahead.width()))
+void check_width(const Lookahead& lookahead, std::size_t numbers, const LeafValues* leaves) {
+    if (numbers != static_cast<std::size_t>(lookahead.width()) ||
+        (leaves && leaves->width() != lookahead.width()))
         throw std::invalid_argument("a state has " + std::to_string(lookahead.width()) +
                                     " numbers");
 }
 
 Result forecast(Lookahead& lookahead, const In<double, nb::ndim<1>>& state,
                 const LeafValues* leaves) {
-    check_width(lookahead, state.size());
+    check_width(lookahead, state.size(), leaves);
     LookaheadForecast found{FirstActions(0)};
-    {
-        nb::gil_scoped_release released;
-        found = lookahead.forecast(state.data(), leaves);
-    }
+    found = lookahead.forecast(state.data(), leaves);
     return result_of(std::move(found));
 }
 
 std::vector<Result> forecast_batch(Lookahead& lookahead, const In<double, nb::ndim<2>>& states,
                                    const LeafValues* leaves, int threads) {
-    check_width(lookahead, states.shape(1));
+    check_width(lookahead, states.shape(1), leaves);
     std::vector<LookaheadForecast> found;
-    {
-        nb::gil_scoped_release released;
-        found = lookahead.forecast_batch(states.data(), static_cast<int>(states.shape(0)), leaves,
-                                         threads);
-    }
+    found = lookahead.forecast_batch(states.data(), static_cast<int>(states.shape(0)), leaves,
+                                     threads);
     std::vector<Result> results;
     for (auto& one : found) results.push_back(result_of(std::move(one)));
     return results;

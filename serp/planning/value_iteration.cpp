@@ -293,9 +293,11 @@ void solve(Graph& graph, Preferences preferences) { Solution(graph, preferences)
 
 void mark_dead_ends(Graph& graph) {
     graph.dead_end.assign(graph.nodes(), 0);
+    bool backwards = false;
     for (bool changed = true; changed;) {
         changed = false;
-        for_each_node(graph, true, [&](int node) {
+        backwards = !backwards;
+        for_each_node(graph, backwards, [&](int node) {
             if (graph.dead_end[node]) return;
             const int start = graph.first_edge[node], end = graph.first_edge[node + 1];
             bool lost = start < end || graph.undefined[node];

@@ -71,7 +71,8 @@ void AdaptedModel::place_groups() {
                         "a regression is of another shape than its group");
             }
             if (known.insert(&shared).second) {
-                require(shared.schemas == 0, "a model has parameters of its own");
+                require(!shared.owned, "a model has parameters of its own");
+                shared.owned = true;
                 shared_.push_back(group.shared);
                 shared.inputs = group.inputs;
                 shared.width = fluents();
@@ -273,6 +274,11 @@ public:
             total += target[width + 2];
             ++kept;
         }
+        if (kept == 0) {  // all are rare
+            rows[width + 1] = static_cast<double>(step(action, rows));
+            rows[width + 2] = 1.0;
+            return 1;
+        }
         for (int k = 0; k < kept; ++k) rows[k * row + width + 2] /= total;
         return kept;
     }
@@ -399,14 +405,18 @@ private:
     /// Splits every outcome so far by the counted outcomes of a group; returns their number.
     int split(const FeatureGroup& group, int action, double* rows, int count) {
         const OutcomeTable& table = *group.shared->outcomes;
-        likeliest(group, action);
+        const int best = likeliest(group, action);
         const int width = width_, row = width + 3, before = count;
         for (int source = 0; source < before; ++source) {
             double* old = rows + source * row;
             const double left = old[width + 2];
+            if (count + table.kinds() - 1 > OUTCOMES) {  // no room: the likeliest one alone
+                table.put(best, group.inputs, outcomes_, old);
+                continue;
+            }
             for (int kind = 1; kind < table.kinds(); ++kind) {
                 const double chance = left * outcomes_.probabilities[kind];
-                if (chance < RARE || count == OUTCOMES) continue;
+                if (chance < RARE) continue;
                 double* created = rows + count * row;
                 std::copy(old, old + row, created);
                 table.put(kind, group.inputs, outcomes_, created);

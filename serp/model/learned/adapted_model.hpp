@@ -23,6 +23,7 @@ struct GroupParameters {
     // What the outcomes must fit, see `OutcomeTable::check`.
     std::vector<int> inputs;
     int width = 0, schemas = 0;
+    bool owned = false;  ///< by a model
 };
 
 /// A feature group of a ground action.

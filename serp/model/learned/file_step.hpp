@@ -1,6 +1,7 @@
 // The step of the file with the parameters in use, as the learned parts of a model see it.
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "serp/model/program.hpp"
@@ -13,7 +14,11 @@ struct SameArguments {
     std::vector<int> action;  ///< [A * S], -1 where there is none and for the action itself
 
     int actions() const { return schemas > 0 ? static_cast<int>(action.size()) / schemas : 0; }
-    int of(int ground_action, int schema) const { return action[ground_action * schemas + schema]; }
+    /// -1, too, for a schema that the model does not have: a table may have counted those of another.
+    int of(int ground_action, int schema) const {
+        if (schema >= schemas) return -1;
+        return action[static_cast<std::size_t>(ground_action) * schemas + schema];
+    }
 };
 
 /// Effects and processes, then events, with parameters of one time. Has scratch memory: one for each

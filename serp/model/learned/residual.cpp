@@ -375,13 +375,10 @@ Array<double> design_matrix(const Regression& of, const In<double, nb::ndim<2>>&
     require_size(weight.size(), static_cast<int>(rows), "weights");
     for (size_t k = 0; k < rows; ++k) head_of(of, heads.data()[k]);
     std::vector<double> out(rows * width, 0.0), u(of.depth);
-    {
-        nb::gil_scoped_release released;
-        for (size_t k = 0; k < rows; ++k) {
-            of.normalise(x.data() + k * of.depth, u.data());
-            of.fill_row(static_cast<int>(heads.data()[k]), u.data(), weight.data()[k],
-                        out.data() + k * width);
-        }
+    for (size_t k = 0; k < rows; ++k) {
+        of.normalise(x.data() + k * of.depth, u.data());
+        of.fill_row(static_cast<int>(heads.data()[k]), u.data(), weight.data()[k],
+                    out.data() + k * width);
     }
     return array_of(std::move(out), {rows, width});
 }
@@ -516,7 +513,9 @@ void restore(RegressionSamples& samples, std::int64_t number, const In<double, n
              const In<double, nb::ndim<2>>& y, const In<std::uint8_t, nb::ndim<2>>& valid,
              const In<std::int64_t, nb::ndim<1>>& heads, const Vector& weight) {
     const Regression& of = samples.regression();
-    const std::int64_t size = std::clamp<std::int64_t>(number, 0, RegressionSamples::KEPT);
+    if (number < 0 || number > std::int64_t{1} << 53)
+        throw std::invalid_argument("there is no such number of samples");
+    const std::int64_t size = std::min(number, RegressionSamples::KEPT);
     for (const size_t rows : {x.shape(0), y.shape(0), valid.shape(0), heads.size(), weight.size()}) {
         require_size(rows, static_cast<int>(size), "samples");
     }
@@ -533,7 +532,7 @@ void restore(RegressionSamples& samples, std::int64_t number, const In<double, n
     }
 }
 
-void bind_samples(nb::module_& module) {
+void bind_regression_samples(nb::module_& module) {
     nb::class_<RegressionSamples> bound(module, "RegressionSamples",
                               "The newest samples of a regression, the ranges of their inputs, and "
                               "the errors of all predictors, each before the sample was learned "
@@ -603,7 +602,7 @@ void bind_samples(nb::module_& module) {
 
 void bind_residual(nb::module_& module) {
     bind_regression(module);
-    bind_samples(module);
+    bind_regression_samples(module);
 }
 
 }  // namespace serp
