@@ -166,14 +166,18 @@ class Agent:
         if not fits.all():
             task, place = self.task, int(fits.argmin())
             advice = (
-                f"is {x[place]:g}, too large for the learner, which computes in float32 (up to "
+                "too large for the learner, which computes in float32 (up to "
                 f"{FLOAT32_MAX:.2g}); use other units, or clip it"
             )
             if place < len(observation):
                 name = task.observations.name(place)
-                raise EnvironmentFailure(f"task {task.name}: the observation: {name} {advice}")
+                raise EnvironmentFailure(
+                    f"task {task.name}: the observation: {name} is {x[place]:g}, {advice}"
+                )
             name = task.model.fluents[place - len(observation)].name
-            raise TaskError(f"task {task.name}: grounding: fluent `{name}` {advice}")
+            raise TaskError(
+                f"task {task.name}: grounding: fluent `{name}` is {x[place]:g}, {advice}"
+            )
         return state, x
 
     def turn_to(self, env_index: int) -> None:
