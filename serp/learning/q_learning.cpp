@@ -261,7 +261,8 @@ void bind_q_learning(nb::module_& module) {
              nb::arg("imitation_weight"),
              "Do one gradient update on samples [E * B] and return the loss; if it is not finite, "
              "nothing changes. The value of a next state is clipped to lower and upper.")
-        .def("step", &QLearning::step_all, nb::arg("gradient"), "Do Adam's step along a gradient [E, P].");
+        .def("step", &QLearning::step_all, nb::arg("gradient"),
+             "Do Adam's step along a gradient [E, P].");
     module.def("td_gradient", &td_gradient_of, nb::arg("q"), nb::arg("next_q"), nb::arg("choice_q"),
                nb::arg("samples"), nb::arg("lower"), nb::arg("upper"), nb::arg("margin"),
                nb::arg("weight"),

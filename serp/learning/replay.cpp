@@ -1,16 +1,13 @@
 #include "serp/learning/replay.hpp"
 
 #include <algorithm>
-#include <stdexcept>
 #include <utility>
+
+#include "serp/_util/checks.hpp"
 
 namespace serp {
 
 namespace {
-
-void require(bool holds, const char* what) {
-    if (!holds) throw std::invalid_argument(what);
-}
 
 /// Returns the mirror image of an action; that of -1, no action, is -1.
 std::int64_t image_of(std::int64_t action, const Mirror& mirror) {
@@ -101,8 +98,9 @@ void bind_replay(nb::module_& module) {
         .def(nb::init<ReplaySamples::Rows, ReplaySamples::Actions, ReplaySamples::Numbers,
                       ReplaySamples::Rows, ReplaySamples::Numbers, Out<bool, nb::ndim<2>>,
                       ReplaySamples::Actions>(),
-             nb::arg("observation").noconvert(), nb::arg("action").noconvert(), nb::arg("reward").noconvert(),
-             nb::arg("next_observation").noconvert(), nb::arg("discount").noconvert(), nb::arg("forbidden").noconvert(),
+             nb::arg("observation").noconvert(), nb::arg("action").noconvert(),
+             nb::arg("reward").noconvert(), nb::arg("next_observation").noconvert(),
+             nb::arg("discount").noconvert(), nb::arg("forbidden").noconvert(),
              nb::arg("imitated").noconvert())
         .def("draw", &ReplaySamples::draw, nb::arg("store"), nb::arg("size"), nb::arg("uniform"),
              nb::arg("mirror").none(),

@@ -1,4 +1,4 @@
-// ReplaySamples of the replay memory in NumPy arrays, and batches drawn from them.
+// Samples of the replay memory in NumPy arrays, and batches drawn from them.
 #pragma once
 
 #include "serp/_util/arrays.hpp"

@@ -31,6 +31,14 @@ public:
 
     /// Returns how far a step is from the data, in [0, 1]; 0 where the file alone predicts.
     virtual double uncertainty(int /*action*/) { return 0.0; }
+
+protected:
+    /// Writes the step of an action as its only outcome, see `outcomes`; returns 1.
+    int only_outcome(int action, double* rows, int fluents) {
+        rows[fluents + 1] = static_cast<double>(step(action, rows));
+        rows[fluents + 2] = 1.0;
+        return 1;
+    }
 };
 
 /// A transition model. What it has learned may change between decisions; steppers see the change.

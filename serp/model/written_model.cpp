@@ -29,11 +29,7 @@ public:
     }
 
     int outcomes(int action, double* rows) override {
-        const int fluents = program_->fluents();
-        const Flags flags = step(action, rows);
-        rows[fluents + 1] = static_cast<double>(flags);
-        rows[fluents + 2] = 1.0;
-        return 1;
+        return only_outcome(action, rows, program_->fluents());
     }
 
 private:
@@ -107,8 +103,7 @@ std::pair<Array<double>, Array<Flags>> step_batch(const Model& model, const Stat
     const auto stepper = model.stepper();
     for (size_t k = 0; k < batch; ++k) {
         stepper->from(states.data() + k * width);
-        flags[k] = stepper->step(checked[k],
-                                 out.data() + k * (width + 1));
+        flags[k] = stepper->step(checked[k], out.data() + k * (width + 1));
     }
     return {array_of(std::move(out), {batch, width + 1}), array_of(std::move(flags), {batch})};
 }

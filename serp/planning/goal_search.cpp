@@ -244,9 +244,8 @@ std::pair<std::int64_t, std::optional<Array<double>>> find_way(
     for (const auto fluent : fluents)
         if (fluent < 0 || fluent >= model.fluents())
             throw std::invalid_argument("there is no fluent " + std::to_string(fluent));
-    Found found;
     const auto& find = binary ? found_way<std::uint8_t> : found_way<double>;
-    found = find(model, relaxation, fluents, accepted_risk, state.data(), limit);
+    Found found = find(model, relaxation, fluents, accepted_risk, state.data(), limit);
     if (!found.second) return {found.first, std::nullopt};
     const std::size_t count = found.second->size() / std::max<std::size_t>(1, width);
     return {found.first, array_of(std::move(*found.second), {count, width})};

@@ -193,19 +193,16 @@ void check_width(const Lookahead& lookahead, std::size_t numbers, const LeafValu
 Result forecast(Lookahead& lookahead, const In<double, nb::ndim<1>>& state,
                 const LeafValues* leaves) {
     check_width(lookahead, state.size(), leaves);
-    LookaheadForecast found{FirstActions(0)};
-    found = lookahead.forecast(state.data(), leaves);
-    return result_of(std::move(found));
+    return result_of(lookahead.forecast(state.data(), leaves));
 }
 
 std::vector<Result> forecast_batch(Lookahead& lookahead, const In<double, nb::ndim<2>>& states,
                                    const LeafValues* leaves, int threads) {
     check_width(lookahead, states.shape(1), leaves);
-    std::vector<LookaheadForecast> found;
-    found = lookahead.forecast_batch(states.data(), static_cast<int>(states.shape(0)), leaves,
-                                     threads);
     std::vector<Result> results;
-    for (auto& one : found) results.push_back(result_of(std::move(one)));
+    for (auto& found : lookahead.forecast_batch(
+             states.data(), static_cast<int>(states.shape(0)), leaves, threads))
+        results.push_back(result_of(std::move(found)));
     return results;
 }
 

@@ -15,14 +15,11 @@
 #include <nanobind/stl/vector.h>
 
 #include "serp/_util/arrays.hpp"
+#include "serp/_util/checks.hpp"
 
 namespace serp {
 
 namespace {
-
-void require(bool fits, const char* message) {
-    if (!fits) throw std::invalid_argument(message);
-}
 
 bool finite(const double* values, int count) {
     return std::all_of(values, values + count, [](double value) { return std::isfinite(value); });
@@ -253,11 +250,7 @@ public:
         const int width = width_, row = width + 3;
         Flags before = 0;
         const int count = model_.counted(action) ? branch(action, rows, before) : 0;
-        if (count == 0) {
-            rows[width + 1] = static_cast<double>(step(action, rows));
-            rows[width + 2] = 1.0;
-            return 1;
-        }
+        if (count == 0) return only_outcome(action, rows, width);
         int kept = 0;
         double total = 0.0;
         for (int k = 0; k < count; ++k) {
@@ -274,11 +267,7 @@ public:
             total += target[width + 2];
             ++kept;
         }
-        if (kept == 0) {  // all are rare
-            rows[width + 1] = static_cast<double>(step(action, rows));
-            rows[width + 2] = 1.0;
-            return 1;
-        }
+        if (kept == 0) return only_outcome(action, rows, width);  // all are rare
         for (int k = 0; k < kept; ++k) rows[k * row + width + 2] /= total;
         return kept;
     }

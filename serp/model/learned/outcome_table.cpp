@@ -7,6 +7,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "serp/_util/checks.hpp"
+
 namespace serp {
 
 namespace {
@@ -28,10 +30,6 @@ constexpr double CODES = 9007199254740992.0;
 std::int64_t whole(double number) {
     const bool fits = number >= -9223372036854775808.0 && number < 9223372036854775808.0;
     return fits ? static_cast<std::int64_t>(number) : std::numeric_limits<std::int64_t>::min();
-}
-
-void require(bool fits, const char* message) {
-    if (!fits) throw std::invalid_argument(message);
 }
 
 bool ascending(const std::vector<int>& positions) {

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "serp/_util/checks.hpp"
 #include "serp/_util/vector_code.hpp"
 
 namespace serp {
@@ -80,10 +81,6 @@ void add_columns(const double* columns, std::size_t stride, int first, int rows,
         const double* column = columns + k * stride;
         for (int i = first + k; i < rows; ++i) sums[i] += column[i] * numbers[k];
     }
-}
-
-void require(bool fits, const char* message) {
-    if (!fits) throw std::invalid_argument(message);
 }
 
 int sized(bool fits, int number) {
