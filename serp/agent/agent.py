@@ -26,9 +26,9 @@ from serp.learning.reflection import Reflection
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.model.transition_model import Vector
-from serp.planning.forecast import SAFE, Forecast
-from serp.planning.preference import free_of_risk
+from serp.planning.forecast import SAFE
 from serp.settings import Settings
+from serp.tasks.action_map import ActionForecast
 from serp.tasks.symmetry import resolved
 from serp.tasks.task import BoundTask, reward_source
 
@@ -36,7 +36,9 @@ MIN_VISITS = 4
 """In training, a planner prefers actions that were observed fewer times."""
 
 
-def exploration_bonus(visits: NDArray[np.int64], min_visits: int, forecast: Forecast) -> Forecast:
+def exploration_bonus(
+    visits: NDArray[np.int64], min_visits: int, forecast: ActionForecast
+) -> ActionForecast:
     """Return a forecast whose choice is the least visited action that is safe.
 
     Args:
@@ -46,11 +48,12 @@ def exploration_bonus(visits: NDArray[np.int64], min_visits: int, forecast: Fore
     """
     if visits.min(initial=min_visits) >= min_visits:
         return forecast
-    candidates = free_of_risk(forecast.flags)
+    candidates = forecast.safe
     lasting = candidates & (forecast.safe_steps == SAFE)
     if lasting.any():
         candidates = lasting
     # If all known actions become unsafe, an unknown one is the better choice.
+    visits = visits[forecast.ground]
     candidates &= visits < min_visits
     if not candidates.any():
         return forecast
@@ -184,6 +187,18 @@ class Agent:
         """Note from which of several environments, from 0, the next calls come."""
         self.strategy.env_index = self.arbiter.vetoes.env_index = self.learner.env_index = env_index
 
+    def prefetch(self, states: Mapping[int, Vector]) -> AbstractContextManager[None]:
+        """Have the forecasts for the next decisions at hand in the body.
+
+        `states` are those of several environments, by number.
+        """
+        needed = []
+        for env_index, state in states.items():
+            self.turn_to(env_index)
+            if self.strategy.needs_plan():
+                needed.append(state)
+        return self.arbiter.prefetch(needed)
+
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""
         return self.arbiter.decide(state, LearnerProposer(self.learner, x))
@@ -256,7 +271,7 @@ class Agent:
         if following is not None:
             allowed = following.admissible
         elif not step.terminated:
-            allowed = self.arbiter.vetoes.admissible(self.arbiter.forecast(step.next_state))
+            allowed = self.arbiter.admissible(step.next_state)
         self.learner.remember(
             step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
             allowed, self.strategy.imitated(decision.forecast),

@@ -9,14 +9,13 @@ from typing import ClassVar
 from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.explanation import Alternative, explain
-from serp.agent.protocols import Planner, Proposer
+from serp.agent.protocols import Mask, Planner, Proposer
 from serp.agent.sentences import why_refused
 from serp.agent.strategy import Mixture, Situation, Strategy
 from serp.agent.veto import VetoPolicy
 from serp.learning.dqn import Proposal
 from serp.model.flags import RISKY, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.forecast import Forecast
 from serp.settings import ArbiterSettings, Settings
 from serp.tasks.action_map import ActionForecast, ActionMap
 
@@ -52,7 +51,7 @@ class Arbiter(Declared):
         strategy: Strategy | None = None,
         *,
         vetoes: VetoPolicy | None = None,
-        exploration_bonus: Callable[[Forecast], Forecast] = lambda forecast: forecast,
+        exploration_bonus: Callable[[ActionForecast], ActionForecast] = lambda forecast: forecast,
     ) -> None:
         self.planner = planner
         self.actions = actions
@@ -87,27 +86,31 @@ class Arbiter(Declared):
             return context
         return nullcontext()
 
+    def admissible(self, state: Vector) -> Mask:
+        """Return `[E]` what no veto refuses in a state `[F]`."""
+        return self._situation(state).admissible
+
     def decide(self, state: Vector, learner: Proposer) -> Decision:
         """Decide on the action in a monitored state `[F]`, as in training."""
-        planned = self.planner.forecast(state)
-        situation = self._situation(self.actions.project(planned))
+        situation = self._situation(state, plan=self.strategy.needs_plan())
         proposal = self.strategy.propose(situation, learner)
-        preferred = planned if proposal is not None else self._exploration_bonus(planned)
-        if preferred is not planned:
-            action, planner = self.actions.project(preferred).choice, Actor.PLANNER
-            if action >= 0 and situation.forecast.safe[action]:
-                reason = Reason.LITTLE_TRIED
-                return Decision(action, planner, reason, action, planner, self.rho, *situation)
+        if proposal is None:
+            forecast = situation.forecast
+            preferred, planner = self._exploration_bonus(forecast), Actor.PLANNER
+            action = preferred.choice
+            if preferred is not forecast and action >= 0 and forecast.safe[action]:
+                reason, rho = Reason.LITTLE_TRIED, self.rho
+                return Decision(action, planner, reason, action, planner, rho, *situation.record)
         return self._follow(situation, proposal)
 
     def decide_greedily(self, state: Vector, learner: Proposer) -> Decision:
         """Decide as the trained policy does, without exploration or random draws."""
-        situation = self._situation(self.forecast(state))
+        situation = self._situation(state, plan=self.strategy.needs_plan(greedily=True))
         return self._follow(situation, self.strategy.propose_greedily(situation, learner))
 
     def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:
         """Decide on a given proposal: execute it unless it is refused."""
-        return self._follow(self._situation(self.forecast(state)), proposal)
+        return self._follow(self._situation(state), proposal)
 
     def exchange(self, decision: Decision, proposal: Proposal) -> Decision:
         """Return the decision in the same state for another proposal, without a new forecast."""
@@ -115,31 +118,37 @@ class Arbiter(Declared):
 
     def execute(self, state: Vector, proposal: Proposal) -> Decision:
         """Execute a proposal without a veto. The guarantee does not hold."""
-        return self._accept(self._situation(self.forecast(state)), proposal)
+        return self._accept(self._situation(state), proposal)
 
     def plan(self, state: Vector) -> Decision:
         """Decide by the planner, whatever ρ is."""
-        return self._follow(self._situation(self.forecast(state)), None)
+        return self._follow(self._situation(state, plan=True), None)
 
     # Who acts ----------------------------------------------------------------------------------
 
-    def _situation(self, forecast: ActionForecast) -> Situation:
+    def _situation(self, state: Vector, *, plan: bool = False) -> Situation:
+        """Return the situation in a state: planned, or else what is safe, if the planner can."""
+        if not plan and hasattr(self.planner, "check_safety"):
+            checked = self.planner.check_safety(state)
+            if checked is not None:
+                known = self.actions.project(checked)
+                return Situation(known, self.vetoes.admissible(known), lambda: self.forecast(state))
+        forecast = self.forecast(state)
         return Situation(forecast, self.vetoes.admissible(forecast))
 
     def _follow(self, situation: Situation, proposal: Proposal | None) -> Decision:
-        forecast = situation.forecast
         if proposal is None:
-            planned = forecast.choice
+            planned = situation.forecast.choice
             return self._planner_acts(situation, planned, Actor.PLANNER, Reason.PLANNER_TURN)
         action = int(proposal.action)
         if situation.admissible[action]:
             return self._accept(situation, proposal)
-        refusal = self.vetoes.why_refused(forecast, action)
+        refusal = self.vetoes.why_refused(situation.forecast, action)
         return self._planner_acts(situation, action, _proposer(proposal), refusal)
 
     def _accept(self, situation: Situation, proposal: Proposal) -> Decision:
         actor, action = _proposer(proposal), int(proposal.action)
-        return Decision(action, actor, Reason.ACCEPTED, action, actor, self.rho, *situation)
+        return Decision(action, actor, Reason.ACCEPTED, action, actor, self.rho, *situation.record)
 
     def _planner_acts(
         self, situation: Situation, proposed: int, proposed_by: Actor, reason: Reason
@@ -157,7 +166,9 @@ class Arbiter(Declared):
             instead = self._fallback(forecast, proposed, otherwise=action)
             if instead != action:
                 action, executed_by = instead, Actor.FALLBACK
-        return Decision(action, executed_by, reason, proposed, proposed_by, self.rho, *situation)
+        return Decision(
+            action, executed_by, reason, proposed, proposed_by, self.rho, *situation.record
+        )
 
     def _fallback(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
         """Return the action to execute when the planner's choice is certain to do damage, or -1.

@@ -154,6 +154,10 @@ class Evidence(Strategy):
         """Draw who leads the next episode."""
         self._leads[self.env_index] = bool(self._random.random() < self._rho)
 
+    def needs_plan(self, *, greedily: bool = False) -> bool:
+        """Return whether the planner leads."""
+        return self._rho <= 0.5 if greedily else not self._leads[self.env_index]
+
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
         if self._leads[self.env_index]:

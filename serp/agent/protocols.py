@@ -30,8 +30,9 @@ class Planner(Protocol):
 
     A planner may have an attribute `visited`, which is set to the visited states, a
     `serp.model.learned.transitions.TransitionMemory`; a method `begin_episode()`, called where an
-    episode begins, perhaps in another world; and a method `prefetch(states)`, which returns a
-    context in whose body the forecasts for these states are at hand.
+    episode begins, perhaps in another world; a method `prefetch(states)`, which returns a context
+    in whose body the forecasts for these states are at hand; and a method `check_safety(state)`, a
+    faster forecast for where the learner leads, see `Lookahead.check_safety`.
     """
 
     def forecast(self, state: Vector) -> Forecast:

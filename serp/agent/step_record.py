@@ -19,6 +19,7 @@ _SIGHT: Final = {
     "saw_all": ("exhausted",),
     "by_cells": ("cells", "unknown"),
     "cut_short": ("nodes", "time"),
+    "safety_alone": ("safety",),
 }
 """Name of a count → the bounds of the planner's sight that it counts: names of `Bound`."""
 _SIGHT_OF: Final = {bound: name for name, bounds in _SIGHT.items() for bound in bounds}
@@ -37,8 +38,9 @@ class DecisionCounts(Declared):
         saw_all: Steps in which the planner saw everything that can be reached.
         by_cells: Steps in which values of cells stood for what lies beyond the lookahead.
         cut_short: Steps in which a budget of nodes or time ended its sight.
-        layers_seen: Layers of states that it saw, summed over the steps in which it did not see
-            everything.
+        safety_alone: Steps in which it was only asked which actions are safe.
+        layers_seen: Layers of states that it saw, summed over the other steps in which it did not
+            see everything.
         indifferent: Steps in which it had no reason to prefer one action.
     """
 
@@ -52,7 +54,7 @@ class DecisionCounts(Declared):
         self.executed: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
         self.unsafe_predicted = self.unsafe_executed = self.no_safe_action = 0
-        self.saw_all = self.by_cells = self.cut_short = 0
+        self.saw_all = self.by_cells = self.cut_short = self.safety_alone = 0
         self.layers_seen = self.indifferent = 0
 
     def count(self, step: Any) -> None:
@@ -103,12 +105,17 @@ def total(metrics: Mapping[str, Any]) -> dict[str, int]:
 
 
 def sight_of(counts: Mapping[str, int], steps: int) -> dict[str, float | None]:
-    """Return how far the planner saw: shares of all steps, see `DecisionCounts`.
+    """Return how far the planner saw: shares of steps, see `DecisionCounts`.
 
-    `mean_depth` is the mean number of layers that it saw where it did not see everything.
+    All but `safety_alone` are of the steps in which it planned. `mean_depth` is the mean number of
+    layers that it saw where it did not see everything.
     """
-    shares = {name: counts[name] / steps if steps else None for name in (*_SIGHT, "indifferent")}
-    partial = steps - counts["saw_all"]
+    planned = steps - counts["safety_alone"]
+    shares = {
+        name: counts[name] / planned if planned else None for name in (*_SIGHT, "indifferent")
+    }
+    shares["safety_alone"] = counts["safety_alone"] / steps if steps else None
+    partial = planned - counts["saw_all"]
     return {**shares, "mean_depth": counts["layers_seen"] / partial if partial else None}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -62,11 +62,38 @@ class PolicyEvidence(NamedTuple):
 Seed = int | np.random.SeedSequence
 
 
-class Situation(NamedTuple):
-    """The planner's forecast for the current state, and `[E]` what no veto refuses."""
+class Situation:
+    """What is known of the current state; the planner plans when its forecast is asked for.
 
-    forecast: ActionForecast
-    admissible: Mask
+    Args:
+        known: The planner's forecast, or one that says only which actions are safe.
+        admissible: `[E]` what no veto refuses.
+        plan: Returns the planner's forecast; None where `known` is that.
+
+    Attributes:
+        known: The planner's forecast once it has planned.
+        admissible: As given.
+    """
+
+    def __init__(
+        self,
+        known: ActionForecast,
+        admissible: Mask,
+        plan: Callable[[], ActionForecast] | None = None,
+    ) -> None:
+        self.known, self.admissible, self._plan = known, admissible, plan
+
+    @property
+    def forecast(self) -> ActionForecast:
+        """The planner's forecast."""
+        if self._plan is not None:
+            self.known, self._plan = self._plan(), None
+        return self.known
+
+    @property
+    def record(self) -> tuple[ActionForecast, Mask]:
+        """The last two fields of a `Decision`."""
+        return self.known, self.admissible
 
 
 class Strategy(Declared):
@@ -113,6 +140,13 @@ class Strategy(Declared):
         """Weight of the learner's imitation loss in the next updates."""
         return 0.0
 
+    def needs_plan(self, *, greedily: bool = False) -> bool:
+        """Return whether the next proposal is likely to depend on the planner's forecast.
+
+        Where it is not, only the safety of actions is computed before the forecast is asked for.
+        """
+        return False
+
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal, or None if it is the planner's turn."""
         return learner.propose(situation.admissible)
@@ -148,6 +182,10 @@ class Mixture(Strategy):
     def rho(self) -> float:
         """ρ."""
         return self._rho
+
+    def needs_plan(self, *, greedily: bool = False) -> bool:
+        """Return whether it is more likely the planner's turn."""
+        return self._rho < 0.5 and not greedily
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""

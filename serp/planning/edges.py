@@ -21,7 +21,7 @@ class Bound(IntEnum):
     that can be reached is in the graph. `CELLS`: the last layer, whose states have the values of a
     graph over cells, which holds all that is known and can be reached. `UNKNOWN`: the same, and
     nothing known there is worth more than going on, so the plan leads to what is not known, whose
-    value is the most that there could be.
+    value is the most that there could be. `SAFETY`: nothing but whether actions are safe was asked.
     """
 
     DEPTH = 0
@@ -30,6 +30,7 @@ class Bound(IntEnum):
     EXHAUSTED = 3
     CELLS = 4
     UNKNOWN = 5
+    SAFETY = 6
 
     @property
     def partial(self) -> bool:

@@ -91,6 +91,19 @@ class FarSightPlanner:
             forecast = self._search(state)
         return forecast if forecast is not None else self._forecast_by_cells(state)
 
+    def check_safety(self, state: Vector) -> Forecast | None:
+        """Return which actions are safe in a state `[F]`; None where that takes a forecast.
+
+        See `Lookahead.check_safety`. A state that the graph holds has its forecast.
+        """
+        if self.model.revision == self._revision:
+            forecast = self.graph.forecast(state)
+            if forecast is not None:
+                return forecast
+        elif self.graph.edges:
+            return None
+        return None if self._may_search(state) else self._lookahead.check_safety(state)
+
     @contextlib.contextmanager
     def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
         """Have the lookahead's forecasts for these states at hand in the body."""

@@ -20,9 +20,10 @@ class Forecast(NamedTuple):
     """The planner's prediction for every action in one state.
 
     Attributes:
-        choice: The first action of the best path; -1 where no action is applicable. At every node
-            actions are ordered by rank (safe before risky before unsafe), then by the least
-            `path_risk`, the largest `safe_steps`, the largest `value`, and the order of the file.
+        choice: The first action of the best path; -1 where no action is applicable, and where the
+            bound is SAFETY: then nothing is planned, and values are NaN. At every node actions are
+            ordered by rank (safe before risky before unsafe), then by the least `path_risk`, the
+            largest `safe_steps`, the largest `value`, and the order of the file.
         value: `[A]` discounted sum of rewards of the best path that begins with each action, plus
             the value of its last state where `Lookahead.leaves` is set; -inf where not applicable.
         path_risk: `[A]` probability, in [0, 1], of an unsafe step on that path; steps whose risk is

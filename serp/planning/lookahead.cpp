@@ -143,6 +143,61 @@ void LookaheadSearch::choose(int node, int expanded, FirstActions& first) {
     first.choice = chosen;
 }
 
+LookaheadForecast LookaheadSearch::check_safety(const double* state) {
+    LookaheadForecast found{FirstActions(actions_)};
+    FirstActions& first = found.first;
+    // The states after the first actions come first, then those along a path.
+    const std::size_t rows = static_cast<std::size_t>(actions_) + rules_.depth;
+    if (states_.size() < rows * (width_ + 1)) states_.resize(rows * (width_ + 1));
+    stepper_->from(state);
+    for (int action = 0; action < actions_; ++action) {
+        double* out = state_at(action);
+        const Flags predicted = stepper_->step(action, out);
+        const double risk = step_risk(predicted, rules_.accepted);
+        const Flags flags = first.flags[action] = marked(predicted, risk);
+        if (!(flags & APPLICABLE)) continue;
+        ++found.followed;
+        first.value[action] = std::numeric_limits<double>::quiet_NaN();
+        first.reward[action] = out[width_];
+        first.path_risk[action] = risk;
+        first.safe_steps[action] = 0;
+    }
+    bool some = false, all = true;
+    for (int action = 0; action < actions_; ++action) {
+        if (!(first.flags[action] & APPLICABLE) || first.path_risk[action] > 0.0) continue;
+        const bool safe = first.flags[action] & TERMINAL ||
+                          safe_path_from(state_at(action), 1, found.followed);
+        first.safe_steps[action] = safe ? SAFE : 0;
+        some = some || safe;
+        all = all && safe;
+    }
+    found.bound = some && all ? Bound::SAFETY : Bound::NODES;
+    return found;
+}
+
+/// Returns whether a path without risk begins in a state at a depth, as far as few edges show.
+bool LookaheadSearch::safe_path_from(const double* state, int depth, std::int64_t& followed) {
+    if (depth == rules_.depth) return true;
+    // As many as it takes to try all actions in every state of one path by each first action.
+    const std::int64_t most = std::int64_t{rules_.depth} * actions_ * actions_;
+    double* out = state_at(actions_ + depth - 1);
+    bool applicable = false, undefined = false, elsewhere = true;
+    for (int action = 0; action < actions_; ++action) {
+        if (followed >= most) return false;
+        if (elsewhere) stepper_->from(state);
+        const Flags flags = stepper_->step(action, out);
+        elsewhere = false;
+        undefined = undefined || flags & UNDEFINED;
+        if (!(flags & APPLICABLE)) continue;
+        ++followed;
+        applicable = true;
+        if (step_risk(flags, rules_.accepted) > 0.0) continue;
+        if (flags & TERMINAL || safe_path_from(out, depth + 1, followed)) return true;
+        elsewhere = true;
+    }
+    return !applicable && !undefined;
+}
+
 Lookahead::Lookahead(const Model& model, const LookaheadRules& rules) : model_(model), rules_(rules) {
     searches_.push_back(std::make_unique<LookaheadSearch>(model_, rules_));
 }
@@ -196,6 +251,12 @@ Result forecast(Lookahead& lookahead, const In<double, nb::ndim<1>>& state,
     return result_of(lookahead.forecast(state.data(), leaves));
 }
 
+ForecastTuple check_safety(Lookahead& lookahead, const In<double, nb::ndim<1>>& state) {
+    check_width(lookahead, state.size(), nullptr);
+    LookaheadForecast of = lookahead.check_safety(state.data());
+    return forecast_tuple(std::move(of.first), of.depth, of.bound);
+}
+
 std::vector<Result> forecast_batch(Lookahead& lookahead, const In<double, nb::ndim<2>>& states,
                                    const LeafValues* leaves, int threads) {
     check_width(lookahead, states.shape(1), leaves);
@@ -231,6 +292,8 @@ void bind_lookahead(nb::module_& module) {
             nb::arg("max_nodes"), nb::arg("max_edges"), nb::keep_alive<1, 2>())
         .def("forecast", &forecast, nb::arg("state"), nb::arg("leaves").none(),
              "Return the fields of a `Forecast` for a state [F], and the edges followed for it.")
+        .def("check_safety", &check_safety, nb::arg("state"),
+             "Return the fields of a `Forecast` that says only which actions are safe.")
         .def("forecast_batch", &forecast_batch, nb::arg("states"), nb::arg("leaves").none(),
              nb::arg("threads"), "Return what `forecast` returns for states [B, F].")
         .def("paths", &paths_of,

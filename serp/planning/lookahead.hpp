@@ -42,6 +42,14 @@ public:
     /// ends the expansion, leaves are worth 0.
     LookaheadForecast forecast(const double* state, const LeafValues* leaves);
 
+    /// Finds out only whether a path without risk begins with each first action of a state [F], to
+    /// the depth of the lookahead or the end of the task: depth-first, up to the first such path.
+    ///
+    /// Flags and rewards are those of `forecast`, values are NaN, and no action is chosen. Where the
+    /// bound is SAFETY, some path is without risk, and for actions without a risk of their own `SAFE`
+    /// in `safe_steps` is what `forecast` gives. With another bound it is not known.
+    LookaheadForecast check_safety(const double* state);
+
     /// The best path from a state.
     struct Path {
         double value = 0.0, risk = 0.0;
@@ -62,6 +70,7 @@ private:
     bool expand(int start, int end, int depth, const LeafValues* leaves, LookaheadForecast& found);
     int child_of(int position);
     void choose(int node, int expanded, FirstActions& first);
+    bool safe_path_from(const double* state, int depth, std::int64_t& followed);
 
     double* state_at(int position) {
         return states_.data() + static_cast<std::size_t>(position) * (width_ + 1);
@@ -89,6 +98,9 @@ public:
     LookaheadForecast forecast(const double* state, const LeafValues* leaves) {
         return searches_[0]->forecast(state, leaves);
     }
+
+    /// See `LookaheadSearch::check_safety`.
+    LookaheadForecast check_safety(const double* state) { return searches_[0]->check_safety(state); }
 
     /// Returns the forecasts for states [B, F], computed by so many threads.
     std::vector<LookaheadForecast> forecast_batch(const double* states, int count,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from serp import _core
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.edges import edge_budget, lookahead_nodes
+from serp.planning.edges import Bound, edge_budget, lookahead_nodes
 from serp.planning.forecast import Forecast, forecast_of
 from serp.planning.preference import PathScore, path_score
 from serp.settings import PlannerSettings
@@ -91,3 +91,13 @@ class Lookahead:
                 return forecast
         fields, self.followed = self._core.forecast(state, self.leaves)
         return forecast_of(fields)
+
+    def check_safety(self, state: Vector) -> Forecast | None:
+        """Return which actions are safe in a state `[F]`, without their values.
+
+        Flags and rewards are those of `forecast`, and so is where `safe_steps` is SAFE. Values are
+        NaN, and no action is chosen. None where a few edges, depth-first, do not find a path
+        without risk by every action that has no risk of its own.
+        """
+        forecast = forecast_of(self._core.check_safety(state))
+        return forecast if forecast.bound is Bound.SAFETY else None

@@ -19,6 +19,7 @@ from serp.errors import RunError
 from serp.model.domain import Domain, load_domain
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
@@ -27,7 +28,7 @@ from serp.runs.folder import RunFolder
 from serp.runs.recording import Recording, StoredStep, open_recording
 from serp.runs.run import read_run_metadata, refuse_changes
 from serp.settings import Settings
-from serp.tasks.action_map import ActionMap
+from serp.tasks.action_map import ActionForecast, ActionMap
 
 
 class RunModel:
@@ -136,9 +137,11 @@ def agreeing_planner(run: RunModel, step: StoredStep) -> ChosenPlanner | None:
 
     It plans with the file as written, or with what the newest checkpoint has learned. Of the two it
     is one that refuses the proposal that was refused, if there is one; then the one by which the
-    choice is worth most nearly what was recorded.
+    choice is worth most nearly what was recorded. Where nothing was planned, it is the newest one.
     """
     forecast = step.decision.forecast
+    if forecast.bound is Bound.SAFETY:
+        return [*_candidates(run)][-1]
     if forecast.choice < 0:
         return None
     chosen = int(forecast.ground[forecast.choice])
@@ -154,6 +157,26 @@ def agreeing_planner(run: RunModel, step: StoredStep) -> ChosenPlanner | None:
         if rank <= (False, 1e-9 * max(1.0, abs(recorded))):
             break
     return best
+
+
+def planned_again(
+    forecast: ActionForecast, planner: ChosenPlanner, state: Vector
+) -> ActionForecast:
+    """Return the forecast of a step in which only safety was checked, with a planner's plan."""
+    found, ground = planner.forecast(state), forecast.ground
+    chosen = np.flatnonzero((ground == found.choice) & (ground >= 0))
+
+    def by_action(column: Vector, unknown: float) -> Vector:
+        return np.where(ground >= 0, column[ground], unknown)
+
+    return forecast._replace(
+        choice=int(chosen[0]) if len(chosen) else -1,
+        value=by_action(found.value, -np.inf),
+        path_risk=by_action(found.path_risk, 0.0),
+        depth=found.depth,
+        bound=found.bound,
+        indifferent=found.indifferent,
+    )
 
 
 def _candidates(run: RunModel) -> Iterator[ChosenPlanner]:

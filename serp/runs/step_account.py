@@ -8,7 +8,7 @@ the same choice in this state, see `serp.runs.run_model`. Where none does, it is
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,9 @@ from serp.agent.explanation import Explanation, explain
 from serp.agent.sentences import lines_of_causes, lines_of_changes, who_decided, why_refused
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.planning.edges import Bound
 from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
-from serp.runs.run_model import RunModel, agreeing_planner, other_vetoes_of
+from serp.runs.run_model import RunModel, agreeing_planner, other_vetoes_of, planned_again
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,8 @@ class StepAccount:
         time: Time since the episode began, such as `3:12.4`.
         because: Why this step was chosen; empty where it was asked for.
         account: Alternatives with the recorded values, causes and runner-up.
+        planned: Whether the planner planned. If not, it only checked which actions are safe, and
+            the forecast of the step is that of `ahead_by`.
         ahead_by: With what it was planned again, for what lies ahead and what would have had to
             differ; empty where nothing makes the same choice.
         other_choices: Changes of one fluent with which the planner chooses another action.
@@ -163,6 +166,7 @@ class StepAccount:
     time: str
     because: str
     account: Explanation
+    planned: bool
     ahead_by: str
     other_choices: Counterfactuals | None
     other_vetoes: Counterfactuals | None
@@ -225,6 +229,10 @@ def account_of_step(
     decision, state = stored.decision, stored.state
     ground: list[int] = decision.forecast.ground.tolist()
     planner = agreeing_planner(run, stored)
+    planned = decision.forecast.bound is not Bound.SAFETY
+    if planner is not None and not planned:
+        decision = decision._replace(forecast=planned_again(decision.forecast, planner, state))
+        stored = replace(stored, decision=decision)
     model = run.adapted or run.model  # risks that were learned are traced in it
     paths = other_choices = other_vetoes = None
     if planner is not None:
@@ -245,6 +253,7 @@ def account_of_step(
         time=clock((stored.number - 1) * recording.layout.control_period),
         because=because,
         account=account,
+        planned=planned,
         ahead_by="" if planner is None else planner.name,
         other_choices=other_choices,
         other_vetoes=other_vetoes,
@@ -279,15 +288,21 @@ def who_acted(account: StepAccount) -> list[str]:
     if decision.proposed >= 0:
         of = account.account.alternatives[decision.proposed]
         why = why_refused(decision.reason, of.causes, of.reward, of.safe_steps)
-    return who_decided(
+    lines = who_decided(
         decision.reason,
         (account.proposed, decision.proposed_by),
         (account.name(decision.action), decision.executed_by),
         rho=decision.rho,
-        indifferent=decision.indifferent,
+        indifferent=decision.indifferent and account.planned,
         bound=decision.forecast.bound,
         why=why,
     )
+    if not account.planned:
+        lines.append(
+            "The learner led, so the planner only checked which actions are safe. What it would "
+            f"have planned was computed with {account.ahead_by}."
+        )
+    return lines
 
 
 def what_would_differ(account: StepAccount) -> list[str]:

@@ -55,6 +55,7 @@ class MetricsRow(NamedTuple):
     saw_all: int
     by_cells: int
     cut_short: int
+    safety_alone: int
     layers_seen: int
     indifferent: int
     loss: float | None

@@ -294,7 +294,8 @@ class Trainer(Closing):
     def _decide(self, environments: list[RolloutEnv]) -> None:
         """Decide in environments whose episode goes on, and begin to execute the decisions."""
         rollouts = {env: env.rollout for env in environments if env.rollout is not None}
-        with self.agent.arbiter.prefetch([rollout.state for rollout in rollouts.values()]):
+        states = {env.index: rollout.state for env, rollout in rollouts.items()}
+        with self.agent.prefetch(states):
             for env, rollout in rollouts.items():
                 self.agent.turn_to(env.index)
                 if self._pretrained:

@@ -175,7 +175,9 @@ class ActionMap:
                     steps[action] = forecast.safe_steps[together].min()
                     reward[action] = forecast.reward[together].min()
         projected = Forecast(choice, value, risk, steps, reward, flags, *forecast[-2:])
-        return projected if self._one_to_one else projected._replace(choice=self._best(projected))
+        if choice < 0 or self._one_to_one:
+            return projected
+        return projected._replace(choice=self._best(projected))
 
     def _best(self, of: Forecast) -> int:
         """Return the best environment action, -1 where none is applicable.

@@ -33,14 +33,16 @@ def print_account(
     rows = [("trained policy", account["trained_policy"])]
     if account["evidence"] is not None:
         rows.append(("evidence", account["evidence"]["sentence"]))
-    if sight["saw_all"] is not None:
-        shares = [percent(share or 0.0) for what, share in sight.items() if what != "mean_depth"]
+    if sight["safety_alone"] is not None:
+        share = {name: percent(share or 0.0) for name, share in sight.items()}
         text = (
-            "complete lookahead in {} of the steps, cells in {}, budget reached in {}, "
-            "indifferent in {}".format(*shares)
+            f"complete lookahead in {share['saw_all']} of its plans, cells in {share['by_cells']}, "
+            f"budget reached in {share['cut_short']}, indifferent in {share['indifferent']}"
         )
         if sight["mean_depth"] is not None:
             text += f"; otherwise {readable(sight['mean_depth'])} layers of states"
+        if sight["safety_alone"]:
+            text += f". In {share['safety_alone']} of the steps only safety was checked"
         rows.append(("planner saw", text))
     rows.append(("model", account["model"]["sentence"]))
     rows += [

@@ -46,6 +46,7 @@ def counted(decisions: list[dict[str, str]]) -> dict[str, int]:
         "saw_all": sum(d["bound"] == "exhausted" for d in decisions),
         "by_cells": sum(d["bound"] in ("cells", "unknown") for d in decisions),
         "cut_short": sum(d["bound"] in ("nodes", "time") for d in decisions),
+        "safety_alone": sum(d["bound"] == "safety" for d in decisions),
         "layers_seen": sum(int(d["depth"]) for d in decisions if d["bound"] != "exhausted"),
         "indifferent": sum(d["indifferent"] == "1" for d in decisions),
     }
@@ -67,14 +68,18 @@ def test_every_number_of_a_run_is_a_sum_over_its_decisions(name: str, tmp_path: 
         assert len(own) == int(row["length"])
     summary = json.loads((run.path / "summary.json").read_text())
     assert summary["env_steps"] == len(decisions)
+    planned = [d for d in decisions if d["bound"] != "safety"]
     for column, count in counted(decisions).items():
         if column.endswith("_steps"):
             share = summary["shares"][column.removesuffix("_steps")]
             assert share == pytest.approx(count / len(decisions))
         elif column in ("saw_all", "by_cells", "cut_short", "indifferent"):
+            share = summary["sight"][column]
+            assert share == (pytest.approx(count / len(planned)) if planned else None)
+        elif column == "safety_alone":
             assert summary["sight"][column] == pytest.approx(count / len(decisions))
         elif column == "layers_seen":
-            partial = sum(d["bound"] != "exhausted" for d in decisions)
+            partial = sum(d["bound"] != "exhausted" for d in planned)
             depth = summary["sight"]["mean_depth"]
             assert depth == (pytest.approx(count / partial) if partial else None)
         else:

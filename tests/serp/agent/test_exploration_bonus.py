@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from serp.agent.agent import exploration_bonus
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE
 from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE, Forecast
+from serp.planning.forecast import SAFE
+from serp.tasks.action_map import ActionForecast
 from tests.generated.profile import examples
 
 MIN_VISITS = 3
@@ -17,7 +18,7 @@ FLAGS = (
 
 
 @st.composite
-def situations(draw: st.DrawFn) -> tuple[Forecast, list[int]]:
+def situations(draw: st.DrawFn) -> tuple[ActionForecast, list[int]]:
     """Forecasts whose choice is unsafe only where nothing is predicted safe, and counts."""
     actions = draw(st.integers(1, 5))
     flags = draw(st.lists(st.sampled_from(FLAGS), min_size=actions, max_size=actions))
@@ -28,10 +29,10 @@ def situations(draw: st.DrawFn) -> tuple[Forecast, list[int]]:
     ]
     best = max(range(actions), key=lambda k: (steps[k], k))
     visits = draw(st.lists(st.integers(0, MIN_VISITS + 1), min_size=actions, max_size=actions))
-    forecast = Forecast(
-        best if steps[best] >= 0 else -1, np.arange(actions, dtype=float),
+    forecast = ActionForecast(
+        best if steps[best] >= 0 else -1, np.arange(actions), np.arange(actions, dtype=float),
         (np.array(steps) != SAFE).astype(float), np.array(steps), np.zeros(actions),
-        np.array(flags), 3, Bound.DEPTH,
+        np.array(flags), 3, Bound.DEPTH, False,
     )  # fmt: skip
     return forecast, visits
 
@@ -39,7 +40,7 @@ def situations(draw: st.DrawFn) -> tuple[Forecast, list[int]]:
 @given(situation=situations())
 @examples(400)
 def test_the_least_visited_of_the_safe_actions_is_preferred(
-    situation: tuple[Forecast, list[int]],
+    situation: tuple[ActionForecast, list[int]],
 ) -> None:
     planned, visits = situation
     preferred = exploration_bonus(np.array(visits), MIN_VISITS, planned)

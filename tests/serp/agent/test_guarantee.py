@@ -61,7 +61,7 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
         random = Random(seed)
         arbiter = arbiter_of(list(action_maps(model, random))[actions], random, strategy)
         arbiter._exploration_bonus = lambda forecast: (
-            forecast._replace(choice=random.randrange(len(model.actions)))
+            forecast._replace(choice=random.randrange(arbiter.actions.size))
             if random.random() < 0.3
             else forecast
         )

@@ -10,7 +10,7 @@ from random import Random
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import event, given
 from hypothesis import strategies as st
 
 from serp import _core
@@ -19,7 +19,7 @@ from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.lookahead import Lookahead
-from serp.planning.preference import rank_of
+from serp.planning.preference import free_of_risk, rank_of
 from serp.planning.replanner import MonitorReplanner, Plan
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
@@ -178,6 +178,27 @@ def test_forecasts_that_threads_compute_are_those_of_one(
         together.leaves = None
         assert bits(together.forecast(states[0])) == bits(Lookahead(model).forecast(states[0]))
     assert together.forecast(states[0]) is not together.forecast(states[0])
+
+
+@examples(300)
+@given(st.sampled_from(MODELS), SETTINGS, st.integers(0, 10**6))
+def test_what_is_checked_to_be_safe_is_what_the_plan_finds_safe(
+    model: TransitionModel, settings: PlannerSettings, seed: int
+) -> None:
+    for state in states_of(model, Random(seed), 6):
+        checked = Lookahead(model, settings).check_safety(state)
+        planned = Lookahead(model, settings).forecast(state)
+        free = free_of_risk(planned.flags)
+        event(f"known: {checked is not None}")
+        if checked is None:
+            continue
+        assert (checked.choice, checked.bound) == (-1, Bound.SAFETY)
+        np.testing.assert_array_equal(checked.flags, planned.flags)
+        np.testing.assert_array_equal(checked.reward, planned.reward)
+        assert free.any()
+        assert (checked.safe_steps[free] == SAFE).all()
+        assert (planned.safe_steps[free] == SAFE).all()
+        assert not (checked.safe_steps[~free] == SAFE).any()
 
 
 # Leaves that are worth something -----------------------------------------------------------------
