@@ -83,10 +83,7 @@ class FarSightPlanner:
         self._since += 1
         least = 1 if self._wait else _LEAST
         self._saved = min(self._saved + max(least, int(_SHARE * self._followed)), _MOST_SAVED)
-        if self.model.revision != self._revision and self._saved >= 0:
-            self._revision = self.model.revision
-            self.graph.clear()
-        forecast = self.graph.forecast(state)
+        forecast = self._forecast_by_graph(state)
         if forecast is None and self._may_search(state):
             forecast = self._search(state)
         return forecast if forecast is not None else self._forecast_by_cells(state)
@@ -96,13 +93,17 @@ class FarSightPlanner:
 
         See `Lookahead.check_safety`. A state that the graph holds has its forecast.
         """
-        if self.model.revision == self._revision:
-            forecast = self.graph.forecast(state)
-            if forecast is not None:
-                return forecast
-        elif self.graph.edges:
-            return None
-        return None if self._may_search(state) else self._lookahead.check_safety(state)
+        forecast = self._forecast_by_graph(state)
+        if forecast is not None or self._may_search(state):
+            return forecast
+        return self._lookahead.check_safety(state)
+
+    def _forecast_by_graph(self, state: Vector) -> Forecast | None:
+        """Return the forecast of the graph, which is for the model as it is, if that is paid for."""
+        if self.model.revision != self._revision and self._saved >= 0:
+            self._revision = self.model.revision
+            self.graph.clear()
+        return self.graph.forecast(state)
 
     @contextlib.contextmanager
     def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
