@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import ClassVar
@@ -16,6 +17,7 @@ from serp.agent.veto import VetoPolicy
 from serp.learning.dqn import Proposal
 from serp.model.flags import RISKY, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.edges import Bound
 from serp.settings import ArbiterSettings, Settings
 from serp.tasks.action_map import ActionForecast, ActionMap
 
@@ -112,9 +114,14 @@ class Arbiter(Declared):
         """Decide on a given proposal: execute it unless it is refused."""
         return self._follow(self._situation(state), proposal)
 
-    def exchange(self, decision: Decision, proposal: Proposal) -> Decision:
-        """Return the decision in the same state for another proposal, without a new forecast."""
-        return self._follow(Situation(decision.forecast, decision.admissible), proposal)
+    def exchange(self, decision: Decision, state: Vector, proposal: Proposal) -> Decision:
+        """Return the decision in the same state `[F]` for another proposal.
+
+        A new forecast is made only where nothing was planned and the proposal is refused.
+        """
+        known = decision.forecast
+        plan = functools.partial(self.forecast, state) if known.bound is Bound.SAFETY else None
+        return self._follow(Situation(known, decision.admissible, plan), proposal)
 
     def execute(self, state: Vector, proposal: Proposal) -> Decision:
         """Execute a proposal without a veto. The guarantee does not hold."""
@@ -132,7 +139,8 @@ class Arbiter(Declared):
             checked = self.planner.check_safety(state)
             if checked is not None:
                 known = self.actions.project(checked)
-                return Situation(known, self.vetoes.admissible(known), lambda: self.forecast(state))
+                later = functools.partial(self.forecast, state)
+                return Situation(known, self.vetoes.admissible(known), later)
         forecast = self.forecast(state)
         return Situation(forecast, self.vetoes.admissible(forecast))
 

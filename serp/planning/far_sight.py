@@ -99,7 +99,7 @@ class FarSightPlanner:
         return self._lookahead.check_safety(state)
 
     def _forecast_by_graph(self, state: Vector) -> Forecast | None:
-        """Return the forecast of the graph, which is for the model as it is, if that is paid for."""
+        """Return the forecast of the graph, which is forgotten where the model has changed."""
         if self.model.revision != self._revision and self._saved >= 0:
             self._revision = self.model.revision
             self.graph.clear()

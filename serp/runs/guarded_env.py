@@ -199,7 +199,7 @@ class ArbitratedEnv(TaskEnv):
         self._turn = None
         if asked:
             proposal = Proposal(action, False, None)
-            decision = self._agent.arbiter.exchange(decision, proposal)
+            decision = self._agent.arbiter.exchange(decision, rollout.state, proposal)
         self._last = decision, rollout.state
         return decision
 

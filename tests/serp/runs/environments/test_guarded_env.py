@@ -69,7 +69,7 @@ def test_a_loop_outside_makes_the_steps_of_a_training(tmp_path: Path) -> None:
     ):
         ours, theirs = (table(tmp_path / where, name) for where in ("inside", "outside"))
         for one, other in zip(ours, theirs, strict=True):
-            assert all(one[column] == other[column] for column in one.keys() - unknown)
+            assert {c: one[c] for c in one.keys() - unknown} == {c: other[c] for c in one.keys() - unknown}
     names = set(COLUMNS) - {"proposed_by", "executed_by", "reason"}
     ours, theirs = (
         open_recording(tmp_path / where).columns(*names) for where in ("inside", "outside")
