@@ -1,4 +1,3 @@
-; Roads between places, one of which is mined.
 (define (domain walk)
   (:requirements :typing :numeric-fluents :negative-preconditions :conditional-effects)
   (:types place)
