@@ -13,9 +13,7 @@ import json
 import random
 import shutil
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +25,6 @@ from serp.runs.folder import METRICS
 from serp.runs.policy import AGENT, MANIFEST, Policy, export_policy
 from serp.runs.tables import read_metrics
 
-Arrays = dict[str, np.ndarray[Any, Any]]
 BEGUN, FURTHER = 600, 40
 """Env steps of the run, and after it was resumed."""
 SECONDS = 60
@@ -39,13 +36,13 @@ VALUES = (*NUMBERS, 2**70, -(2**200), True, False, None, "", "planner", [], [1],
           {}, {"state": 1})  # fmt: skip
 
 
-def begin(name: str, path: Path) -> None:
+def begin(name, path):
     """Trains for a while."""
     plan_and_learn(name, settings=SETTINGS, env_steps=BEGUN, out=path, seed=1, quiet=True)
     (path / PREVIOUS).unlink(missing_ok=True)  # what is refused is not to be found whole elsewhere
 
 
-def resumed(path: Path) -> str:
+def resumed(path):
     """Goes on with a run; says how that ended. Anything but a `SerpError` is raised."""
     try:
         plan_and_learn("", out=path, env_steps=BEGUN + FURTHER, resume=True, quiet=True)
@@ -57,7 +54,7 @@ def resumed(path: Path) -> str:
     return "went on"
 
 
-def decided(path: Path) -> str:
+def decided(path):
     """Makes some decisions on a robot, with its manifest made to fit; says how that ended."""
     manifest = json.loads((path / MANIFEST).read_text())
     manifest["files"][AGENT] = hashlib.sha256((path / AGENT).read_bytes()).hexdigest()
@@ -72,7 +69,7 @@ def decided(path: Path) -> str:
     return "went on"
 
 
-def forged(arrays: Arrays, meta: dict[str, Any], dice: random.Random) -> str:
+def forged(arrays, meta, dice):
     """Changes one thing in a checkpoint, where it is; says what."""
     leaves = list(_leaves(meta))
     if dice.random() < len(arrays) / (len(arrays) + len(leaves)):
@@ -93,7 +90,7 @@ def forged(arrays: Arrays, meta: dict[str, Any], dice: random.Random) -> str:
     return f"{path}: {container[key]!r}"[:100]
 
 
-def _leaves(value: Any, path: str = "meta") -> Iterator[tuple[str, Any, Any]]:
+def _leaves(value, path="meta"):
     """Where something can be changed: container and key of everything in a JSON value."""
     keys = value.keys() if isinstance(value, dict) else range(len(value))
     for key in list(keys)[:20]:
@@ -102,30 +99,30 @@ def _leaves(value: Any, path: str = "meta") -> Iterator[tuple[str, Any, Any]]:
             yield from _leaves(value[key], f"{path}.{key}")
 
 
-def _cast(value: float, dtype: np.dtype[Any]) -> Any:
+def _cast(value, dtype):
     with np.errstate(all="ignore"):
         if dtype.kind == "i" and not abs(value) < 2**63:
             return np.iinfo(dtype).min
         return np.array(value).astype(dtype)
 
 
-def _filled(array: Any, dice: random.Random, others: Any) -> Any:
+def _filled(array, dice, others):
     array[...] = _cast(dice.choice(NUMBERS), array.dtype)
     return array
 
 
-def _one(array: Any, dice: random.Random, others: Any) -> Any:
+def _one(array, dice, others):
     if array.size:
         array.reshape(-1)[dice.randrange(array.size)] = _cast(dice.choice(NUMBERS), array.dtype)
     return array
 
 
-def _shuffled(array: Any, dice: random.Random, others: Any) -> Any:
+def _shuffled(array, dice, others):
     np.random.default_rng(dice.randrange(2**32)).shuffle(array.reshape(-1))
     return array
 
 
-_OF_ARRAYS: tuple[tuple[str, Callable[[Any, random.Random, Any], Any]], ...] = (
+_OF_ARRAYS = (
     ("filled", _filled),
     ("one entry", _one),
     ("one entry again", _one),
@@ -142,9 +139,9 @@ _OF_ARRAYS: tuple[tuple[str, Callable[[Any, random.Random, Any], Any]], ...] = (
 )  # fmt: skip
 
 
-def main(folder: Path, first: int, count: int, robots: str = "") -> None:
+def main(folder, first, count, robots=""):
     """Forges and uses; prints a JSON line before each, and how it ended after it."""
-    results.write_results = lambda folder, *results: None  # type: ignore[assignment]
+    results.write_results = lambda folder, *results: None
     if not folder.exists():
         begin("cliff", folder)
     whole, name, used = folder, NEWEST, resumed

@@ -20,7 +20,7 @@ QUICK = [
 ]  # fmt: skip
 
 
-def serp(*arguments: str) -> None:
+def serp(*arguments):
     """Run a command in this process."""
     with without_pictures(), pytest.raises(SystemExit) as end:
         main([*arguments, "--quiet"])
@@ -30,23 +30,21 @@ def serp(*arguments: str) -> None:
 class Terminal:
     """A terminal that somebody reads, until it is closed."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.master, self.slave = pty.openpty()
 
-    def enter(self) -> None:
+    def enter(self):
         """Make it the terminal of the session that the calling process leads."""
         os.close(os.open(os.ttyname(self.slave), os.O_RDWR))
 
-    def read(self) -> None:
+    def read(self):
         """Read what is there."""
         while select.select([self.master], [], [], 0)[0]:
             os.read(self.master, 65536)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no such signals there")
-def test_a_run_whose_terminal_is_closed_goes_on_as_if_nothing_had_been(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_whose_terminal_is_closed_goes_on_as_if_nothing_had_been(tmp_path, monkeypatch):
     """`test_plan_and_learn` sends the other signals."""
     monkeypatch.chdir(tmp_path)
     long = [*QUICK, "--episodes=250"]  # it is not over when the terminal is closed

@@ -2,7 +2,6 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -34,15 +33,15 @@ ROOMS = (
 
 
 @cache
-def tree(path: Path) -> ast.Module:
+def tree(path):
     return ast.parse(path.read_text(encoding="utf-8"), str(path))
 
 
-def modules(package: str) -> list[Path]:
+def modules(package):
     return sorted(PACKAGES[package].rglob("*.py"))
 
 
-def imports(path: Path) -> Iterator[str]:
+def imports(path):
     """Full name of everything that a module imports, wherever in it."""
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
@@ -55,12 +54,12 @@ def imports(path: Path) -> Iterator[str]:
     ("package", "others"),
     [("serp", {"serp_adapters", "serp_envs"}), ("serp_envs", {"serp", "serp_adapters"})],
 )
-def test_imports_between_the_packages_go_one_way(package: str, others: set[str]) -> None:
+def test_imports_between_the_packages_go_one_way(package, others):
     found = [(path, name) for path in modules(package) for name in imports(path)]
     assert [each for each in found if each[1].partition(".")[0] in others] == []
 
 
-def test_imports_inside_serp_go_one_way() -> None:
+def test_imports_inside_serp_go_one_way():
     height = {room: i for i, room in enumerate(ROOMS)}
     wrong = []
     for path in modules("serp"):
@@ -75,7 +74,7 @@ def test_imports_inside_serp_go_one_way() -> None:
     assert wrong == []
 
 
-def test_includes_of_compiled_code_go_one_way() -> None:
+def test_includes_of_compiled_code_go_one_way():
     height = {room: i for i, room in enumerate(ROOMS)}
     wrong = []
     for path in sorted(PACKAGES["serp"].rglob("*.?pp")):
@@ -89,7 +88,7 @@ def test_includes_of_compiled_code_go_one_way() -> None:
     assert wrong == []
 
 
-def test_no_file_imports_itself_through_others() -> None:
+def test_no_file_imports_itself_through_others():
     """Imports for types alone excepted, which are not carried out."""
     files = {
         ".".join(path.relative_to(root.parent).with_suffix("").parts): path
@@ -103,7 +102,7 @@ def test_no_file_imports_itself_through_others() -> None:
     assert circles == []
 
 
-def imported_files(path: Path) -> Iterator[str]:
+def imported_files(path):
     """Modules, and names that may be modules, that a file imports when it runs."""
     typed = {
         id(inner)
@@ -120,8 +119,8 @@ def imported_files(path: Path) -> Iterator[str]:
             yield from (node.module, *(f"{node.module}.{alias.name}" for alias in node.names))
 
 
-def test_no_class_name_occurs_twice_in_serp() -> None:
-    places: dict[str, list[str]] = {}
+def test_no_class_name_occurs_twice_in_serp():
+    places = {}
     for path in modules("serp"):
         for node in ast.walk(tree(path)):
             if isinstance(node, ast.ClassDef):

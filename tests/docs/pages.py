@@ -24,7 +24,6 @@ one of them, or after commands that are run, is what it prints.
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -46,7 +45,7 @@ class Block:
     follows: int
 
 
-def blocks(page: Path) -> list[Block]:
+def blocks(page):
     text = page.read_text(encoding="utf-8")
     found, end = [], 0
     for match in FENCE.finditer(text):
@@ -57,11 +56,11 @@ def blocks(page: Path) -> list[Block]:
     return found
 
 
-def prose(page: Path) -> str:
+def prose(page):
     return FENCE.sub("", page.read_text(encoding="utf-8"))
 
 
-def tables(kind: str) -> list[Any]:
+def tables(kind):
     """Every table under a mark `kind: argument`, as (page, argument, rows without the head)."""
     return [
         pytest.param(page, match[1], rows(match[2]), id=f"{page.stem}-{match[1]}-{number}")
@@ -72,18 +71,18 @@ def tables(kind: str) -> list[Any]:
     ]
 
 
-def rows(table: str) -> list[list[str]]:
+def rows(table):
     """The cells of a table without its head; `\\|` is a bar inside a cell."""
     lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.splitlines()[2:]]
     return [[cell.strip().replace("\\|", "|") for cell in line] for line in lines]
 
 
-def code(cell: str) -> str:
+def code(cell):
     """What stands in the first pair of backquotes."""
     match = re.match(r"`([^`]+)`", cell)
     assert match, f"no code in {cell!r}"
     return match[1]
 
 
-def name_of(page: Path) -> str:
+def name_of(page):
     return page.relative_to(ROOT).as_posix()

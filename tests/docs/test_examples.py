@@ -12,7 +12,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 from urllib.request import urlopen
 
 import click
@@ -20,7 +19,7 @@ import pytest
 
 import serp
 from serp.ui.root import serp as group
-from tests.docs.pages import EXAMPLES, PAGES, ROOT, Block, blocks, name_of, prose
+from tests.docs.pages import EXAMPLES, PAGES, ROOT, blocks, name_of, prose
 from tests.serp.runs.runs import without_pictures
 from tests.serp.ui.studio.browser import served
 
@@ -28,17 +27,17 @@ PUBLIC = ("serp", "serp_envs", "serp_adapters.stable_baselines3")
 """Packages that examples import from."""
 
 
-def is_run(block: Block) -> bool:
+def is_run(block):
     return re.match(r"run( with:|$)", block.mark) is not None
 
 
-def commands(*found: Block) -> list[list[str]]:
+def commands(*found):
     """The words of the `serp` commands of blocks."""
     lines = [line for block in found for line in block.text.splitlines()]
     return [shlex.split(line, comments=True) for line in lines if line.startswith("serp ")]
 
 
-def run_commands(block: Block) -> str:
+def run_commands(block):
     """Run the `serp` commands of a block as its mark says; returns what they print."""
     added = shlex.split(block.mark.partition("run with:")[2])
     assert commands(block)
@@ -54,23 +53,22 @@ def run_commands(block: Block) -> str:
     return output.getvalue()
 
 
-def pictures(name: str) -> contextlib.AbstractContextManager[None]:
-    """Pictures of runs are drawn for two pages: they take longer than the other trainings here."""
-    drawn = name in ("first-run", "diagnose")
-    return contextlib.nullcontext() if drawn else without_pictures()
+def pictures(name):
+    """Pictures of runs are drawn for one page: they take longer than the other trainings here."""
+    return contextlib.nullcontext() if name == "diagnose" else without_pictures()
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=name_of)
-def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)
     with pictures(page.stem):
         run_blocks(page)
 
 
-def run_blocks(page: Path) -> None:
-    names: dict[str, Any] = {"__name__": "__main__"}
-    printed: str | None = None
+def run_blocks(page):
+    names = {"__name__": "__main__"}
+    printed = None
     for block in blocks(page):
         kind, _, argument = block.mark.partition(": ")
         if kind == "from":
@@ -97,7 +95,7 @@ def run_blocks(page: Path) -> None:
         printed = None
 
 
-def test_examples_import_only_public_names() -> None:
+def test_examples_import_only_public_names():
     programs = [
         (script.name, script.read_text(encoding="utf-8")) for script in EXAMPLES.rglob("*.py")
     ]
@@ -114,7 +112,7 @@ def test_examples_import_only_public_names() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_and_options_that_are_shown_exist(page: Path) -> None:
+def test_commands_and_options_that_are_shown_exist(page):
     root = click.Context(group)
     lines = [
         line
@@ -140,7 +138,7 @@ def test_commands_and_options_that_are_shown_exist(page: Path) -> None:
         if block.language == "pddl" and "(define (domain " in block.text
     ],
 )
-def test_complete_domains_load(block: Block, tmp_path: Path) -> None:
+def test_complete_domains_load(block, tmp_path):
     file = tmp_path / "shown.pddl"
     file.write_text(block.text, encoding="utf-8")
     with pytest.raises(serp.DomainError) if "broken" in block.mark else contextlib.nullcontext():
@@ -148,12 +146,7 @@ def test_complete_domains_load(block: Block, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
-def test_example_scripts_run(
-    script: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_example_scripts_run(script, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with without_pictures():
         runpy.run_path(str(script), run_name="__main__")
@@ -162,11 +155,11 @@ def test_example_scripts_run(
     assert printed if not shown else printed == re.sub(r"^# ", "", shown[0], flags=re.M)
 
 
-def test_the_domain_file_of_a_library_that_is_not_installed_loads() -> None:
+def test_the_domain_file_of_a_library_that_is_not_installed_loads():
     serp.load_domain(EXAMPLES / "highway" / "highway.pddl")
 
 
-def test_the_parts_of_the_hierarchical_task_fit_together() -> None:
+def test_the_parts_of_the_hierarchical_task_fit_together():
     defence = runpy.run_path(str(EXAMPLES / "defence" / "defence.py"))
     options = dict.fromkeys(("approach", "contest"))
     for task in (defence["approach"](), defence["contest"](None), defence["defence"](options)):
@@ -174,9 +167,7 @@ def test_the_parts_of_the_hierarchical_task_fit_together() -> None:
             bound.reset(seed=0)
 
 
-def test_an_extension_is_found_by_its_entry_points(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_extension_is_found_by_its_entry_points(tmp_path, monkeypatch):
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
     source = shutil.copytree(EXAMPLES / "extension", tmp_path / "source")
     where = ["--no-build-isolation", "--target", str(tmp_path / "site"), str(source)]

@@ -1,7 +1,6 @@
 """What the pages say of the domain language and of scenarios is what these do."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -28,7 +27,7 @@ SURROUNDINGS = {
 }
 
 
-def load_fragment(where: str, fragment: str, folder: Path) -> serp.Domain:
+def load_fragment(where, fragment, folder):
     """Load a domain around a fragment."""
     sections = dict(SURROUNDINGS)
     if where in ("section", "declaration"):
@@ -44,18 +43,14 @@ def load_fragment(where: str, fragment: str, folder: Path) -> serp.Domain:
 
 
 @pytest.mark.parametrize(("page", "where", "table"), tables("accepted in"))
-def test_what_is_said_to_be_accepted_is_accepted(
-    page: Path, where: str, table: list[list[str]], tmp_path: Path
-) -> None:
+def test_what_is_said_to_be_accepted_is_accepted(page, where, table, tmp_path):
     for row in table:
         domain = load_fragment(where, code(row[0]), tmp_path)
         assert where == "declaration" or domain.model.actions or domain.model.ground.processes
 
 
 @pytest.mark.parametrize(("page", "where", "table"), tables("refused in"))
-def test_what_is_said_to_be_refused_is_refused_so(
-    page: Path, where: str, table: list[list[str]], tmp_path: Path
-) -> None:
+def test_what_is_said_to_be_refused_is_refused_so(page, where, table, tmp_path):
     for fragment, message, _ in table:
         with pytest.raises(serp.DomainError) as error:
             load_fragment(where, code(fragment), tmp_path)
@@ -73,9 +68,7 @@ STEPS = {
 
 
 @pytest.mark.parametrize(("page", "kind", "table"), tables("one step"))
-def test_the_guides_tell_what_happens_in_one_step(
-    page: Path, kind: str, table: list[list[str]], tmp_path: Path
-) -> None:
+def test_the_guides_tell_what_happens_in_one_step(page, kind, table, tmp_path):
     tea = (EXAMPLES / "tea.pddl").read_text(encoding="utf-8").partition("  (:action")[0]
     problem = (EXAMPLES / "tea-problem.pddl").read_text(encoding="utf-8")
     # Fluents may have any value, and the rows name cups, which belong to the domain then.
@@ -102,7 +95,7 @@ def test_the_guides_tell_what_happens_in_one_step(
         assert list(step.state) == pytest.approx([expected[name] for name in names]), fragment
 
 
-def values_of(cell: str) -> dict[str, float]:
+def values_of(cell):
     """The values of a cell such as "`temperature = 20`, `filled red`, `not heater-on`"."""
     values = {}
     for part in re.findall(r"`([^`]+)`", cell):
@@ -112,7 +105,7 @@ def values_of(cell: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(("page", "kind", "table"), tables("scenarios"))
-def test_statements_of_scenarios_are_read(page: Path, kind: str, table: list[list[str]]) -> None:
+def test_statements_of_scenarios_are_read(page, kind, table):
     domain = serp.load_domain(ROOT / "domains" / "lunar-lander.pddl", observed=True)
     lines = [code(row[0]) for row in table]
     text = "".join(
@@ -125,7 +118,7 @@ def test_statements_of_scenarios_are_read(page: Path, kind: str, table: list[lis
     assert len(read_scenarios(source, domain, domain.model)) == len(lines) + 1
 
 
-def test_the_limits_are_those_of_the_code() -> None:
+def test_the_limits_are_those_of_the_code():
     text = (ROOT / "docs" / "reference" / "domain-language.md").read_text(encoding="utf-8")
     limits = text.partition("## Limits\n")[2]
     limited = [each * MAX_GROUND_SCHEMAS for each in (1, FLUENTS_EACH, BINDINGS_EACH)]

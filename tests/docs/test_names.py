@@ -4,7 +4,6 @@ import ast
 import pkgutil
 import re
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
@@ -22,7 +21,7 @@ from serp.ui.root import COMMANDS, SECTIONS
 from tests.docs.pages import PAGES, ROOT, code, name_of, prose, tables
 
 
-def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
+def test_the_example_of_a_decision_log_has_its_columns_and_words():
     (table,) = (each.values[2] for each in tables("row of"))
     row = {code(name): value for name, value in table}
     assert tuple(row) == DECISIONS_COLUMNS
@@ -30,14 +29,14 @@ def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
     assert row["reason"] in {*Reason}
 
 
-def texts_of(node: ast.expr) -> str:
+def texts_of(node):
     """A text in the code, with `…` for what is filled in."""
     if isinstance(node, ast.JoinedStr):
         return "".join(texts_of(value) for value in node.values)
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else "…"
 
 
-def test_messages_that_are_explained_are_those_of_the_code() -> None:
+def test_messages_that_are_explained_are_those_of_the_code():
     page = (ROOT / "docs" / "how-to" / "troubleshooting.md").read_text(encoding="utf-8")
     quoted = re.findall(r"^\| `+ ?(.+?) ?`+ (?:\(.+\) )?\|", page, re.M)
     assert len(quoted) == len(re.findall(r"^\| .*`.*\|$", page, re.M)) > 20
@@ -54,13 +53,13 @@ def test_messages_that_are_explained_are_those_of_the_code() -> None:
         assert re.search(".*".join(parts), said), message
 
 
-def run_files() -> set[str]:
+def run_files():
     folder = Path("names")
     serp.plan_and_learn("cartpole", env_steps=30, out=folder, quiet=True)
     return {path.name + "/" * path.is_dir() for path in folder.iterdir()}
 
 
-def comparison_files() -> set[str]:
+def comparison_files():
     folder = Path("compared")
     compare(
         "cartpole", algorithms=["mrp"], seeds=1, env_steps=30, final_episodes=1, out=folder,
@@ -69,13 +68,13 @@ def comparison_files() -> set[str]:
     return {path.name + "/" * path.is_dir() for path in folder.iterdir()}
 
 
-def extras() -> set[str]:
+def extras():
     """What users install; `docs` and `dev` are for developers."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     return {*project["optional-dependencies"]} - {"docs", "dev"}
 
 
-LISTS: dict[str, Callable[[], set[str]]] = {
+LISTS = {
     "metrics.csv": lambda: set(METRICS_COLUMNS),
     "decisions.csv": lambda: set(DECISIONS_COLUMNS),
     "actors": lambda: {actor.value for actor in Actor},
@@ -98,13 +97,7 @@ NOT_IN_EVERY_RUN = {
 
 
 @pytest.mark.parametrize(("page", "what", "table"), tables("names of"))
-def test_lists_of_names_are_complete(
-    page: Path,
-    what: str,
-    table: list[list[str]],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_lists_of_names_are_complete(page, what, table, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     named = [name for row in table for name in re.findall(r"`([^`(]+)[^`]*`", row[0])]
     assert len(named) == len(set(named))
@@ -113,20 +106,20 @@ def test_lists_of_names_are_complete(
     assert expected <= set(named)
 
 
-def test_the_reference_has_every_command_in_the_sections_of_the_help() -> None:
+def test_the_reference_has_every_command_in_the_sections_of_the_help():
     text = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
     shown = re.findall(r"^\.\. click:: (.+):command\n   :prog: serp (.+)$", text, re.M)
     assert [(name, module) for module, name in shown] == [*COMMANDS.items()]
     assert re.findall(r"^## (.+)$", text, re.M) == [*SECTIONS]
 
 
-def test_the_reference_has_every_public_name() -> None:
+def test_the_reference_has_every_public_name():
     text = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
     named = re.findall(r"^\.\. auto\w+:: serp\.(\w+)$", text, re.M)
     assert sorted(named) == sorted({*serp.__all__} - {"__version__"})
 
 
-def test_code_that_is_named_exists() -> None:
+def test_code_that_is_named_exists():
     """Every `serp.module.name` in the pages."""
     kinds = ("tasks", "algorithms", "engines", "planners", "learners", "strategies")
     entry_points = {f"serp.{name}" for name in kinds}
@@ -136,13 +129,13 @@ def test_code_that_is_named_exists() -> None:
             pkgutil.resolve_name(name)
 
 
-def anchors(page: Path) -> set[str]:
+def anchors(page):
     titles = re.findall(r"^#+ (.+)$", prose(page), re.M)
     return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
 
 
 @pytest.mark.parametrize("page", sorted(ROOT.glob("*.md")), ids=name_of)
-def test_links_of_pages_outside_of_the_site_lead_somewhere(page: Path) -> None:
+def test_links_of_pages_outside_of_the_site_lead_somewhere(page):
     for target in re.findall(r"!?\[[^\]]*\]\(([^)\s]+)\)", prose(page)):
         if re.match(r"https?:", target):
             continue

@@ -2,16 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from random import Random
 
 import numpy as np
 from hypothesis import strategies as st
 
 from serp.model.domain import Domain
 from serp.model.grounder import GoalValue
-from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
-from tests.generated.oracle import Oracle, State
+from tests.generated.oracle import Oracle
 from tests.generated.writer import FULL, Texts, write_texts
 
 DOMAIN_FILE = "generated.pddl"
@@ -20,7 +18,7 @@ PROBLEM_FILE = "generated-problem.pddl"
 LIMIT = 1_000
 
 
-def load_texts(texts: Texts, *, observed: bool = False, limit: int = LIMIT) -> Domain:
+def load_texts(texts, *, observed=False, limit=LIMIT):
     """Load a domain from text, without files.
 
     Raises:
@@ -39,12 +37,12 @@ class Generated:
     domain: Domain
 
     @property
-    def model(self) -> TransitionModel:
+    def model(self):
         """The compiled domain."""
         return self.domain.model
 
     @cached_property
-    def oracle(self) -> Oracle:
+    def oracle(self):
         """The same domain, read by the book."""
         ground, theta = self.model.ground, self.model.theta.tolist()
         worth = GoalValue(ground) if ground.goal_parameter is not None else None
@@ -54,30 +52,28 @@ class Generated:
             lambda dt: 1.0 if worth is None else worth.value(theta, dt),
         )
 
-    def spelled(self, state: Vector) -> State:
+    def spelled(self, state):
         """A state of the model as the oracle has it, with what is static besides."""
         return self.oracle.initial() | {
             f.key: float(v) if f.numeric else bool(v)
             for f, v in zip(self.model.fluents, state.tolist(), strict=True)
         }
 
-    def __repr__(self) -> str:
+    def __repr__(self):
         return f"<generated domain\n{self.texts}>"
 
 
-def generate(random: Random, rewarding: bool = FULL, *, observed: bool = False) -> Generated:
+def generate(random, rewarding=FULL, *, observed=False):
     """Return a random domain, loaded. The same random state gives the same domain."""
     texts = write_texts(random, rewarding)
     return Generated(texts, load_texts(texts, observed=observed))
 
 
-def random_states(
-    random: Random, model: TransitionModel, count: int, *, exact: bool = False
-) -> Vector:
+def random_states(random, model, count, *, exact=False):
     """Return random states `[count, F]`: quarters, parameters, and, unless exact, any number."""
     written = [p.value for p in model.parameters] or [0.0]
 
-    def draw(numeric: bool) -> float:
+    def draw(numeric):
         if not numeric:
             return float(random.randint(0, 1))
         kind = random.randint(0, 9)
@@ -97,9 +93,7 @@ def random_states(
 
 
 @st.composite
-def models_with_states(
-    draw: st.DrawFn, rewarding: bool = FULL, *, count: int = 8
-) -> tuple[Generated, Vector]:
+def models_with_states(draw, rewarding=FULL, *, count=8):
     """Random domains with `count` states of theirs, `[count, F]`."""
     random = draw(st.randoms(use_true_random=False))
     generated = generate(random, rewarding, observed=draw(st.booleans()))

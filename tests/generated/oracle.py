@@ -9,7 +9,6 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from serp.pddl import syntax as x
@@ -17,7 +16,6 @@ from serp.pddl import syntax as x
 Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 State = dict[Key, bool | float]
-Binding = dict[str, str]
 UNKNOWN = 0.5
 
 
@@ -39,12 +37,7 @@ class NotApplicable(Exception):
 class Oracle:
     """One domain and problem, stepped by the book."""
 
-    def __init__(
-        self,
-        domain: x.DomainSyntax,
-        problem: x.ProblemSyntax | None = None,
-        goal_worth: Callable[[float], float] = lambda dt: 1.0,
-    ) -> None:
+    def __init__(self, domain, problem=None, goal_worth=lambda dt: 1.0):
         """Take the files as written, and what the goal is worth for a control period."""
         self.domain = domain
         self.problem = problem
@@ -53,7 +46,7 @@ class Oracle:
 
     # What there is -----------------------------------------------------------------------------
 
-    def bindings(self, parameters: tuple[x.SchemaParameter, ...]) -> Iterator[Binding]:
+    def bindings(self, parameters):
         """Every way to bind the parameters to objects, in the order of the files."""
         choices = [
             [o.name for o in self.objects.values() if self.fits(o.type, p.types)]
@@ -62,7 +55,7 @@ class Oracle:
         for chosen in itertools.product(*choices):
             yield {p.name: name for p, name in zip(parameters, chosen, strict=True)}
 
-    def fits(self, type_name: str, wanted: tuple[str, ...]) -> bool:
+    def fits(self, type_name, wanted):
         """Whether something of a type may stand where one of the wanted types is asked for."""
         while True:
             if type_name in wanted or x.OBJECT in wanted:
@@ -71,7 +64,7 @@ class Oracle:
                 return False
             type_name = self.domain.parents[type_name]
 
-    def terms(self) -> dict[Key, bool]:
+    def terms(self):
         """Every ground predicate (False) and function (True), reserved ones left out."""
         return {
             (declaration.name, *binding.values()): declaration.numeric
@@ -80,9 +73,9 @@ class Oracle:
             for binding in self.bindings(declaration.parameters)
         }
 
-    def initial(self) -> State:
+    def initial(self):
         """What the problem states; numbers that it leaves open are missing."""
-        state: State = {key: False for key, numeric in self.terms().items() if not numeric}
+        state = {key: False for key, numeric in self.terms().items() if not numeric}
         if self.problem is not None:
             for atom in self.problem.true_atoms:
                 state[ground(atom, {})] = True
@@ -90,7 +83,7 @@ class Oracle:
                 state[ground(function, {})] = number.value
         return state
 
-    def instances(self, kind: x.Kind) -> dict[str, tuple[x.Schema, Binding]]:
+    def instances(self, kind):
         """Printable name → schema and binding, in the order of the file."""
         return {
             " ".join((schema.name, *binding.values())): (schema, binding)
@@ -101,7 +94,7 @@ class Oracle:
 
     # One step ----------------------------------------------------------------------------------
 
-    def step(self, state: State, action: str, dt: float = 1.0) -> Prediction:
+    def step(self, state, action, dt=1.0):
         """Predict one step of length `dt`."""
         schema, binding = self.instances(x.Kind.ACTION)[action]
         try:
@@ -109,8 +102,8 @@ class Oracle:
         except NotApplicable:
             return Prediction(state, 0.0, False, False, False)
 
-    def _step(self, before: State, schema: x.Schema, binding: Binding, dt: float) -> Prediction:
-        fresh: State = {(x.REWARD,): 0.0, (x.UNSAFE,): False, (x.TERMINAL,): False}
+    def _step(self, before, schema, binding, dt):
+        fresh = {(x.REWARD,): 0.0, (x.UNSAFE,): False, (x.TERMINAL,): False}
         state = {**before, **fresh}
         if not self.enabled(schema, state, binding):
             raise NotApplicable
@@ -133,7 +126,7 @@ class Oracle:
         unsafe = bool(state[(x.UNSAFE,)])
         return Prediction(after, reward, unsafe, bool(state[(x.TERMINAL,)]) or reached, True)
 
-    def _after_events(self, state: State) -> State:
+    def _after_events(self, state):
         waiting = dict(self.instances(x.Kind.EVENT))
         while True:
             fired = []
@@ -146,7 +139,7 @@ class Oracle:
             for name in fired:
                 del waiting[name]
 
-    def _reward(self, before: State, after: State, dt: float) -> float:
+    def _reward(self, before, after, dt):
         metric = self.problem.metric if self.problem else None
         if metric is None or x.REWARD in self.domain.declarations:
             return float(after[(x.REWARD,)])
@@ -154,22 +147,17 @@ class Oracle:
         early = self.value(metric.expression, before, {}, total_time=0.0)
         return late - early if metric.maximize else early - late
 
-    def enabled(self, schema: x.Schema, state: State, binding: Binding) -> bool:
+    def enabled(self, schema, state, binding):
         """Whether the precondition holds."""
         return schema.precondition is None or self.holds(schema.precondition, state, binding)
 
     # Effects -----------------------------------------------------------------------------------
 
-    def changed(
-        self,
-        state: State,
-        together: list[tuple[x.Schema, Binding]],
-        rate_time: float | None = None,
-    ) -> State:
+    def changed(self, state, together, rate_time=None):
         """Apply the effects of some schemas together: all are evaluated before any is applied."""
-        deletes: list[Key] = []
-        adds: list[Key] = []
-        numbers: list[tuple[x.Change, Key, float]] = []
+        deletes = []
+        adds = []
+        numbers = []
         for schema, binding in together:
             for effect, bound in self.active(schema.effects, state, binding):
                 if isinstance(effect, x.SetPredicate):
@@ -190,9 +178,7 @@ class Oracle:
                 raise NotApplicable
         return after
 
-    def active(
-        self, effects: tuple[x.Effect, ...], state: State, binding: Binding
-    ) -> Iterator[tuple[x.SetPredicate | x.ChangeFunction, Binding]]:
+    def active(self, effects, state, binding):
         """The simple effects that happen in a state."""
         for effect in effects:
             match effect:
@@ -207,14 +193,14 @@ class Oracle:
 
     # Conditions and values ---------------------------------------------------------------------
 
-    def holds(self, condition: x.Condition, state: State, binding: Binding) -> bool:
+    def holds(self, condition, state, binding):
         """Whether a condition is true in a state; one that is undefined ends the step."""
         truth = self.truth(condition, state, binding)
         if truth == UNKNOWN:
             raise NotApplicable
         return truth == 1
 
-    def truth(self, condition: x.Condition, state: State, binding: Binding) -> float:
+    def truth(self, condition, state, binding):
         """1 (true), 0 (false) or UNKNOWN, where it depends on a number that is NaN (Kleene)."""
         match condition:
             case x.Atom():
@@ -243,9 +229,7 @@ class Oracle:
                 truths = [self.truth(body, state, inner) for inner in bindings]
                 return min(truths, default=1) if word == "forall" else max(truths, default=0)
 
-    def value(
-        self, expression: x.Expression, state: State, binding: Binding, total_time: float = 0.0
-    ) -> float:
+    def value(self, expression, state, binding, total_time=0.0):
         """The value of a numeric expression; NaN where it has none: by zero, of an infinity."""
         match expression:
             case x.Number(value):
@@ -261,37 +245,37 @@ class Oracle:
                 return functools.reduce(ARITHMETIC[symbol], values)
 
 
-def bound(term: x.SchemaTerm, binding: Binding) -> str:
+def bound(term, binding):
     """The object that a term stands for."""
     return binding[term.name] if term.name.startswith("?") else term.name
 
 
-def ground(term: x.Atom | x.FunctionTerm, binding: Binding) -> Key:
+def ground(term, binding):
     """The ground term under a binding."""
     return (term.name, *(bound(argument, binding) for argument in term.arguments))
 
 
-def quotient(dividend: float, divisor: float) -> float:
+def quotient(dividend, divisor):
     """Divide; NaN by zero."""
     return dividend / divisor if divisor != 0.0 else math.nan
 
 
-def root(value: float) -> float:
+def root(value):
     """Return a square root; NaN of a negative number."""
     return math.sqrt(value) if value >= 0.0 else math.nan
 
 
-def wave(function: Callable[[float], float]) -> Callable[[float], float]:
+def wave(function):
     """Return a sine or cosine that is NaN where there is no angle."""
     return lambda angle: function(angle) if math.isfinite(angle) else math.nan
 
 
-def extreme(better: Callable[[float, float], bool]) -> Callable[[float, float], float]:
+def extreme(better):
     """Return the lesser or greater of two, the second of equal ones; NaN where one is NaN."""
     return lambda one, other: one if math.isnan(one) or better(one, other) else other
 
 
-def is_empty(condition: x.Condition) -> bool:
+def is_empty(condition):
     """Whether a condition asks for nothing: `(and)`, `(and (and))`."""
     return (
         isinstance(condition, x.Connective)
@@ -300,7 +284,7 @@ def is_empty(condition: x.Condition) -> bool:
     )
 
 
-def refuse_contradictions(numbers: list[tuple[x.Change, Key, float]]) -> None:
+def refuse_contradictions(numbers):
     """Changes of one number contradict each other unless they commute.
 
     Increases and decreases do, scalings do, and so do assignments of one and the same value.
@@ -315,18 +299,18 @@ def refuse_contradictions(numbers: list[tuple[x.Change, Key, float]]) -> None:
 A = x.Change.ASSIGN
 ADDITIVE = {x.Change.INCREASE, x.Change.DECREASE}
 SCALING = {x.Change.SCALE_UP, x.Change.SCALE_DOWN}
-CHANGES: dict[x.Change, Callable[[float, float], float]] = {
+CHANGES = {
     x.Change.ASSIGN: lambda old, value: value,
     x.Change.INCREASE: operator.add,
     x.Change.DECREASE: operator.sub,
     x.Change.SCALE_UP: operator.mul,
     x.Change.SCALE_DOWN: quotient,
 }
-OF_ONE: dict[str, Callable[[float], float]] = {
+OF_ONE = {
     **{"-": operator.neg, "abs": abs, "sqrt": root},
     **{"sin": wave(math.sin), "cos": wave(math.cos)},
 }
-ARITHMETIC: dict[str, Callable[[float, float], float]] = {
+ARITHMETIC = {
     **{"+": operator.add, "-": operator.sub, "*": operator.mul, "/": quotient},
     **{"min": extreme(operator.lt), "max": extreme(operator.gt), "atan2": math.atan2},
 }

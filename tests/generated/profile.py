@@ -3,7 +3,7 @@
 from hypothesis import HealthCheck, settings
 
 
-def examples(count: int) -> settings:
+def examples(count):
     """Return settings for so many examples."""
     return settings(
         max_examples=count,

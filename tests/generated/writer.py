@@ -4,12 +4,10 @@ Everything is drawn from a `random.Random`, so that hypothesis can drive (and sh
 `st.randoms()` and a plain seed can too. Numbers are quarters, so that arithmetic on them is exact.
 """
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from random import Random
 
 Types = tuple[str, ...]
-Variables = Mapping[str, Types]
 
 # Names that would mean something, were they ever to reach program text.
 _TRAPS = ("class", "lambda", "import", "s", "a", "n", "theta", "dt", "out", "t0", "kind0", "trace")
@@ -26,7 +24,7 @@ class Texts:
     domain: str
     problem: str | None
 
-    def __str__(self) -> str:
+    def __str__(self):
         return self.domain + ("\n" + self.problem if self.problem else "")
 
 
@@ -53,26 +51,26 @@ class _Writer:
 
     # Chance ------------------------------------------------------------------------------------
 
-    def maybe(self, percent: int) -> bool:
+    def maybe(self, percent):
         return self.random.randint(1, 100) > 100 - percent
 
-    def number(self) -> str:
+    def number(self):
         return f"{self.random.randint(-12, 12) / 4:g}"
 
-    def effects(self, most: int, variables: Variables, inside: tuple[str, ...] = ()) -> list[str]:
+    def effects(self, most, variables, inside=()):
         """Effects that happen together; none that could never do so."""
         self.together.append({})
         written = self.some(1, most, lambda: self.effect(variables, inside))
         self.together.pop()
         return written
 
-    def some(self, least: int, most: int, write: Callable[[], str | None]) -> list[str]:
+    def some(self, least, most, write):
         written = [write() for _ in range(self.random.randint(least, most))]
         return [text for text in written if text is not None]
 
     # Declarations ------------------------------------------------------------------------------
 
-    def write(self) -> Texts:
+    def write(self):
         has_problem = self.maybe(70)
         for name in ("room", "hall", "robot", "tool")[: self.random.randint(0, 4)]:
             self.parents[name] = self.random.choice(self.known_types())
@@ -92,7 +90,7 @@ class _Writer:
         self.constants.update(self.objects)
         return Texts(self.domain(schemas), self.problem() if has_problem else None)
 
-    def symbols(self, prefix: str, traps: Sequence[str]) -> list[_Symbol]:
+    def symbols(self, prefix, traps):
         names = [f"{prefix}{k}" for k in range(self.random.randint(1, 3))]
         if self.maybe(30):
             names[0] = self.random.choice(traps)
@@ -105,16 +103,16 @@ class _Writer:
             for name in names
         ]
 
-    def known_types(self) -> list[str]:
+    def known_types(self):
         return [*self.parents, "object"]
 
-    def types(self) -> Types:
+    def types(self):
         known = self.known_types()
         if len(known) > 2 and self.maybe(10):
             return tuple(known[:2])
         return (self.random.choice(known),)
 
-    def domain(self, schemas: Sequence[str]) -> str:
+    def domain(self, schemas):
         types = " ".join(f"{name} - {parent}" for name, parent in self.parents.items())
         constants = {name: t for name, t in self.constants.items() if name not in self.objects}
         flags = [f"({name})" for name in ("unsafe", "terminal") if name in self.reserved]
@@ -132,7 +130,7 @@ class _Writer:
 
     # Schemas -----------------------------------------------------------------------------------
 
-    def schema(self, kind: str, k: int) -> str:
+    def schema(self, kind, k):
         variables = {f"?v{i}": self.types() for i in range(self.random.choice((0, 1, 1, 2)))}
         conditions = self.some(0, 2, lambda: self.condition(variables, 2))
         if kind == "process":
@@ -148,31 +146,31 @@ class _Writer:
 
     # Terms -------------------------------------------------------------------------------------
 
-    def is_a(self, name: str, wanted: Types) -> bool:
+    def is_a(self, name, wanted):
         while name not in wanted and name != "object":
             name = self.parents[name]
         return name in wanted
 
-    def term(self, wanted: Types, variables: Variables) -> str | None:
+    def term(self, wanted, variables):
         fitting = [v for v, own in variables.items() if all(self.is_a(t, wanted) for t in own)]
         fitting += [o for o, own in self.constants.items() if self.is_a(own, wanted)]
         return self.random.choice(fitting) if fitting else None
 
-    def applied(self, symbols: Sequence[_Symbol], variables: Variables) -> str | None:
+    def applied(self, symbols, variables):
         if not symbols:
             return None
         symbol = self.random.choice(symbols)
         terms = [self.term(wanted, variables) for wanted in symbol.parameters]
         return None if None in terms else f"({' '.join([symbol.name, *map(str, terms)])})"
 
-    def quantified(self, variables: Variables) -> tuple[str, Variables]:
+    def quantified(self, variables):
         self.fresh += 1
         name, own = f"?w{self.fresh}", self.types()
         return _variables({name: own}), {**variables, name: own}
 
     # Conditions --------------------------------------------------------------------------------
 
-    def condition(self, variables: Variables, depth: int) -> str:
+    def condition(self, variables, depth):
         kind = self.random.randint(0, 9 if depth else 4)
         if kind <= 2:
             return self.atom(variables)
@@ -200,7 +198,7 @@ class _Writer:
         parts = self.some(1, 3, lambda: self.condition(variables, depth - 1))
         return f"({self.random.choice(('and', 'or'))} {' '.join(parts)})"
 
-    def atom(self, variables: Variables) -> str:
+    def atom(self, variables):
         flags = self.reserved - {"reward"}
         if flags and self.maybe(10):
             return f"({self.random.choice(sorted(flags))})"
@@ -208,7 +206,7 @@ class _Writer:
 
     # Numbers -----------------------------------------------------------------------------------
 
-    def value(self, variables: Variables, depth: int) -> str:
+    def value(self, variables, depth):
         kind = self.random.randint(0, 8 if depth else 3)
         if kind <= 1:
             return self.number()
@@ -224,7 +222,7 @@ class _Writer:
             operator = "*"
         return f"({operator} {first} {second})"
 
-    def function(self, first: str, second: str) -> str:
+    def function(self, first, second):
         """A function of `:math-functions`; no root that is known to have no result."""
         name = self.random.choice(("sqrt", "abs", "sin", "cos", "atan2", "min", "max"))
         if name in ("min", "max") and self.maybe(30):
@@ -235,7 +233,7 @@ class _Writer:
 
     # Effects -----------------------------------------------------------------------------------
 
-    def effect(self, variables: Variables, inside: tuple[str, ...] = ()) -> str | None:
+    def effect(self, variables, inside=()):
         kind = self.random.randint(0, 9)
         if kind == 0 and "when" not in inside:
             condition = self.condition(variables, 1)
@@ -249,14 +247,14 @@ class _Writer:
             return self.setting(variables)
         return self.change(variables)
 
-    def setting(self, variables: Variables) -> str | None:
+    def setting(self, variables):
         flags = self.reserved - {"reward"}
         if flags and self.maybe(30):
             return f"({self.random.choice(sorted(flags))})"
         atom = self.applied([p for p in self.predicates if p.changes], variables)
         return atom if atom is None or self.maybe(50) else f"(not {atom})"
 
-    def change(self, variables: Variables) -> str | None:
+    def change(self, variables):
         change = self.random.choice(("increase", "decrease"))
         if "reward" in self.reserved and self.maybe(40):
             return f"({change} (reward) {self.value(variables, 2)})"
@@ -276,7 +274,7 @@ class _Writer:
             return None
         return f"({change} {function} {value})"
 
-    def flow(self, variables: Variables) -> str | None:
+    def flow(self, variables):
         if self.maybe(10):
             listed, inner = self.quantified(variables)
             return f"(forall ({listed}) (and {self.flow(inner) or ''}))"
@@ -291,8 +289,8 @@ class _Writer:
 
     # Problem -----------------------------------------------------------------------------------
 
-    def problem(self) -> str:
-        facts: list[str] = []
+    def problem(self):
+        facts = []
         for predicate in self.predicates:
             if predicate.changes or self.maybe(70):
                 facts += [atom for atom in self.instances(predicate) if self.maybe(50)]
@@ -318,7 +316,7 @@ class _Writer:
             f"  (:goal {goal}){metric})\n"
         )
 
-    def instances(self, symbol: _Symbol) -> list[str]:
+    def instances(self, symbol):
         terms = [symbol.name]
         for wanted in symbol.parameters:
             fitting = [name for name, own in self.constants.items() if self.is_a(own, wanted)]
@@ -326,22 +324,22 @@ class _Writer:
         return [f"({term})" for term in terms]
 
 
-def _typed(names: Mapping[str, str]) -> str:
+def _typed(names):
     return " ".join(f"{name} - {own}" for name, own in names.items())
 
 
-def _variables(variables: Variables) -> str:
-    def written(own: Types) -> str:
+def _variables(variables):
+    def written(own):
         return own[0] if len(own) == 1 else f"(either {' '.join(own)})"
 
     return " ".join(f"{name} - {written(own)}" for name, own in variables.items())
 
 
-def _declared(symbol: _Symbol) -> str:
+def _declared(symbol):
     variables = {f"?x{k}": own for k, own in enumerate(symbol.parameters)}
     return f"({symbol.name} {_variables(variables)})" if variables else f"({symbol.name})"
 
 
-def write_texts(random: Random, rewarding: bool = FULL) -> Texts:
+def write_texts(random, rewarding=FULL):
     """Write a domain and, mostly, a problem."""
     return _Writer(random, rewarding).write()

@@ -1,8 +1,6 @@
 """What the tests of `serp` rely on."""
 
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -11,14 +9,14 @@ from tests.serp.sample_tasks import CORRIDOR, ROBOT
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_blas_thread() -> Iterator[None]:
+def one_blas_thread():
     """As in a training: sums have the same bits whatever the number of cores."""
     with one_thread():
         yield
 
 
 @pytest.fixture
-def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def robot(tmp_path, monkeypatch):
     """A file with a task in the working directory."""
     monkeypatch.chdir(tmp_path)
     path, modules = list(sys.path), set(sys.modules)
@@ -33,6 +31,6 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.fixture(autouse=True)
-def checkpoints_after_every_episode(monkeypatch: pytest.MonkeyPatch) -> None:
+def checkpoints_after_every_episode(monkeypatch):
     """A run that is stopped or killed in a test has what it needs to go on."""
     monkeypatch.setattr("serp.runs.train.CHECKPOINT_SECONDS", 0.0)

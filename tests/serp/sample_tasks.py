@@ -1,41 +1,14 @@
 """A small real task to train on: a Gymnasium environment, its domain, and what can go wrong."""
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any
-
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp.tasks.task import Task
+from tests.worlds import text
 
-CORRIDOR = """; A robot in a corridor, in metres: the goal to the right, a pit to the left.
-(define (domain corridor)
-  (:predicates (unsafe) (terminal))
-  (:functions (x) (reward))
-  (:action left
-    :parameters ()
-    :precondition (and (> (x) -4))
-    :effect (and (decrease (x) 1) (decrease (reward) 0.1)))
-  (:action right
-    :parameters ()
-    :precondition (and)
-    :effect (and (increase (x) 1) (decrease (reward) 0.1)))
-  (:action wait
-    :parameters ()
-    :precondition (and)
-    :effect (and (decrease (reward) 0.1)))
-  (:event pit
-    :parameters ()
-    :precondition (and (<= (x) -3))
-    :effect (and (unsafe) (terminal) (decrease (reward) 5)))
-  (:event goal
-    :parameters ()
-    :precondition (and (>= (x) 4))
-    :effect (and (terminal) (increase (reward) 5))))
-"""
+CORRIDOR = text("corridor")
 
 ROBOT = """
 import serp
@@ -53,7 +26,7 @@ def walkway() -> serp.Task:
 """
 """A Python file with a task for the corridor."""
 
-SMALL: Mapping[str, Mapping[str, Any]] = {
+SMALL = {
     "planner": {"depth": 2},
     "learner": {
         "hidden": [8],
@@ -75,9 +48,9 @@ class Corridor(gym.Env[NDArray[np.float64], int]):
 
     observation_space = spaces.Box(-np.inf, np.inf, (2,), np.float64)
 
-    def __init__(self, start: int = 0) -> None:
+    def __init__(self, start=0):
         self.first_action = start
-        self.action_space = spaces.Discrete(4, start=start)  # type: ignore[assignment]
+        self.action_space = spaces.Discrete(4, start=start)
         self.x = 0
         self.steps = 0
         self.clock = 0
@@ -85,15 +58,13 @@ class Corridor(gym.Env[NDArray[np.float64], int]):
         self.weather = np.random.default_rng(5)
         self.wind = 0.0
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.clock += 1
         self.x, self.steps = int(self.np_random.integers(-1, 2)), 0
         return self.seen(), self.info()
 
-    def step(self, action: int) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
+    def step(self, action):
         action = int(action - self.first_action)
         self.clock += 1
         self.made += 1
@@ -105,16 +76,16 @@ class Corridor(gym.Env[NDArray[np.float64], int]):
         reward = -0.1 + 0.01 * self.wind + (5.0 * np.sign(self.x) if terminated else 0.0)
         return self.seen(), reward, terminated, self.steps >= 12, self.info()
 
-    def seen(self) -> NDArray[np.float64]:
+    def seen(self):
         return np.array([self.x, self.wind])
 
-    def info(self) -> dict[str, Any]:
+    def info(self):
         return {"game": self.clock // 30}
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self):
         return {"clock": self.clock, "weather": self.weather.bit_generator.state, "wind": self.wind}
 
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state):
         self.clock, self.wind = state["clock"], state["wind"]
         self.weather.bit_generator.state = state["weather"]
 
@@ -122,18 +93,18 @@ class Corridor(gym.Env[NDArray[np.float64], int]):
 class CableCut(gym.Wrapper[NDArray[np.float64], int, NDArray[np.float64], int]):
     """Raises at one step, counted from 1 over all episodes."""
 
-    def __init__(self, env: gym.Env[NDArray[np.float64], int], at: int) -> None:
+    def __init__(self, env, at):
         super().__init__(env)
         self.left = at
 
-    def step(self, action: int) -> tuple[NDArray[np.float64], Any, bool, bool, dict[str, Any]]:
+    def step(self, action):
         self.left -= 1
         if self.left == 0:
             raise ConnectionError("cable cut")
         return super().step(action)
 
 
-def corridor_file(folder: Path) -> Path:
+def corridor_file(folder):
     """Write the domain and return where."""
     file = folder / "corridor.pddl"
     if not file.exists():
@@ -141,9 +112,7 @@ def corridor_file(folder: Path) -> Path:
     return file
 
 
-def corridor(
-    folder: Path, make_env: Callable[..., gym.Env[Any, Any]] = Corridor, **changes: Any
-) -> Task:
+def corridor(folder, make_env=Corridor, **changes):
     """The task, with the domain file in a folder.
 
     Args:
@@ -151,7 +120,7 @@ def corridor(
         make_env: Another environment.
         changes: Other fields of `Task`.
     """
-    fields: dict[str, Any] = {
+    fields = {
         "make_env": make_env,
         "domain": corridor_file(folder),
         "ground": lambda seen: {"x": seen[0]},

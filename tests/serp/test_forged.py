@@ -11,7 +11,7 @@ SEEDS = ("0", "16")
 ROOT = Path(__file__).parents[2]
 
 
-def test_a_forged_checkpoint_is_refused_or_gone_on_with(tmp_path: Path) -> None:
+def test_a_forged_checkpoint_is_refused_or_gone_on_with(tmp_path):
     """In a process of its own, which must neither die nor hang.
 
     `python -m tests.forging FOLDER 0 1000` does the same by the thousand.

@@ -4,11 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from serp.tasks.task import BoundTask
 from serp_adapters import cliff
 from tests.serp_adapters.test_every_task import at_random
 
-Table = dict[int, dict[int, list[tuple[float, int, float, bool]]]]
 CLIFF = range(37, 47)
 GOAL = 47
 # What slips are: the moves to the left and to the right of the one that is meant.
@@ -16,27 +14,25 @@ MOVES = ((-1, 0), (0, 1), (1, 0), (0, -1))
 
 
 @pytest.fixture(scope="module")
-def task() -> BoundTask:
+def task():
     return cliff.task().bind()
 
 
 @pytest.fixture(scope="module")
-def table() -> Table:
+def table():
     """Gymnasium's: cell → action → (probability, next cell, reward, whether it ends)."""
-    found: Table = gym.make("CliffWalkingSlippery-v1").unwrapped.P  # type: ignore[attr-defined]
+    found = gym.make("CliffWalkingSlippery-v1").unwrapped.P
     return found
 
 
-def moved(cell: int, action: int) -> int:
+def moved(cell, action):
     """The cell that a move leads to, on a plateau with a wall round it."""
     row, column = divmod(cell, 12)
     down, right = MOVES[action]
     return 12 * min(max(row + down, 0), 3) + min(max(column + right, 0), 11)
 
 
-def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(
-    task: BoundTask, table: Table
-) -> None:
+def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(task, table):
     """Gymnasium puts fallen robots back to the start; the slips are a third of the moves each."""
     falls, slips = set(), np.zeros(3)
     for step in at_random(task, 20_000, 1):
@@ -66,7 +62,7 @@ def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(
     assert task.model.judge(task.ground(35), 2, task.ground(GOAL))[1:] == (False, True)
 
 
-def test_the_domain_moves_as_the_environment_does_without_slipping(task: BoundTask) -> None:
+def test_the_domain_moves_as_the_environment_does_without_slipping(task):
     for cell in range(48):
         for action in range(4):
             ground = task.model.action_index(task.actions.name(action))

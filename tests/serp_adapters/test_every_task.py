@@ -1,6 +1,5 @@
 """Every shipped task and domain file fits together, with the observations that really come."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +11,6 @@ from serp.model.transition_model import Vector
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task, load_task, task_entries
-from serp.tasks.task import BoundTask
 from serp.ui.root import serp
 
 FOLDER = Path(__file__).resolve().parents[2] / "domains"
@@ -39,7 +37,7 @@ class Step(NamedTuple):
     info: dict[str, Any]
 
 
-def at_random(task: BoundTask, steps: int, seed: int, hold: int = 1) -> Iterator[Step]:
+def at_random(task, steps, seed, hold=1):
     """Steps of random actions, each held for up to `hold` steps."""
     rng = np.random.default_rng(seed)
     raw, _ = task.reset(seed=seed)
@@ -59,7 +57,7 @@ def at_random(task: BoundTask, steps: int, seed: int, hold: int = 1) -> Iterator
 
 
 @pytest.mark.parametrize("name", sorted(task_entries()))
-def test_every_observation_is_a_state_every_step_is_judged_and_all_reproduce(name: str) -> None:
+def test_every_observation_is_a_state_every_step_is_judged_and_all_reproduce(name):
     with load_task(name).bind() as task:
         truths = [not fluent.numeric for fluent in task.model.fluents]
         steps = list(at_random(task, 300, 3))
@@ -73,20 +71,20 @@ def test_every_observation_is_a_state_every_step_is_judged_and_all_reproduce(nam
 
 
 @pytest.mark.parametrize("name", [*VARIANTS, *task_entries()])
-def test_serp_learns_with_every_shipped_file(name: str) -> None:
+def test_serp_learns_with_every_shipped_file(name):
     with find_task(str(FOLDER / f"{name}.pddl") if name in VARIANTS else name).bind() as task:
         trainer = Trainer(task, resolve("default", task.task.settings), seed=1)
         assert trainer.run_episode().length >= 1
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.scenarios")))
-def test_the_planner_does_what_the_scenarios_want(name: str) -> None:
+def test_the_planner_does_what_the_scenarios_want(name):
     result = CliRunner().invoke(serp, ["test", str(FOLDER / f"{name}.pddl")])
     assert result.exit_code == 0, result.output
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_a_variant_differs_from_the_own_file_in_its_predictions_alone(name: str) -> None:
+def test_a_variant_differs_from_the_own_file_in_its_predictions_alone(name):
     """Who learns with a variant has the same words and rewards, and the same is unsafe."""
     with (
         find_task(str(FOLDER / f"{name}.pddl")).bind() as variant,
@@ -115,7 +113,7 @@ def test_a_variant_differs_from_the_own_file_in_its_predictions_alone(name: str)
 
 
 @pytest.mark.parametrize("name", IGNORANT)
-def test_an_ignorant_file_says_what_is_wanted_and_nothing_of_what_happens(name: str) -> None:
+def test_an_ignorant_file_says_what_is_wanted_and_nothing_of_what_happens(name):
     """Rewards are at most 0, so that nobody waits before the goal."""
     with find_task(name).bind() as task:
         steps = list(at_random(task, 3_000, 2, hold=6))

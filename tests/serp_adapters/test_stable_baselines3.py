@@ -1,16 +1,11 @@
 """The learners of stable-baselines3, on a tiny environment."""
 
-import csv
 import importlib
 import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium import spaces
 
 import serp
 from serp.errors import MissingExtra
@@ -22,66 +17,23 @@ from stable_baselines3 import DQN
 from stable_baselines3.common.env_checker import check_env
 
 from serp_adapters import stable_baselines3
-from serp_adapters.stable_baselines3 import ExecutedActionBuffer, StableBaselines3
+from serp_adapters.stable_baselines3 import ExecutedActionBuffer
+from tests.serp.runs.runs import rows
 
-Make = Callable[[gym.Env[Any, Any], str, int], StableBaselines3]
-MAKERS: dict[str, Make] = {"dqn": stable_baselines3.dqn, "ppo": stable_baselines3.ppo}
-CASES = [(name, task) for name in MAKERS for task in ("cartpole", "other")]
-
-
-class Sign(gym.Env[Any, Any]):
-    """One of two actions is rewarded, depending on the sign of a number; 8 steps an episode."""
-
-    observation_space = spaces.Box(-np.inf, np.inf, (2,), np.float32)
-    action_space = spaces.Discrete(2)
-
-    def __init__(self) -> None:
-        self.steps = 0
-        self.actions: list[int] = []
-        self.during: Callable[[], None] = lambda: None
-
-    def _seen(self) -> Any:
-        self._x = float(self.np_random.uniform(-1.0, 1.0))
-        return np.array([self._x, 1.0], dtype=np.float32)
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-        super().reset(seed=seed)
-        self._left = 8
-        return self._seen(), {}
-
-    def step(self, action: Any) -> Any:
-        self.steps += 1
-        self.actions.append(int(action))
-        self.during()
-        reward = float(action == (self._x > 0.0))
-        self._left -= 1
-        return self._seen(), reward, False, self._left == 0, {}
+MAKERS = {"dqn": stable_baselines3.dqn, "ppo": stable_baselines3.ppo}
 
 
-INPUTS = np.stack([np.linspace(-1.0, 1.0, 41), np.ones(41)], axis=1).astype(np.float32)
-
-
-@pytest.mark.parametrize(("name", "task"), CASES)
-def test_it_makes_exactly_so_many_steps(name: str, task: str) -> None:
-    for budget in (3, 256, 300):
-        env = Sign()
-        MAKERS[name](env, task, 0).learn(budget)
-        assert env.steps == budget
-
-
-@pytest.mark.parametrize(("name", "task"), CASES)
-def test_equal_seeds_give_equal_learners(name: str, task: str) -> None:
-    played = []
+@pytest.mark.parametrize("name", MAKERS)
+def test_equal_seeds_give_equal_learners(name):
+    inputs, acted = np.random.default_rng(0).standard_normal((99, 4)).astype(np.float32), []
     for seed in (3, 3, 4):
-        env = Sign()
-        learner = MAKERS[name](env, task, seed)
+        learner = MAKERS[name](gym.make("CartPole-v1"), "cartpole", seed)
         learner.learn(600)
-        played.append((env.actions, learner.act(INPUTS).tolist()))
-    assert played[0] == played[1]
-    assert played[0][0] != played[2][0]
+        acted.append(learner.act(inputs).tolist())
+    assert acted[0] == acted[1] != acted[2]
 
 
-def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_library_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.delitem(sys.modules, "serp_adapters.stable_baselines3")
     with pytest.raises(MissingExtra, match=r"`sb3-dqn`, `ppo`.*pip install 'serp\[sb3\]'"):
@@ -91,40 +43,39 @@ def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch)
 # The file knows nothing of the slips at the cliff, so its lookahead fails.
 pytestmark = pytest.mark.filterwarnings("ignore::serp.errors.Notice")
 
-CHANGES: dict[str, Any] = {
+CHANGES = {
     "guide": {"strategy": "mixture"}, "arbiter": {"rho": 0.7}, "planner": {"name": "lookahead"},
     "learner": {"members": 1, "hidden": [8]},
 }  # fmt: skip
 
 
-def guarded(out: Path | None = None) -> serp.GuardedEnv:
+def guarded(out=None):
     return serp.GuardedEnv("cliff", settings=CHANGES, seed=1, out=out)
 
 
-def number_of(env: serp.GuardedEnv, name: str) -> int:
+def number_of(env, name):
     actions = env._task.actions
     return next(k for k in range(actions.size) if actions.name(k) == name)
 
 
 @pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
-def test_it_is_an_environment_as_stable_baselines3_has_it() -> None:
+def test_it_is_an_environment_as_stable_baselines3_has_it():
     check_env(guarded())
 
 
 @pytest.mark.parametrize("make", [DQN, QRDQN])
-def test_off_policy_learners_remember_what_was_executed(make: Any, tmp_path: Path) -> None:
+def test_off_policy_learners_remember_what_was_executed(make, tmp_path):
     env = guarded(tmp_path / "run")
     options = {"buffer_size": 500, "learning_starts": 30, "seed": 2, "device": "cpu"}
     buffer = {"replay_buffer_class": ExecutedActionBuffer}
     model = make("MlpPolicy", env, policy_kwargs={"net_arch": [8]}, **options, **buffer)
     model.learn(150)
     env.close()
-    with open(tmp_path / "run" / "decisions.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    executed = [number_of(env, row["executed"]) for row in rows]
-    assert model.replay_buffer.actions[: len(rows), 0, 0].tolist() == executed
-    assert {row["executed_by"] for row in rows} == {"planner", "learner"}
-    assert any(row["vetoed"] == "1" for row in rows)
+    decisions = rows(tmp_path / "run", "decisions")
+    executed = [number_of(env, row["executed"]) for row in decisions]
+    assert model.replay_buffer.actions[: len(decisions), 0, 0].tolist() == executed
+    assert {row["executed_by"] for row in decisions} == {"planner", "learner"}
+    assert any(row["vetoed"] == "1" for row in decisions)
     # What the library saves and loads is all that it has of its own.
     model.save(tmp_path / "model")
     model.save_replay_buffer(tmp_path / "buffer")
@@ -138,18 +89,18 @@ def test_off_policy_learners_remember_what_was_executed(make: Any, tmp_path: Pat
     again.learn(20, reset_num_timesteps=False)
 
 
-def test_a_masked_learner_chooses_what_is_executed() -> None:
+def test_a_masked_learner_chooses_what_is_executed():
     """So its rollouts are on-policy, although the planner acts in between."""
     env = guarded()
     executed = []
     step = env.step
 
-    def stepping(action: Any) -> Any:
+    def stepping(action):
         answer = step(action)
         executed.append(answer[-1]["executed_action"])
         return answer
 
-    env.step = stepping  # type: ignore[method-assign]
+    env.step = stepping
     model = MaskablePPO("MlpPolicy", env, n_steps=64, batch_size=32, device="cpu", seed=0)
     model.learn(64)
     buffer = model.rollout_buffer

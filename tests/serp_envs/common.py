@@ -1,18 +1,16 @@
 """The environments of `serp_envs`, and ways to play them."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
 from serp_envs import CartPole, CornerKickDefender, Hill, Landing, SoccerDefender, SwingUp
 
 Env = gymnasium.Env[Any, Any]
 SMALL = {"field": "hsl-small-2026"}
-KINDS: dict[str, tuple[str, Callable[..., Any]]] = {
+KINDS = {
     "cartpole": ("serp/CartPole-v0", CartPole),
     "hill": ("serp/Hill-v0", Hill),
     "landing": ("serp/Landing-v0", Landing),
@@ -24,24 +22,24 @@ KINDS: dict[str, tuple[str, Callable[..., Any]]] = {
 }
 
 
-def actions_of(kind: str, seed: int, count: int) -> NDArray[np.int64]:
+def actions_of(kind, seed, count):
     """Actions drawn at random."""
     return np.random.default_rng(seed).integers(0, KINDS[kind][1]().action_space.n, count)
 
 
-def bits(step: tuple[Any, ...]) -> tuple[Any, ...]:
+def bits(step):
     """What a step or a reset returns, with the observation as its bits."""
     return (step[0].tobytes(), *step[1:])
 
 
-def play(env: Env, seed: int | None, actions: NDArray[Any], **options: Any) -> list[Any]:
+def play(env, seed, actions, **options):
     """All that is shown until the actions end, over as many episodes as that takes."""
     return [bits(env.reset(seed=seed, options=options or None)), *go_on(env, actions)]
 
 
-def go_on(env: Env, actions: NDArray[Any]) -> list[Any]:
+def go_on(env, actions):
     """The same of a running episode and those after it."""
-    seen: list[Any] = []
+    seen = []
     for action in actions:
         seen.append(bits(env.step(int(action))))
         if seen[-1][2] or seen[-1][3]:
@@ -49,7 +47,7 @@ def go_on(env: Env, actions: NDArray[Any]) -> list[Any]:
     return seen
 
 
-def returns(name: str, act: Callable[..., int], episodes: int) -> list[float]:
+def returns(name, act, episodes):
     """Returns of episodes with seeds 0, 1, …; `act` gets the numbers of the observation."""
     env = gymnasium.make(f"serp_envs:{name}")
     found = []

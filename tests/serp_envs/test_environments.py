@@ -1,7 +1,5 @@
 """Properties of all environments: Gymnasium's rules, exact repetition, pictures."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ SOCCER = [kind for kind in KINDS if "soccer" in kind or "corner" in kind]
 seeds = st.integers(0, 2**32 - 1)
 
 
-def made(kind: str, **options: Any) -> Any:
+def made(kind, **options):
     """An environment that draws without waiting for the clock."""
     env = KINDS[kind][1](**options)
     env.metadata = {**env.metadata, "render_fps": 0}
@@ -35,7 +33,7 @@ unbounded = pytest.mark.filterwarnings(
 @pytest.mark.parametrize(
     "kind", [pytest.param(k, marks=unbounded) if k == "cartpole" else k for k in KINDS]
 )
-def test_gymnasiums_checker_has_nothing_to_say(kind: str) -> None:
+def test_gymnasiums_checker_has_nothing_to_say(kind):
     options = SMALL if "small" in kind else {}
     check_env(gymnasium.make(f"serp_envs:{KINDS[kind][0]}", **options).unwrapped)
 
@@ -43,7 +41,7 @@ def test_gymnasiums_checker_has_nothing_to_say(kind: str) -> None:
 @each
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
-def test_equal_seeds_give_equal_episodes_also_on_a_used_object(kind: str, seed: int) -> None:
+def test_equal_seeds_give_equal_episodes_also_on_a_used_object(kind, seed):
     actions = actions_of(kind, seed, 50)
     options = {"game": 0} if kind in SOCCER else {}
     used = made(kind)
@@ -54,7 +52,7 @@ def test_equal_seeds_give_equal_episodes_also_on_a_used_object(kind: str, seed: 
 
 
 @each
-def test_episodes_of_one_seed_differ(kind: str) -> None:
+def test_episodes_of_one_seed_differ(kind):
     env = made(kind)
     starts = {bits(env.reset(seed=7 if k == 0 else None))[0] for k in range(5)}
     assert len(starts) == 5
@@ -63,7 +61,7 @@ def test_episodes_of_one_seed_differ(kind: str) -> None:
 @each
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds, sticky=st.integers(1, 40))
-def test_every_observation_is_in_the_space(kind: str, seed: int, sticky: int) -> None:
+def test_every_observation_is_in_the_space(kind, seed, sticky):
     """Also where one action is held for long."""
     env = made(kind)
     observation, _ = env.reset(seed=seed)
@@ -79,7 +77,7 @@ def test_every_observation_is_in_the_space(kind: str, seed: int, sticky: int) ->
 
 @each
 @pytest.mark.parametrize("action", [6, -1, 0.5, None, "left"])
-def test_an_unknown_action_is_refused(kind: str, action: Any) -> None:
+def test_an_unknown_action_is_refused(kind, action):
     env = made(kind)
     env.reset(seed=0)
     with pytest.raises((AssertionError, ValueError), match="invalid|from 0 to"):
@@ -92,7 +90,7 @@ def test_an_unknown_action_is_refused(kind: str, action: Any) -> None:
 @each
 @pytest.mark.usefixtures("no_screen")
 @pytest.mark.parametrize("mode", ["human", "rgb_array", "rgb_array_list"])
-def test_rendering_changes_no_episode(kind: str, mode: str) -> None:
+def test_rendering_changes_no_episode(kind, mode):
     if mode not in KINDS[kind][1]().metadata["render_modes"]:
         return
     env, actions = made(kind, render_mode=mode), actions_of(kind, 3, 12)

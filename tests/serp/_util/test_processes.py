@@ -8,7 +8,7 @@ import pytest
 
 
 @pytest.mark.parametrize("limit", ["one_thread", "blas_on_one_thread"])
-def test_a_library_that_is_used_later_has_one_thread_too(limit: str) -> None:
+def test_a_library_that_is_used_later_has_one_thread_too(limit):
     script = f"""
 import json, numpy, threadpoolctl
 from serp._util.processes import {limit}

@@ -1,7 +1,6 @@
 """The one place in which what a checkpoint holds is checked."""
 
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,9 +26,7 @@ KINDS = (np.random.PCG64, np.random.MT19937, np.random.Philox, np.random.SFC64)
     low=st.integers(-5, 5),
     high=st.integers(-5, 5),
 )
-def test_an_array_is_given_out_only_if_all_of_it_is_within(
-    array: np.ndarray[Any, Any], low: int, high: int
-) -> None:
+def test_an_array_is_given_out_only_if_all_of_it_is_within(array, low, high):
     """No NaN is within anything, and no array of another kind or shape is given out at all."""
     saved = Saved("part", {"a": array}, {})
     try:
@@ -45,7 +42,7 @@ def test_an_array_is_given_out_only_if_all_of_it_is_within(
 
 
 @given(value=JSON)
-def test_a_json_value_is_given_out_only_if_it_is_what_it_is_taken_for(value: Any) -> None:
+def test_a_json_value_is_given_out_only_if_it_is_what_it_is_taken_for(value):
     for given_out, fits in (
         (lambda s: s.whole("v", 0, 9), type(value) is int and 0 <= value <= 9),
         (lambda s: s.truth("v"), type(value) is bool),
@@ -67,7 +64,7 @@ def test_a_json_value_is_given_out_only_if_it_is_what_it_is_taken_for(value: Any
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_state_of_a_generator_comes_back_through_json(kind: Any) -> None:
+def test_the_state_of_a_generator_comes_back_through_json(kind):
     one, other = (np.random.Generator(kind(seed)) for seed in (1, 2))
     one.random(3)
     saved = json.loads(json.dumps(one.bit_generator.state, default=np.ndarray.tolist))
@@ -77,7 +74,7 @@ def test_the_state_of_a_generator_comes_back_through_json(kind: Any) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(data=st.data(), wrong=JSON | st.sampled_from([-1, 2**31, 2**64, 2**128, 5, 625]))
-def test_no_forged_state_of_a_generator_reaches_numpy(kind: Any, data: Any, wrong: Any) -> None:
+def test_no_forged_state_of_a_generator_reaches_numpy(kind, data, wrong):
     """NumPy reads where `pos` and `buffer_pos` point to, be it beyond its array."""
     generator = np.random.Generator(kind(1))
     saved = json.loads(json.dumps(generator.bit_generator.state, default=np.ndarray.tolist))

@@ -5,7 +5,6 @@ import re
 import unicodedata
 from types import SimpleNamespace
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,7 +22,7 @@ HIDDEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2028\u2066-\u20
 
 
 @given(st.text())
-def test_nothing_hidden_is_left_and_what_is_shown_is_left_alone(text: str) -> None:
+def test_nothing_hidden_is_left_and_what_is_shown_is_left_alone(text):
     shown = visible(text)
     assert not [
         c for c in shown
@@ -34,21 +33,19 @@ def test_nothing_hidden_is_left_and_what_is_shown_is_left_alone(text: str) -> No
     assert [c for c in shown if c in kept] or not kept
 
 
-def without_codes(text: str) -> str:
+def without_codes(text):
     """What a terminal shows, without rich's own styles and movements."""
     return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "", text)
 
 
-def test_no_way_out_passes_control_characters_or_markup_on(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_no_way_out_passes_control_characters_or_markup_on(capsys):
     terminal = Terminal()
     console = open_console(terminal, force_terminal=True, width=200)
     console.print(HOSTILE)
     print_table(console, ("", HOSTILE), [("", HOSTILE)])
     lines = io.StringIO()
     for stream in (terminal, lines):
-        Progress(SimpleNamespace(env_steps=0), Budget(), "", stream=stream).note(HOSTILE)  # type: ignore[arg-type]
+        Progress(SimpleNamespace(env_steps=0), Budget(), "", stream=stream).note(HOSTILE)
     say(HOSTILE, head="Error: ")
     with progress("comparing", quiet=False) as line:
         line(HOSTILE)

@@ -1,42 +1,24 @@
 """Decisions in random worlds, and what the model itself predicts where they are made."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from random import Random
 
 import numpy as np
 
 from serp._util.numbers import best_of
 from serp.agent.arbiter import Arbiter
-from serp.agent.protocols import LearnerProposer, Mask
+from serp.agent.protocols import LearnerProposer
 from serp.agent.registry import find_strategy
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
-from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
 from serp.settings import ArbiterSettings, GuideSettings, PlannerSettings, Settings
 from serp.tasks.action_map import ActionMap
 from tests.serp.planning.worlds import WORLDS, load, risky_world, world
+from tests.worlds import text
 
-GLIDER = load(
-    """
-    (define (domain glider)
-      (:predicates (unsafe))
-      (:functions (x) (v) (reward))
-      (:action coast :parameters () :precondition (and) :effect (and))
-      (:action brake :parameters () :precondition (and (not (= (v) 0)))
-        :effect (and (scale-down (v) 1.25)))
-      (:action left :parameters () :precondition (and) :effect (and (decrease (v) 0.5)))
-      (:action right :parameters () :precondition (and)
-        :effect (and (increase (v) 0.5) (increase (reward) 0.5)))
-      (:process glide :parameters () :precondition (and)
-        :effect (and (increase (x) (* #t (v)))))
-      (:event wall :parameters () :precondition (and (or (> (x) 3) (< (x) -3)))
-        :effect (and (unsafe))))
-    """
-)
+GLIDER = load(text("glider"))
 """What is unsafe here is so some steps ahead: speed is lost slowly."""
 
 WRITTEN = (*map(world, range(WORLDS)), GLIDER)
@@ -48,11 +30,11 @@ MODELS = (*WRITTEN, *RISKY)
 class Wild:
     """A learner whose values are random, infinite and NaN among them; it explores half the time."""
 
-    def __init__(self, seed: int, actions: int) -> None:
+    def __init__(self, seed, actions):
         self.random = np.random.default_rng(seed)
         self.actions = actions
 
-    def propose(self, x: Vector, explorable: Mask | None) -> Proposal:
+    def propose(self, x, explorable):
         if self.random.random() < 0.5:
             return self.propose_greedily(x)
         allowed = np.arange(self.actions)
@@ -60,7 +42,7 @@ class Wild:
             allowed = np.flatnonzero(explorable)
         return Proposal(int(self.random.choice(allowed)), True, None)
 
-    def propose_greedily(self, x: Vector) -> Proposal:
+    def propose_greedily(self, x):
         wild = self.random.choice([math.inf, -math.inf, math.nan, -1e39], self.actions)
         values = np.where(
             self.random.random(self.actions) < 0.2, wild, self.random.normal(size=self.actions)
@@ -83,10 +65,10 @@ class View:
     applicable: list[bool]
 
     @classmethod
-    def of(cls, arbiter: Arbiter, state: Vector) -> "View":
+    def of(cls, arbiter, state):
         view, model, actions = cls([], [], [], []), arbiter.model, arbiter.actions
         written = getattr(model, "written", model)
-        accepted = arbiter.planner.settings.accepted_risk  # type: ignore[attr-defined]
+        accepted = arbiter.planner.settings.accepted_risk
         safe_steps = arbiter.planner.forecast(state).safe_steps.tolist()
         predicted = [model.transition(state.tolist(), k) for k in range(len(model.actions))]
         flags = [flag for _, flag in predicted]
@@ -117,7 +99,7 @@ class View:
             view.steps.append(min(safe_steps[k] for k in applicable) if known else -1)
         return view
 
-    def admissible(self, settings: ArbiterSettings) -> list[bool]:
+    def admissible(self, settings):
         """Which actions pass every veto, by the words of `ArbiterSettings`."""
         somewhere_safe = any(
             steps == SAFE for kind, steps in zip(self.kind, self.steps, strict=True)
@@ -135,7 +117,7 @@ class View:
         return allowed
 
 
-def action_maps(model: TransitionModel, random: Random) -> Iterator[ActionMap]:
+def action_maps(model, random):
     """One to one, with actions that the domain does not mention, permuted, and many to one."""
     names = [action.name for action in model.actions]
     count = len(names)
@@ -147,7 +129,7 @@ def action_maps(model: TransitionModel, random: Random) -> Iterator[ActionMap]:
         yield ActionMap(model, size, {name: random.randrange(size) for name in names})
 
 
-def arbiter_of(actions: ActionMap, random: Random, strategy: str = "mixture") -> Arbiter:
+def arbiter_of(actions, random, strategy="mixture"):
     """An arbiter with settings of all kinds."""
     settings = Settings(
         arbiter=ArbiterSettings(
@@ -167,6 +149,6 @@ def arbiter_of(actions: ActionMap, random: Random, strategy: str = "mixture") ->
     return Arbiter(planner, actions, settings.arbiter, strategies)
 
 
-def proposer_of(learner: Wild) -> LearnerProposer:
+def proposer_of(learner):
     """The learner, in the form that strategies use."""
-    return LearnerProposer(learner, np.zeros(1))  # type: ignore[arg-type]
+    return LearnerProposer(learner, np.zeros(1))

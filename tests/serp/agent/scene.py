@@ -1,11 +1,8 @@
 """A planner's view and a learner whose values are known, to see what a strategy makes of both."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from serp.agent.protocols import Mask
-from serp.agent.strategy import Situation, Strategy
+from serp.agent.strategy import Situation
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE
 from serp.planning.edges import Bound
@@ -13,7 +10,7 @@ from serp.planning.forecast import SAFE
 from serp.tasks.action_map import ActionForecast
 
 
-def forecast(values: Sequence[float]) -> ActionForecast:
+def forecast(values):
     """What the planner thinks of actions that are all applicable and safe."""
     value = np.array(values, dtype=np.float64)
     count = len(value)
@@ -31,7 +28,7 @@ def forecast(values: Sequence[float]) -> ActionForecast:
     )
 
 
-def situation(values: Sequence[float]) -> Situation:
+def situation(values):
     """A state in which the plans from each action on are worth so much; no veto refuses one."""
     return Situation(forecast(values), np.ones(len(values), bool))
 
@@ -39,16 +36,16 @@ def situation(values: Sequence[float]) -> Situation:
 class Known:
     """A learner whose values are given; it never explores."""
 
-    def __init__(self, q: Sequence[float]) -> None:
+    def __init__(self, q):
         self.q = np.array(q, dtype=np.float32)
 
-    def propose(self, explorable: Mask | None) -> Proposal:
+    def propose(self, explorable):
         return self.propose_greedily()
 
-    def propose_greedily(self) -> Proposal:
+    def propose_greedily(self):
         return Proposal(int(self.q.argmax()), False, self.q)
 
 
-def learner_acts(strategy: Strategy) -> bool:
+def learner_acts(strategy):
     """Whether the learner is asked next, all else equal."""
     return strategy.propose(situation([1.0, 0.0]), Known([0.0, 1.0])) is not None

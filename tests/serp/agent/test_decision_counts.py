@@ -1,20 +1,17 @@
 """The numbers that a run says of its decisions follow from `decisions.csv`, wherever said."""
 
-import csv
 import json
 from collections import Counter
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 from serp.agent.decision import Actor, Reason
 from serp.runs.train import plan_and_learn
-from tests.serp.runs.runs import without_pictures
+from tests.serp.runs.runs import rows, without_pictures
 from tests.serp.sample_tasks import corridor
 
 QUICK = {"planner": {"depth": 2}, "training": {"random_steps": 20}}
-SETTINGS: dict[str, dict[str, dict[str, Any]]] = {
+SETTINGS = {
     "default": {},
     "paper": {"arbiter": {"rho": 0.5}},
     "vetoes": {
@@ -29,12 +26,7 @@ SETTINGS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    with open(path, newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def counted(decisions: list[dict[str, str]]) -> dict[str, int]:
+def counted(decisions):
     """Count decisions in the words of the docs."""
     none_safe = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
     return {
@@ -54,15 +46,15 @@ def counted(decisions: list[dict[str, str]]) -> dict[str, int]:
 
 @pytest.mark.parametrize("name", SETTINGS)
 @without_pictures()
-def test_every_number_of_a_run_is_a_sum_over_its_decisions(name: str, tmp_path: Path) -> None:
+def test_every_number_of_a_run_is_a_sum_over_its_decisions(name, tmp_path):
     changes = SETTINGS[name]
     run = plan_and_learn(
         corridor(tmp_path), preset="paper" if name == "paper" else "default", episodes=12, seed=1,
         settings={s: {**QUICK.get(s, {}), **changes.get(s, {})} for s in {**QUICK, **changes}},
         out=tmp_path / "run", quiet=True,
     )  # fmt: skip
-    decisions = table(run.path / "decisions.csv")
-    for row in table(run.path / "metrics.csv"):
+    decisions = rows(run.path, "decisions")
+    for row in rows(run.path, "metrics"):
         own = [d for d in decisions if d["episode"] == row["episode"]]
         assert {column: int(row[column]) for column in counted(own)} == counted(own)
         assert len(own) == int(row["length"])

@@ -2,26 +2,19 @@
 
 from collections import Counter
 from random import Random
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.agent.agent import Agent
-from serp.agent.arbiter import Arbiter
-from serp.agent.decision import Decision, Reason
-from serp.agent.step_record import StepRecord
+from serp.agent.decision import Reason
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, UNSAFE
-from serp.model.transition_model import Vector
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task
-from serp.tasks.task import BoundTask
 from tests.generated.profile import examples
-from tests.serp import lava
 from tests.serp.agent.decisions import (
     MODELS,
     RISKY,
@@ -34,7 +27,7 @@ from tests.serp.agent.decisions import (
 from tests.serp.planning.worlds import states_of
 
 
-def every_decision(arbiter: Arbiter, state: Vector, seed: int) -> list[Decision]:
+def every_decision(arbiter, state, seed):
     """Decide in all the ways in which a decision is executed under vetoes."""
     proposer, size = proposer_of(Wild(seed, arbiter.actions.size)), arbiter.actions.size
     with np.errstate(over="ignore", invalid="ignore"):
@@ -46,18 +39,18 @@ def every_decision(arbiter: Arbiter, state: Vector, seed: int) -> list[Decision]
         ]
 
 
-def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
+def test_nothing_unsafe_is_executed_while_there_is_an_alternative():
     """Under every strategy, whatever was learned of the world and of values."""
-    met: Counter[str] = Counter()
+    met = Counter()
 
-    @examples(2_200)
+    @examples(1_000)
     @given(
         strategy=st.sampled_from(("evidence", "mixture")),
         model=st.sampled_from((*MODELS, *RISKY)),
         actions=st.integers(0, 4),
         seed=st.integers(0, 2**32),
     )
-    def holds(strategy: str, model: Any, actions: int, seed: int) -> None:
+    def holds(strategy, model, actions, seed):
         random = Random(seed)
         arbiter = arbiter_of(list(action_maps(model, random))[actions], random, strategy)
         arbiter._exploration_bonus = lambda forecast: (
@@ -70,7 +63,7 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
             for decision in every_decision(arbiter, state, seed):
                 check(decision, view, arbiter.settings.unmodelled == "allow")
 
-    def check(decision: Decision, view: View, unknown_allowed: bool) -> None:
+    def check(decision, view, unknown_allowed):
         kinds, executed = view.kind, view.kind[decision.action]
         unknown = "unknown" in kinds and unknown_allowed
         if "safe" in kinds:
@@ -93,33 +86,30 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
 
     holds()
     # The danger was there.
-    assert met["unsafe, without alternative"] > 500
-    assert met["not applicable, without alternative"] > 50
-    assert met["safe, with alternative"] > 5_000
-    assert met["unknown, with alternative"] > 500
-    assert met["undefined, without alternative"] > 50
-    assert met["risky, without alternative"] > 500
-    assert met["refused as unsafe"] > 500
-    assert met["refused as too risky"] > 100
+    assert met["unsafe, without alternative"] > 200
+    assert met["not applicable, without alternative"] > 20
+    assert met["safe, with alternative"] > 2_000
+    assert met["unknown, with alternative"] > 200
+    assert met["undefined, without alternative"] > 20
+    assert met["risky, without alternative"] > 200
+    assert met["refused as unsafe"] > 200
+    assert met["refused as too risky"] > 40
 
 
 @pytest.mark.parametrize(
-    ("name", "steps", "strategy"),
-    [("lava", 500, "mixture"), ("lava", 300, "evidence"), ("cliff", 500, "mixture")],
+    ("name", "strategy"),
+    [("cliff", "mixture"), ("cliff", "evidence"), ("corner-kick", "mixture")],
 )
-def test_every_decision_of_a_training_is_judged_again_by_the_file_as_written(
-    name: str, steps: int, strategy: str
-) -> None:
+def test_every_decision_of_a_training_is_judged_again_by_the_file_as_written(name, strategy):
     """The model adapts itself meanwhile."""
-    task = lava.task() if name == "lava" else find_task(name)
     small = {"hidden": [16], "batch_size": 16, "members": 1}
-    settings: dict[str, Any] = {"learner": small, "guide": {"strategy": strategy}}
-    counts = train(task.bind(), steps, 1, settings)
-    assert counts["decisions"] >= steps
+    settings = {"learner": small, "guide": {"strategy": strategy}}
+    counts = train(find_task(name).bind(), 500, 1, settings)
+    assert counts["decisions"] >= 500
     assert counts["avoidable"] == counts["avoidable risk"] == 0
 
 
-def judge(agent: Agent, decision: Decision, state: Vector, counts: Counter[str]) -> None:
+def judge(agent, decision, state, counts):
     """Count one decision, judged by the file as written."""
     task = agent.task
     flags = [task.model.transition(state.tolist(), k)[1] for k in range(len(task.model.actions))]
@@ -135,32 +125,32 @@ def judge(agent: Agent, decision: Decision, state: Vector, counts: Counter[str])
     )
 
 
-def watched(trainer: Trainer) -> Counter[str]:
+def watched(trainer):
     """Count every decision of a training from now on."""
-    counts: Counter[str] = Counter()
+    counts = Counter()
     agent = trainer.agent
     decide, decide_randomly = agent.decide, agent.decide_randomly
 
-    def deciding(state: Vector, x: Vector) -> Decision:
+    def deciding(state, x):
         decision = decide(state, x)
         judge(agent, decision, state, counts)
         return decision
 
-    def deciding_randomly(state: Vector) -> Decision:
+    def deciding_randomly(state):
         decision = decide_randomly(state)
         judge(agent, decision, state, counts)
         return decision
 
-    def on_step(step: StepRecord) -> None:
+    def on_step(step):
         counts["damage"] += step.unsafe
 
-    agent.decide = deciding  # type: ignore[method-assign]
-    agent.decide_randomly = deciding_randomly  # type: ignore[method-assign]
+    agent.decide = deciding
+    agent.decide_randomly = deciding_randomly
     trainer.on_step = on_step
     return counts
 
 
-def train(task: BoundTask, steps: int, seed: int, changes: dict[str, Any]) -> Counter[str]:
+def train(task, steps, seed, changes):
     """Train for so many env steps; return the counts."""
     trainer = Trainer(task, resolve("default", task.task.settings, changes), seed)
     counts = watched(trainer)

@@ -1,9 +1,5 @@
 """Small learners, and random lives for them."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 
 from serp.learning.dqn import DQN
@@ -11,22 +7,22 @@ from serp.settings import LearnerSettings
 
 F, A = 4, 3
 
-TARGETS: dict[str, dict[str, Any]] = {
+TARGETS = {
     "none": {"target_polyak": None},
     "polyak": {"target_polyak": 0.05},
 }
 
 
-def learner(seed: int | np.random.SeedSequence = 0, imitates: bool = False, **settings: Any) -> DQN:
+def learner(seed=0, imitates=False, **settings):
     small = {"hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1}
     made = DQN(F, A, LearnerSettings(**{**small, **settings}), seed, imitates)
     made.imitation_weight = 0.7
     return made
 
 
-def live(agent: DQN, rng: np.random.Generator, steps: int) -> list[Any]:
+def live(agent, rng, steps):
     """Take random env steps with random advice; return what the learner said."""
-    said: list[Any] = []
+    said = []
     for _ in range(steps):
         x, next_x = rng.standard_normal((2, F)).astype(np.float32)
         proposal = agent.propose(x, rng.random(A) < 0.5)
@@ -41,7 +37,7 @@ def live(agent: DQN, rng: np.random.Generator, steps: int) -> list[Any]:
     return said
 
 
-def assert_same_state(one: DQN, other: DQN) -> None:
+def assert_same_state(one, other):
     arrays, meta = one.state_dict()
     other_arrays, other_meta = other.state_dict()
     assert meta == other_meta
@@ -50,7 +46,7 @@ def assert_same_state(one: DQN, other: DQN) -> None:
         np.testing.assert_array_equal(array, other_arrays[name], err_msg=name, strict=True)
 
 
-def set_q(agent: DQN, q: list[float], target: list[float] | None = None) -> None:
+def set_q(agent, q, target=None):
     """Make Q the same in every state; in the target network another."""
     for name, array in agent.learning.arrays().items():
         if name in ("parameters", "target"):

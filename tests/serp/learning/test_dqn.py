@@ -111,31 +111,7 @@ def test_updates_per_step_never_drift(per_step: float, expected: int) -> None:
     assert sum(loss is not None for loss in losses) == min(expected, 1000)
 
 
-def test_learning_and_pretraining_start_when_the_settings_say() -> None:
-    agent = learner(learning_starts=5, n_step=1)
-    assert agent.pretrain(12) is None
-    for step in range(1, 8):
-        agent.remember(HERE, 0, 1.0, HERE, False, False)
-        assert (agent.learn() is not None) == (step >= 5)
-    assert agent.updates == 3
-    assert agent.pretrain(12) is not None
-    assert agent.updates == 15
-    assert agent.pretrain(0) is None
-
-
 # --- repeating and resuming ----------------------------------------------------------------------
-
-
-def test_equal_seeds_give_equal_bits_and_leave_the_sequence_alone() -> None:
-    sequence = np.random.SeedSequence(5)
-    one, other = learner(sequence), learner(sequence)
-    said = [live(agent, np.random.default_rng(0), 60) for agent in (one, other)]
-    assert said[0] == said[1]
-    assert_same_state(one, other)
-    assert sequence.n_children_spawned == 0
-    assert not np.array_equal(
-        learner(6).state_dict()[0]["parameters"], learner(7).state_dict()[0]["parameters"]
-    )
 
 
 VARIANTS = st.fixed_dictionaries(

@@ -1,9 +1,6 @@
 """Whatever stops being finite is named, and nothing is learned or saved from then on."""
 
-from __future__ import annotations
-
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import LearningFailure
-from serp.learning.dqn import DQN
 from tests.serp.learning.learners import assert_same_state, learner, live
 
 
-def trained(seed: int, **changes: Any) -> DQN:
+def trained(seed, **changes):
     """Return a learner with 20 random env steps behind it."""
     agent = learner(seed, **changes)
     live(agent, np.random.default_rng(seed), 20)
@@ -24,9 +20,7 @@ def trained(seed: int, **changes: Any) -> DQN:
 
 @settings(max_examples=30, deadline=None)
 @given(st.data(), st.booleans())
-def test_a_hidden_parameter_that_is_no_number_is_named_before_anything_is_learned(
-    data: st.DataObject, layer_norm: bool
-) -> None:
+def test_a_hidden_parameter_that_is_no_number_is_named_before_anything_is_learned(data, layer_norm):
     """Wherever it lies: no ReLU, no normalisation and no bound of a target hides it."""
     agent = trained(1, layer_norm=layer_norm, members=2)
     online = agent.learning.online
@@ -43,7 +37,7 @@ def test_a_hidden_parameter_that_is_no_number_is_named_before_anything_is_learne
 
 
 @given(st.data(), st.sampled_from([np.nan, np.inf, -np.inf]))
-def test_nothing_that_is_not_finite_is_saved(data: st.DataObject, value: float) -> None:
+def test_nothing_that_is_not_finite_is_saved(data, value):
     agent = learner(1, members=2)
     name = data.draw(st.sampled_from(sorted(agent.learning.arrays())))
     array = agent.learning.arrays()[name]
@@ -53,7 +47,7 @@ def test_nothing_that_is_not_finite_is_saved(data: st.DataObject, value: float) 
         agent.state_dict()
 
 
-def test_numbers_that_grow_too_large_in_the_network_are_named() -> None:
+def test_numbers_that_grow_too_large_in_the_network_are_named():
     agent = trained(2, discount=0.0)
     x, following = np.random.default_rng(0).standard_normal((2, 4))
     following[2] = 3e38
@@ -63,7 +57,7 @@ def test_numbers_that_grow_too_large_in_the_network_are_named() -> None:
         agent.pretrain(10)
 
 
-def test_a_reward_whose_return_float32_cannot_hold_is_refused() -> None:
+def test_a_reward_whose_return_float32_cannot_hold_is_refused():
     agent = trained(3, discount=0.99)
     same = trained(3, discount=0.99)
     for reward in (1e37, -1e300, np.inf, np.nan):

@@ -85,7 +85,7 @@ def by_definition(
 HOW = st.none() | st.tuples(st.sampled_from([0.0, 0.25, 0.8]), st.sampled_from([0.0, 0.5, 2.0]))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=80)
 @given(how=HOW, seed=st.integers(0, 10_000))
 def test_loss_and_gradient_are_those_of_the_definition(how: Imitation, seed: int) -> None:
     q, batch = draw(seed, how is not None)

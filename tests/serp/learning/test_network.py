@@ -1,9 +1,5 @@
 """Outputs and gradient of the network, and steps of the optimiser, are those of torch."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 import torch
@@ -15,9 +11,7 @@ from serp._core import QNetwork
 from serp.learning.q_learning import draw
 
 
-def random_network(
-    inputs: int, actions: int, hidden: list[int], layer_norm: bool, members: int, seed: int
-) -> tuple[QNetwork, np.random.Generator]:
+def random_network(inputs, actions, hidden, layer_norm, members, seed):
     rng = np.random.default_rng(seed)
     network = QNetwork((inputs, *hidden, actions), layer_norm, members)
     draw(network, rng)
@@ -26,18 +20,10 @@ def random_network(
     return network, rng
 
 
-def module_of(network: QNetwork) -> torch.nn.Module:
-    """Return an independent copy of a network, ``[batch, F]`` → ``[batch, A]``.
-
-    It is a `torch.nn.Sequential`; with several members, a module that returns the mean over them.
-    """
-    members = [_sequential(network, member) for member in range(network.members)]
-    return members[0] if len(members) == 1 else MeanModule(members)
-
-
-def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
+def module_of(network, member):
+    """An independent copy of a member, ``[batch, F]`` → ``[batch, A]``."""
     flat = torch.from_numpy(network.parameters[member].copy())
-    stack: list[torch.nn.Module] = []
+    stack = []
     for k, layer in enumerate(network.layers):
         weight = flat[layer.start : layer.bias].reshape(layer.inputs, layer.outputs)
         vectors = flat[layer.bias : layer.end].reshape(-1, layer.outputs)
@@ -53,19 +39,7 @@ def _sequential(network: QNetwork, member: int) -> torch.nn.Sequential:
     return torch.nn.Sequential(*stack)
 
 
-class MeanModule(torch.nn.Module):
-    """The mean output of several networks."""
-
-    def __init__(self, members: Sequence[torch.nn.Module]) -> None:
-        super().__init__()
-        self.members = torch.nn.ModuleList(members)
-
-    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return ``[batch, A]`` of ``[batch, F]``."""
-        return torch.stack([member(inputs) for member in self.members]).mean(0)
-
-
-def flat_gradient(module: torch.nn.Sequential) -> torch.Tensor:
+def flat_gradient(module):
     parts = []
     for layer in module:
         if isinstance(layer, torch.nn.Linear):
@@ -76,7 +50,7 @@ def flat_gradient(module: torch.nn.Sequential) -> torch.Tensor:
 
 
 @torch.no_grad()
-def well_conditioned(module: torch.nn.Sequential, x: torch.Tensor) -> bool:
+def well_conditioned(module, x):
     """Whether no ReLU is at its corner and no LayerNorm magnifies the last bits of its inputs."""
     for layer in module:
         if isinstance(layer, torch.nn.ReLU) and float(x.abs().min()) <= 1e-5:
@@ -89,7 +63,7 @@ def well_conditioned(module: torch.nn.Sequential, x: torch.Tensor) -> bool:
     return True
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=80)
 @given(
     inputs=st.integers(1, 7),
     actions=st.integers(1, 5),
@@ -100,50 +74,35 @@ def well_conditioned(module: torch.nn.Sequential, x: torch.Tensor) -> bool:
     seed=st.integers(0, 2**32),
 )
 def test_outputs_and_gradient_are_those_of_torch(
-    inputs: int, actions: int, hidden: list[int], layer_norm: bool, members: int, batch: int,
-    seed: int,
-) -> None:  # fmt: skip
+    inputs, actions, hidden, layer_norm, members, batch,
+    seed,
+):  # fmt: skip
     network, rng = random_network(inputs, actions, hidden, layer_norm, members, seed)
     x = rng.standard_normal((members, batch, inputs)).astype(np.float32)
     slope = rng.standard_normal((members, batch, actions)).astype(np.float32)
     q, gradient = network.gradient(x, slope)
-    whole = module_of(network).double()
-    modules = list(whole.members) if isinstance(whole, MeanModule) else [whole]
+    modules = [module_of(network, m).double() for m in range(members)]
     for m, module in enumerate(modules):
         x_m = torch.from_numpy(x[m]).double()
-        assume(well_conditioned(module, x_m))  # type: ignore[arg-type]
+        assume(well_conditioned(module, x_m))
         expected_q = module(x_m)
         np.testing.assert_allclose(q[m], expected_q.detach().numpy(), rtol=1e-4, atol=1e-4)
         (expected_q * torch.from_numpy(slope[m]).double()).sum().backward()
-        expected = flat_gradient(module)  # type: ignore[arg-type]
+        expected = flat_gradient(module)
         error = (torch.from_numpy(gradient[m]).double() - expected).abs().max()
         assert error <= 2e-5 * (1 + expected.abs().max())
-    mean = network.q(x[0])
-    exported = whole(torch.from_numpy(x[0]).double()).detach().numpy()
-    np.testing.assert_allclose(mean, exported, rtol=1e-4, atol=1e-4)
-
-
-def test_start_is_that_of_torch_linear_in_distribution() -> None:
-    network = QNetwork((16, 400, 4))
-    draw(network, np.random.default_rng(0))
-    first, last = network.layers
-    flat = network.parameters[0]
-    for layer, bound in ((first, 1 / 4), (last, 1 / 20)):
-        values = flat[layer.start : layer.end]
-        assert np.abs(values).max() <= bound
-        assert values.std() == pytest.approx(bound / np.sqrt(3), rel=0.1)
-        assert abs(values.mean()) < bound / 10
+    mean = torch.stack([module(torch.from_numpy(x[0]).double()) for module in modules]).mean(0)
+    np.testing.assert_allclose(network.q(x[0]), mean.detach().numpy(), rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("largest_norm", [None, 0.5])
 @pytest.mark.parametrize("members", [1, 3])
-def test_steps_are_those_of_torchs_adam(members: int, largest_norm: float | None) -> None:
+def test_steps_are_those_of_torchs_adam(members, largest_norm):
     rng = np.random.default_rng(0)
     norm = np.inf if largest_norm is None else largest_norm
     ours = _core.QLearning((24, 8), False, members, 1, 0.01, norm, 0.1)
     start = rng.standard_normal((members, 200)).astype(np.float32)
     ours.online.parameters[...] = start
-    assert ours.target is not None
     slow = torch.zeros(members, 200)
     theirs = [torch.nn.Parameter(torch.from_numpy(row.copy())) for row in start]
     optimizer = torch.optim.Adam(theirs, lr=0.01, fused=True)

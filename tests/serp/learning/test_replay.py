@@ -1,10 +1,7 @@
 """The replay memory by its definition: n-step samples, draws."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,11 +28,11 @@ class Step:
     allowed: tuple[bool, ...] | None = None
 
     @property
-    def imitated(self) -> int:
+    def imitated(self):
         return self.number % 4 - 1
 
 
-def feed(buffer: ReplayBuffer, steps: list[Step]) -> None:
+def feed(buffer, steps):
     for step in steps:
         buffer.add(
             np.array([step.number, 0], np.float32),
@@ -50,7 +47,7 @@ def feed(buffer: ReplayBuffer, steps: list[Step]) -> None:
 
 
 @st.composite
-def streams(draw: st.DrawFn) -> list[Step]:
+def streams(draw):
     kinds = st.tuples(
         st.integers(0, A - 1),
         st.floats(-2, 2, width=16),
@@ -64,18 +61,18 @@ def streams(draw: st.DrawFn) -> list[Step]:
 
 
 def buffer(
-    spec: SampleSpec = SampleSpec(F, A, imitates=True),  # noqa: B008
-    **changes: Any,
-) -> ReplayBuffer:
-    usual: dict[str, Any] = {
+    spec=SampleSpec(F, A, imitates=True),  # noqa: B008
+    **changes,
+):
+    usual = {
         "buffer_size": 50, "batch_size": 8, "discount": DISCOUNT, "n_step": 1,
     }  # fmt: skip
     settings = LearnerSettings(**{**usual, **changes})
     return ReplayBuffer(spec, settings, np.random.default_rng(0))
 
 
-def episodes(steps: list[Step]) -> list[list[Step]]:
-    found: list[list[Step]] = [[]]
+def episodes(steps):
+    found = [[]]
     for step in steps:
         found[-1].append(step)
         if step.terminated or step.truncated:
@@ -83,7 +80,7 @@ def episodes(steps: list[Step]) -> list[list[Step]]:
     return found
 
 
-def expected_samples(steps: list[Step], n: int) -> list[tuple[Any, ...]]:
+def expected_samples(steps, n):
     """Return the n-step samples by their definition, one episode at a time."""
     samples = []
     for episode in episodes(steps):
@@ -109,11 +106,11 @@ def expected_samples(steps: list[Step], n: int) -> list[tuple[Any, ...]]:
     return samples
 
 
-def rows_of(arrays: dict[str, np.ndarray]) -> list[tuple[Any, ...]]:
+def rows_of(arrays):
     return list(zip(*(array.tolist() for array in arrays.values()), strict=True))
 
 
-def stored(memory: ReplayBuffer, capacity: int) -> list[tuple[Any, ...]]:
+def stored(memory, capacity):
     """Return the samples, from the oldest on."""
     arrays, meta = memory.state_dict()
     rows = rows_of({k: a for k, a in arrays.items() if k != "pending.observation"})
@@ -123,7 +120,7 @@ def stored(memory: ReplayBuffer, capacity: int) -> list[tuple[Any, ...]]:
 
 @settings(deadline=None)
 @given(steps=streams(), n=st.integers(1, 5), capacity=st.integers(1, 30))
-def test_the_ring_holds_the_newest_n_step_samples(steps: list[Step], n: int, capacity: int) -> None:
+def test_the_ring_holds_the_newest_n_step_samples(steps, n, capacity):
     ring = buffer(n_step=n, buffer_size=capacity)
     feed(ring, steps)
     expected = expected_samples(steps, n)
@@ -133,9 +130,7 @@ def test_the_ring_holds_the_newest_n_step_samples(steps: list[Step], n: int, cap
 
 @settings(deadline=None)
 @given(first=streams(), second=streams(), n=st.integers(1, 5))
-def test_the_steps_of_two_environments_do_not_mix(
-    first: list[Step], second: list[Step], n: int
-) -> None:
+def test_the_steps_of_two_environments_do_not_mix(first, second, n):
     lanes = [
         [replace(s, number=s.number + at) for s in (*steps, Step(len(steps), truncated=True))]
         for at, steps in ((0, first), (1000, second))
@@ -149,12 +144,12 @@ def test_the_steps_of_two_environments_do_not_mix(
     assert [s for s in found if s[0][0] >= 1000] == expected_samples(lanes[1], n)
 
 
-def flat(batch: Samples) -> list[tuple[Any, ...]]:
+def flat(batch):
     """Return the samples of all members of a batch."""
     return rows_of({k: a.reshape(-1, *a.shape[2:]) for k, a in batch.arrays().items()})
 
 
-def test_draws_are_uniform_whole_samples_and_differ_between_members() -> None:
+def test_draws_are_uniform_whole_samples_and_differ_between_members():
     memory = buffer(batch_size=32, members=3, buffer_size=10, n_step=2)
     feed(memory, [Step(i, i % A, i / 2, i % 6 == 5) for i in range(17)])
     by_number = {sample[0][0]: sample for sample in stored(memory, 10)}
@@ -183,9 +178,7 @@ def test_draws_are_uniform_whole_samples_and_differ_between_members() -> None:
         (4, [[0.5], [0.5]], [0, 1], A),
     ],
 )
-def test_compiled_code_reads_nothing_outside_of_the_arrays(
-    size: int, uniform: list[list[float]], columns: list[int], action: int
-) -> None:
+def test_compiled_code_reads_nothing_outside_of_the_arrays(size, uniform, columns, action):
     store, batch = (Samples.zeros(lead, SampleSpec(F, A)) for lead in ((4,), (1, 1)))
     store.action[:] = action
     mirror = _core.Mirror(np.array(columns), np.ones(F, np.float32), np.arange(A))
@@ -193,7 +186,7 @@ def test_compiled_code_reads_nothing_outside_of_the_arrays(
         batch.compiled.draw(store.compiled, size, np.array(uniform), mirror)
 
 
-def test_compiled_code_learns_from_no_action_out_of_range() -> None:
+def test_compiled_code_learns_from_no_action_out_of_range():
     batch = Samples.zeros((1, 8), SampleSpec(F, A))
     learning = _core.QLearning((F, A), False, 1, 8, 0.1, np.inf, None)
     for wrong in (A, -1):

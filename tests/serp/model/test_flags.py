@@ -1,7 +1,5 @@
 """Flags carry a risk beside their bits."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,9 +10,7 @@ from tests.generated.profile import examples
 
 @examples(100)
 @given(st.integers(0, 31), st.integers(0, 31), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_flags_carry_a_risk_beside_their_bits(
-    bits: int, others: int, risk: float, other: float
-) -> None:
+def test_flags_carry_a_risk_beside_their_bits(bits, others, risk, other):
     flags, further = with_risk(bits, risk), with_risk(others, other)
     assert flags & 0xFF == bits
     both = joined(flags, further)

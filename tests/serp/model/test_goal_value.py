@@ -1,33 +1,25 @@
 """A goal beside a metric: the goal comes first."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 
 from serp.model.grounder import GoalValue
-from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.replanner import MonitorReplanner
-from tests.generated import Generated, Texts, examples, load_texts, models_with_states
+from tests.generated import Texts, examples, load_texts, models_with_states
+from tests.worlds import text
 
-DOMAIN = """(define (domain trip)
-  (:predicates (at ?x) (road ?x ?y))
-  (:functions (cost) (toll ?x ?y) (load))
-  (:action drive :parameters (?x ?y) :precondition (and (at ?x) (road ?x ?y))
-    :effect (and (not (at ?x)) (at ?y) (increase (cost) (toll ?x ?y))))
-  (:action idle :effect (and))
-  (:process wear :precondition (and (> (load) 5)) :effect (increase (cost) (* #t 3))))"""
+DOMAIN = text("trip")
 PROBLEM = """(define (problem p) (:domain trip) (:objects a b c d)
   (:init (at a) (road a b) (road b d) (road a c) (road c d) (= (load) 0) (= (cost) 0)
     (= (toll a b) 40) (= (toll b d) 40) (= (toll a c) 30) (= (toll c d) 45))
   (:goal (at d)) (:metric {}))"""
 
 
-def model_of(metric: str, domain: str = DOMAIN) -> TransitionModel:
+def model_of(metric, domain=DOMAIN):
     return load_texts(Texts(domain, PROBLEM.format(metric))).model
 
 
-def test_the_planner_reaches_the_goal_in_spite_of_a_metric_and_by_the_best_way() -> None:
+def test_the_planner_reaches_the_goal_in_spite_of_a_metric_and_by_the_best_way():
     model = model_of("minimize (cost)")
     plan = MonitorReplanner(model, depth=4).plan(model.initial_state)
     assert model.actions[plan.action].name == "drive a c"  # 75 and not 80; to idle costs nothing
@@ -45,11 +37,11 @@ def test_the_planner_reaches_the_goal_in_spite_of_a_metric_and_by_the_best_way()
         ("minimize (* (cost) (cost))", 1_000_000),
     ],
 )
-def test_the_goal_is_worth_more_than_a_hundred_steps_can_gain(metric: str, worth: float) -> None:
+def test_the_goal_is_worth_more_than_a_hundred_steps_can_gain(metric, worth):
     assert model_of(metric).replace(dt=0.5).theta[-1] == worth
 
 
-def test_a_metric_without_bounds_is_warned_of() -> None:
+def test_a_metric_without_bounds_is_warned_of():
     heavy = DOMAIN.replace("idle :effect (and)", "idle :effect (increase (load) (cost))")
     heavy = heavy.replace("(toll ?x ?y)))", "(load)))")
     texts = Texts(heavy, PROBLEM.format("minimize (cost)"))
@@ -61,8 +53,8 @@ def test_a_metric_without_bounds_is_warned_of() -> None:
 
 
 @given(models_with_states())
-@examples(100)
-def test_no_step_of_any_domain_gains_more_than_the_bound(drawn: tuple[Generated, Vector]) -> None:
+@examples(60)
+def test_no_step_of_any_domain_gains_more_than_the_bound(drawn):
     generated, states = drawn
     model = generated.model
     bounded = GoalValue(model.ground).bounded if model.ground.goal_parameter else None

@@ -1,19 +1,16 @@
 """Instances and columns: which there are, and when there would be too many."""
 
-from __future__ import annotations
-
 import time
 
 import pytest
 
 from serp.model.domain import Domain
 from serp.pddl.source import DomainError, Source
-from tests.generated import Texts, load_texts
 
 EIGHT = "(?a ?b ?c ?d ?e ?f ?g ?h)"
 
 
-def with_objects(domain: str, count: int, init: str = "") -> Domain:
+def with_objects(domain, count, init=""):
     """A domain over so many objects, with low limits."""
     objects = " ".join(f"o{k}" for k in range(count))
     source = Source("many.pddl", f"(define (domain many) {domain})")
@@ -48,9 +45,7 @@ def with_objects(domain: str, count: int, init: str = "") -> Domain:
     ],
     ids=["actions", "fluents", "bindings"],
 )
-def test_millions_of_instances_are_refused_at_once_with_the_reason(
-    domain: str, init: str, says: str, advises: str
-) -> None:
+def test_millions_of_instances_are_refused_at_once_with_the_reason(domain, init, says, advises):
     many = with_objects(domain, 30, init)
     started = time.process_time()
     with pytest.raises(DomainError) as caught:
@@ -58,20 +53,3 @@ def test_millions_of_instances_are_refused_at_once_with_the_reason(
     assert time.process_time() - started < 2.0  # 0.2 s on an idle machine
     assert says in caught.value.problem and advises in caught.value.advice
     assert caught.value.line == 1
-
-
-def test_parameters_carry_their_roles() -> None:
-    model = load_texts(
-        Texts(
-            "(define (domain d) (:functions (x) (y))"
-            " (:action a :precondition (> (x) 1) :effect (when (< (x) 2) (increase (x) 3)))"
-            " (:process p :effect (increase (x) (* #t 4)))"
-            " (:event e :precondition (> (x) 5) :effect (assign (x) 6)))",
-            "(define (problem p) (:init (= (x) 0) (= (y) 8)) (:goal (< (x) 7))"
-            " (:metric maximize (* 9 (x))))",
-        )
-    ).model
-    assert {p.value: p.role for p in model.parameters} == {
-        **{1: "condition", 2: "condition", 3: "effect", 4: "rate", 5: "condition", 6: "effect"},
-        **{7: "condition", 9: "metric", 1e6: "goal"},
-    }

@@ -1,18 +1,14 @@
 """States and actions from outside: what fits is taken, what does not is refused with its name."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
-from serp.model.transition_model import StateError, TransitionModel
+from serp.model.transition_model import StateError
 from tests.generated import Texts, load_texts
 
 
 @pytest.fixture(scope="module")
-def small() -> TransitionModel:
+def small():
     texts = Texts(
         "(define (domain d) (:predicates (lit)) (:functions (heat) (cost))"
         " (:action on :parameters () :precondition (and (not (lit))) :effect (and (lit)))"
@@ -22,7 +18,7 @@ def small() -> TransitionModel:
     return load_texts(texts).model
 
 
-def test_states_by_name_and_actions_by_name_or_position(small: TransitionModel) -> None:
+def test_states_by_name_and_actions_by_name_or_position(small):
     state = small.state({"heat": 1.5, "lit": True})
     assert state.tolist() == [1.0, 1.5]
     assert small.values(state) == {"lit": True, "heat": 1.5}
@@ -38,12 +34,10 @@ def test_states_by_name_and_actions_by_name_or_position(small: TransitionModel) 
         ({"heat": 1.0}, "no value for fluent `lit`; values are given for `heat`"),
         ({"heat": 1.0, "lit": True, "het": 2.0}, "did you mean `heat`"),
         ({"heat": 1.0, "lit": True, "cost": 2.0}, "`cost` is fixed by the problem file"),
-        ({"heat": float("nan"), "lit": True}, "fluent `heat` is nan"),
         ({"heat": 1.0, "lit": 0.5}, "`lit` must be 0 or 1, not 0.5"),
-        (None, "a state must be a mapping fluent name → value"),
     ],
 )
-def test_values_that_do_not_fit_are_refused(small: TransitionModel, values: Any, says: str) -> None:
+def test_values_that_do_not_fit_are_refused(small, values, says):
     with pytest.raises(StateError, match=says):
         small.state(values)
 
@@ -53,12 +47,9 @@ def test_values_that_do_not_fit_are_refused(small: TransitionModel, values: Any,
     [
         (np.zeros(1), "2 numbers .* found 1: none for `heat`"),
         (np.zeros(3), "found 3: 1 more than the fl"),
-        ("abc", "a state must consist of numbers"),
     ],
 )
-def test_arrays_that_are_no_states_are_refused(
-    small: TransitionModel, state: Any, says: str
-) -> None:
+def test_arrays_that_are_no_states_are_refused(small, state, says):
     for use in (small.check_state, lambda state: small.step(state, 0)):
         with pytest.raises(StateError, match=says):
             use(state)
@@ -69,30 +60,20 @@ def test_arrays_that_are_no_states_are_refused(
     [
         (np.zeros(2), "warn", "did you mean `warm`"),
         (np.zeros(2), 2, "action 2"),
-        *((np.zeros(2), action, "name or a position") for action in (0.5, True)),
-        *((np.zeros((2, 2)), action, "actions must be in 0 ... 1") for action in (2, [0, 2])),
-        *((np.zeros((2, 2)), a, "2 positions") for a in ([0, 1, 0], [0.0, 1.0])),
+        (np.zeros((2, 2)), [0, 2], "actions must be in 0 ... 1"),
+        (np.zeros((2, 2)), [0, 1, 0], "2 positions"),
         (np.zeros((2, 3)), 0, "found 3 columns"),
         (np.full(2, np.nan), 0, "must not contain NaN or infinity"),
     ],
 )
-def test_steps_that_do_not_fit_are_refused(
-    small: TransitionModel, states: Any, action: Any, says: str
-) -> None:
+def test_steps_that_do_not_fit_are_refused(small, states, action, says):
     with pytest.raises(StateError, match=says):
         small.step(states, action)
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"theta": []}, "theta must be 1 finite"),
-        ({"theta": [float("nan")]}, "theta must be 1 finite"),
-        *(({"dt": dt}, "control period") for dt in (0.0, float("nan"), "a", True)),
-    ],
+    ("change", "says"), [({"theta": []}, "theta must be 1 finite"), ({"dt": 0.0}, "control period")]
 )
-def test_parameters_and_periods_that_do_not_fit_are_refused(
-    small: TransitionModel, change: Any, says: str
-) -> None:
+def test_parameters_and_periods_that_do_not_fit_are_refused(small, change, says):
     with pytest.raises(StateError, match=says):
         small.replace(**change)

@@ -3,17 +3,13 @@
 Well-known domains along a plan that reaches the goal, with whatever else may be done on the way.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
 from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 from unified_planning.io import PDDLReader
-from unified_planning.model import UPState
 
 from serp.model.domain import load_domain, problem_beside
-from serp.model.transition_model import Vector
 
 FOLDER = Path(__file__).parent / "pddl_files"
 SHIPPED = sorted((Path(__file__).resolve().parents[3] / "domains").glob("*.pddl"))
@@ -53,7 +49,7 @@ CLASSICAL = {
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda path: path.name)
 @pytest.mark.filterwarnings("ignore::Warning")  # of unified-planning's parser
-def test_another_tool_reads_what_is_shipped(file: Path) -> None:
+def test_another_tool_reads_what_is_shipped(file):
     if not file.stem.endswith("-problem"):
         problem = problem_beside(file)
         PDDLReader().parse_problem(str(file), str(problem) if problem.exists() else None)
@@ -61,12 +57,10 @@ def test_another_tool_reads_what_is_shipped(file: Path) -> None:
 
 @pytest.mark.parametrize("name", CLASSICAL)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
-def test_a_known_plan_reaches_the_goal_as_in_unified_planning(name: str) -> None:
+def test_a_known_plan_reaches_the_goal_as_in_unified_planning(name):
     counts, plan = CLASSICAL[name]
     domain = load_domain(FOLDER / f"{name}.pddl")
-    assert domain.problem_source is not None
     model, state = domain.model, domain.model.initial_state
-    assert state is not None
     schemas = [action.schema for action in model.actions]
     assert {schema: schemas.count(schema) for schema in schemas} == counts
 
@@ -77,13 +71,13 @@ def test_a_known_plan_reaches_the_goal_as_in_unified_planning(name: str) -> None
         for node in problem.initial_values
     }
 
-    def simulated(before: UPState, step: str) -> UPState | None:
+    def simulated(before, step):
         schema, *names = step.split()
         expressions = problem.environment.expression_manager
         objects = tuple(expressions.ObjectExp(problem.object(name)) for name in names)
         return simulator.apply(before, problem.action(schema), objects)
 
-    def check_same(ours: Vector, theirs: UPState) -> None:
+    def check_same(ours, theirs):
         for fluent, value in zip(model.fluents, ours.tolist(), strict=True):
             if fluent.name != "total-cost":  # it reads this one as costs of the actions
                 assert theirs.get_value(terms[fluent.key]).constant_value() == value, fluent.name
@@ -98,6 +92,5 @@ def test_a_known_plan_reaches_the_goal_as_in_unified_planning(name: str) -> None
             if after is not None:
                 check_same(other.state, after)
         outcome, expected = model.step(state, step), simulated(expected, step)
-        assert expected is not None
         assert outcome.terminal == (number == len(steps)) == simulator.is_goal(expected)
         state = outcome.state

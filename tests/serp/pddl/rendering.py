@@ -2,10 +2,8 @@
 
 import re
 
-from serp.pddl.source import DomainError
 
-
-def caret_text(error: DomainError) -> str:
+def caret_text(error):
     """What stands above the carets."""
     _, source, carets = str(error).split("\n")[:3]
     begin = carets.index("^")
@@ -13,14 +11,13 @@ def caret_text(error: DomainError) -> str:
     return source[begin : len(carets)]
 
 
-def check_rendering(error: DomainError, text: str) -> None:
+def check_rendering(error, text):
     """The message opens with the place and quotes the line, with carets under the right text."""
     assert error.place is not None and error.line is not None and error.column is not None
     rows = str(error).split("\n")
     assert rows[0] == f"{error.file}:{error.line}:{error.column}: {error.problem}"
     quoted = visible(lines(text)[error.line - 1])
     shown = visible(lines(text[error.place.start : error.place.end])[0])
-    assert error.source_line is not None
     if len(quoted) <= 160:
         assert error.source_line == quoted
     else:  # what is around the place
@@ -36,9 +33,9 @@ def check_rendering(error: DomainError, text: str) -> None:
     )
 
 
-def lines(text: str) -> list[str]:
+def lines(text):
     return re.split("\r\n|\r|\n", text)
 
 
-def visible(text: str) -> str:
+def visible(text):
     return "".join(c if c.isprintable() else " " for c in text)

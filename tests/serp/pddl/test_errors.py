@@ -5,7 +5,6 @@ the text is read.
 """
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -33,23 +32,23 @@ PROBLEM = """\
 """
 
 
-def action(effect: str = "(tired)", precondition: str = "(and)") -> str:
+def action(effect="(tired)", precondition="(and)"):
     return DOMAIN % (
         f"(:action go :parameters (?r - robot ?p - place)\n    :precondition {precondition}"
         f"\n    :effect {effect})"
     )
 
 
-def with_math(number: str) -> str:
+def with_math(number):
     text = action(f"(increase (speed) {number})")
     return text.replace(":adl", ":adl :math-functions", 1)
 
 
-def process(effect: str) -> str:
+def process(effect):
     return DOMAIN % f"(:process run :parameters () :precondition (and) :effect {effect})"
 
 
-def problem(section: str) -> str:
+def problem(section):
     return PROBLEM % section
 
 
@@ -62,101 +61,76 @@ IN_DOMAIN = [
     ("stray-text", "«hello»"),
     ("unbalanced-parentheses", "(" * 100 + "«(»"),
     ("stray-text", "(define«\u00a0»(domain d))"),
-    ("malformed", "«(define)»"),
     ("malformed", "(define «(domain)»)"),
-    ("malformed", "(define (domain «../d»))"),
     ("unknown-section", DOMAIN % "(«:actoin» go)"),
     ("unsupported", DOMAIN % "(«:durative-action» go)"),
     ("declared-twice", DOMAIN % "«(:types car)»"),
     ("malformed", "(define (domain d) (:requirements «(:typing)»))"),
     ("type-conflict", "(define (domain d) (:types a - b «b» - c c - b))"),
     ("reserved-name", "(define (domain d) (:types «object» - a))"),
-    ("type-conflict", "(define (domain d) (:types «a» - (either b c)))"),
     ("malformed", "(define (domain d) (:predicates (p «-» a)))"),
-    ("malformed", "(define (domain d) (:types a «-»))"),
     ("unknown-name", "(define (domain d) (:predicates (p ?x - «car»)))"),
-    ("malformed", "(define (domain d) (:types a - «(both b c)»))"),
     ("type-conflict", "(define (domain d) (:types b c) (:constants «a» - (either b c)))"),
-    ("malformed", "(define (domain d) (:predicates «()»))"),
     ("declared-twice", "(define (domain d) (:predicates (p)) (:functions «(p)»))"),
     ("reserved-name", "(define (domain d) (:predicates («when»)))"),
-    ("malformed", "(define (domain d) (:predicates (p «x»)))"),
     ("declared-twice", "(define (domain d) (:types t) (:action go :parameters (?x - t «?x»)))"),
-    ("unsupported", DOMAIN % "(«:constraint» slow)"),
     ("unsupported", "(define (domain d) (:types t) (:functions (f) - «t»))"),
     ("reserved-name", "(define (domain d) (:functions «(unsafe)»))"),
-    ("reserved-name", "(define (domain d) (:predicates «(terminal ?x)»))"),
     ("malformed", DOMAIN % "«(:action)»"),
     ("declared-twice", DOMAIN % "(:action go) (:event «go»)"),
-    ("declared-twice", DOMAIN % "(:action go :effect () «:effect» ())"),
     ("missing-value", DOMAIN % "(:action go «:effect»)"),
     ("unknown-name", action(precondition="(and («opne» ?p))")),
     ("unknown-name", action(precondition="(open «?q»)")),
     ("unknown-name", action(precondition="(open «homr»)")),
-    ("malformed", action(precondition="(open «(home)»)")),
     ("wrong-arguments", action(precondition="(open «?r»)")),
-    ("malformed", action(precondition="«(forall (?x - robot))»")),
     ("unsupported", action(precondition="«(preference a (tired))»")),
-    ("unsupported", action(precondition="(and «(over all (tired))»)")),
     ("malformed", action("(increase (speed) «charge»)")),
     ("wrong-kind", action("(increase (speed) («tired»))")),
     ("malformed", action("(increase (speed) «1e400»)")),
-    ("malformed", action("(increase (speed) «(+ 1)»)")),
     ("math-functions", action("(increase (speed) («max» 1 2))")),
-    ("malformed", with_math("«(min 1)»")),
     ("no-result", with_math("(sqrt «-1»)")),
     ("reserved-name", action("(increase (speed) «(reward)»)")),
     ("malformed", action("(increase (speed) (* «#t» 2))")),
-    ("malformed", action("(increase (speed) «(total-time)»)")),
     ("too-large", action(f"(increase (speed) «(+{LONG})»)")),
     ("unsupported", action("«(or (tired) (open ?p))»")),
     ("unsupported", action("(when (tired) (forall (?x - robot) (and «(when (tired) (tired))»)))")),
     ("reserved-name", action("«(not (unsafe))»")),
     ("reserved-name", action("«(assign (reward) 1)»")),
-    ("malformed", action("«(increase (speed))»")),
     ("wrong-arguments", action("(increase (charge «?p») 1)")),
     ("malformed", process("(increase (speed) «(speed)»)")),
     ("malformed", process("«(assign (speed) #t)»")),
-    ("malformed", process("«(tired)»")),
     ("malformed", process("«(when (tired) (increase (speed) #t))»")),
 ]
 
 IN_PROBLEM = [
     ("malformed", "(define «(domain d)»)"),
-    ("malformed", problem("").replace("(:domain robots)", "«(:domain)»")),
     ("declared-twice", problem("(:init) «(:init)»")),
     ("unsupported", problem("(«:constraints» (and))")),
     ("declared-twice", problem("").replace("hall", "«home» - robot hall")),
     ("unknown-name", problem("(:init (open «?x»))")),
     ("malformed", problem("(:init «tired»)")),
-    ("malformed", problem("(:init «(and (tired))»)")),
-    ("malformed", problem("(:init «(not (= (speed) 1))»)")),
     ("declared-twice", problem("(:init (tired) «(not (tired))»)")),
     ("reserved-name", problem("(:init «(unsafe)»)")),
     ("reserved-name", problem("(:init (= (reward) «5»))")),
     ("declared-twice", problem("(:init (= (speed) 1) «(= (speed) 2)»)")),
     ("malformed", problem("(:init (= (speed) «(+ 1 2)»))")),
-    ("malformed", problem("(:init (= «(+ 1 2)» 3))")),
-    ("malformed", problem("(:init «(= (speed) 1 2)»)")),
     ("unsupported", problem("(:init «(at 5 (tired))»)")),
     ("malformed", problem("«(:metric maximize)»")),
-    ("malformed", problem("(:metric «maximise» (reward))")),
-    ("reserved-name", problem("«(:metric minimize (speed))»")),
     ("reserved-name", problem("«(:metric minimize (reward))»")),
     ("unknown-name", problem("(:metric minimize («is-violated» a))")),
 ]
 # fmt: on
 
 
-def marked(text: str) -> tuple[str, int, int, str]:
+def marked(text):
     """Take the marks out: the text, line and column of the place, and what is shown of it."""
-    before, inside, after = re.fullmatch("([^«]*)«([^»]*)»([^»]*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    before, inside, after = re.fullmatch("([^«]*)«([^»]*)»([^»]*)", text, re.DOTALL).groups()
     line = before.count("\n") + 1
     column = len(before.rsplit("\n", 1)[-1]) + 1
     return before + inside + after, line, column, inside.split("\n")[0]
 
 
-def check(error: DomainError, file: str, text: str, code: str) -> None:
+def check(error, file, text, code):
     plain, line, column, shown = marked(text)
     assert (error.file, error.line, error.column) == (file, line, column), str(error)
     assert error.code == code
@@ -165,27 +139,21 @@ def check(error: DomainError, file: str, text: str, code: str) -> None:
 
 
 @pytest.mark.parametrize(("code", "text"), IN_DOMAIN)
-def test_what_is_wrong_in_a_domain_is_refused_in_its_place(code: str, text: str) -> None:
+def test_what_is_wrong_in_a_domain_is_refused_in_its_place(code, text):
     with pytest.raises(DomainError) as caught:
         instantiate(parse_domain(Source("robots.pddl", marked(text)[0])))
     check(caught.value, "robots.pddl", text, code)
 
 
 @pytest.mark.parametrize(("code", "text"), IN_PROBLEM)
-def test_what_is_wrong_in_a_problem_is_refused_in_its_place(code: str, text: str) -> None:
+def test_what_is_wrong_in_a_problem_is_refused_in_its_place(code, text):
     domain = parse_domain(Source("robots.pddl", DOMAIN % "(:action go :effect (open home))"))
     with pytest.raises(DomainError) as caught:
         instantiate(domain, parse_problem(Source("errand.pddl", marked(text)[0]), domain))
     check(caught.value, "errand.pddl", text, code)
 
 
-def test_the_skeletons_themselves_are_fine() -> None:
-    domain = parse_domain(Source("robots.pddl", action()))
-    instantiate(domain, parse_problem(Source("errand.pddl", problem("(:init)")), domain))
-    instantiate(parse_domain(Source("robots.pddl", process("(increase (speed) #t)"))))
-
-
-def test_a_missing_static_value_is_told_where_it_belongs() -> None:
+def test_a_missing_static_value_is_told_where_it_belongs():
     text = DOMAIN % "(:action go :parameters (?r - robot) :precondition (> (charge ?r) 1))"
     domain = parse_domain(Source("robots.pddl", text))
     given = "(:objects r3 - robot) «(:init» (= (charge r2) 4))"
@@ -200,7 +168,7 @@ def test_a_missing_static_value_is_told_where_it_belongs() -> None:
 # Files -----------------------------------------------------------------------------------------
 
 
-def test_an_empty_file_and_one_of_comments(tmp_path: Path) -> None:
+def test_an_empty_file_and_one_of_comments(tmp_path):
     path = tmp_path / "d.pddl"
     for text in ("", "\n\n", "; nothing\n;; here", "\ufeff"):
         path.write_text(text, encoding="utf-8")
@@ -209,7 +177,7 @@ def test_an_empty_file_and_one_of_comments(tmp_path: Path) -> None:
         assert (caught.value.file, caught.value.line, caught.value.column) == (str(path), 1, 1)
 
 
-def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(DomainError, match="there is no such file") as caught:
         load_domain(tmp_path / "none.pddl")
     assert str(tmp_path / "none.pddl") in str(caught.value)
@@ -227,7 +195,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     assert caught.value.advice == "save the file as UTF-8"
 
 
-def test_line_ends_tabs_and_a_byte_order_mark_move_no_place(tmp_path: Path) -> None:
+def test_line_ends_tabs_and_a_byte_order_mark_move_no_place(tmp_path):
     path = tmp_path / "d.pddl"
     text = "(define (domain d)\n\t(:predicates (p))\n\t(:action a\n\t\t:effect (q)))\n"
     for encoded in (
@@ -245,7 +213,7 @@ def test_line_ends_tabs_and_a_byte_order_mark_move_no_place(tmp_path: Path) -> N
         assert [a.name for a in load_domain(path).model.actions] == ["a"]
 
 
-def test_the_problem_beside_the_domain_is_found(tmp_path: Path) -> None:
+def test_the_problem_beside_the_domain_is_found(tmp_path):
     (tmp_path / "d.pddl").write_text("(define (domain d) (:predicates (p ?x)))")
     assert load_domain(tmp_path / "d.pddl").problem_source is None
     (tmp_path / "d-problem.pddl").write_text("(define (problem e) (:objects o1 o2))")
@@ -254,23 +222,10 @@ def test_the_problem_beside_the_domain_is_found(tmp_path: Path) -> None:
     assert fluents == ["p o1", "p o2"]
     other = load_domain(tmp_path / "d.pddl", tmp_path / "other.pddl")
     assert [f.name for f in other.model.fluents] == ["p o3"]
-    assert other.problem_source is not None
     assert other.problem_source.name == str(tmp_path / "other.pddl")
 
 
-def test_control_characters_reach_no_terminal() -> None:
-    with pytest.raises(DomainError) as caught:
-        parse_domain(Source("d.pddl", "(define (domain \x1b31mred\x07))"))
-    assert all(c.isprintable() for c in str(caught.value).replace("\n", ""))
-    assert caret_text(caught.value) == " 31mred "
-
-
-def test_case_does_not_matter() -> None:
-    domain = parse_domain(Source("d.pddl", "(DEFINE (DOMAIN D) (:Predicates (P)) (:ACTION A))"))
-    assert (domain.name, list(domain.declarations)) == ("d", ["p"])
-
-
-def test_numbers() -> None:
+def test_numbers():
     text = "(define (domain d) (:functions (f)) (:action a :effect (assign (f) {})))"
     for word in ("1", "-1", "+1.5", ".5", "5.", "1e3", "-2.5E-1"):
         read = instantiate(parse_domain(Source("d.pddl", text.format(word))))
@@ -296,7 +251,7 @@ def test_numbers() -> None:
         ("(assign (x) 1) (when (p) (increase (x) 1)) (when (not (p)) (increase (x) 1))", False),
     ],
 )
-def test_effects_that_always_contradict_each_other_are_refused(effect: str, refused: bool) -> None:
+def test_effects_that_always_contradict_each_other_are_refused(effect, refused):
     texts = Texts(
         "(define (domain d) (:types t) (:constants o - t) (:predicates (p))"
         " (:functions (x) (y) (f ?i - t))\n"

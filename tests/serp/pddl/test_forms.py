@@ -2,28 +2,11 @@
 
 import pytest
 
-from serp.model.domain import Domain
-from serp.pddl.source import Source, comment_of
 from tests.generated import Texts, load_texts
+from tests.worlds import text
 
-DOMAIN = """(define (domain car)
-  (:requirements :typing)
-  (:types vehicle - object boat - vehicle lake - object)
-  (:constants here there - lake)
-  (:predicates (at ?x - boat ?y - lake) (linked ?x ?y) (unsafe))
-  (:functions (speed) (limit) (fuel ?x - boat))
-  (:action row :parameters (?x - boat ?y - lake)
-    :precondition (and (at ?x ?y) (< (speed) 5))
-    :effect (and (increase (speed) (* (limit) (limit))) (not (at ?x ?y))))
-  (:event slow :parameters (?x - boat)
-    :precondition (not (and (> (speed) (- 0 (limit))) (>= (fuel ?x) 0)))
-    :effect (unsafe)))"""
-PROBLEM = """(define (problem lake)
-  (:domain car)
-  (:objects ferry - boat)
-  (:init (at ferry here) (= (speed) 0) (= (limit) 2) (= (fuel ferry) 1))
-  (:goal (not (at ferry here)))
-  (:metric minimize (speed)))"""
+DOMAIN = text("car")
+PROBLEM = text("car-problem")
 
 # What to write in the stead of what, and the warning.
 # fmt: off
@@ -52,11 +35,10 @@ FORMS = {
 # fmt: on
 
 
-def told(domain: Domain) -> list[str]:
+def told(domain):
     """What the model comes to, apart from places."""
     ground = domain.model.ground
     state = domain.model.initial_state
-    assert state is not None
     return [
         str([fluent.name for fluent in ground.fluents]),
         str([schema.name for schema in (*ground.actions, *ground.events)]),
@@ -66,7 +48,7 @@ def told(domain: Domain) -> list[str]:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_form_in_wide_use_means_what_the_standard_one_does_and_is_warned_of(form: str) -> None:
+def test_a_form_in_wide_use_means_what_the_standard_one_does_and_is_warned_of(form):
     standard, other, warning = FORMS[form]
     texts = Texts(DOMAIN, PROBLEM)
     assert standard in DOMAIN + PROBLEM
@@ -79,46 +61,6 @@ def test_a_form_in_wide_use_means_what_the_standard_one_does_and_is_warned_of(fo
     assert not load_texts(texts).warnings
 
 
-def test_an_object_may_be_called_like_a_connective() -> None:
+def test_an_object_may_be_called_like_a_connective():
     problem = "(define (problem p) (:objects b or - boat) (:init (= (speed) 0) (linked or or)))"
     assert load_texts(Texts(DOMAIN, problem)).model.ground.static["linked or or"] == 1.0
-
-
-TEXT = """; The head of the file.
-
-(define
-  (far)     ; what is far, serp: ignore[unused-name]
-            ; and farther
-  (near)    ; serp: ignore[unused-name]
-
-  ; A goal,
-  ;; and its price.
-  (goal)
-
-  ; ------------- The end ------------
-  (section)
-
-  ; not this one
-
-  (alone) (second) ; of both
-  ; at the top (commented) out
-  (last))"""
-
-
-@pytest.mark.parametrize(
-    ("form", "comment"),
-    [
-        ("(far)", "what is far, and farther"),
-        ("(near)", ""),
-        ("(goal)", "A goal, and its price."),
-        ("(section)", ""),
-        ("(alone)", "of both"),
-        ("(second)", "of both"),
-        ("(last)", "at the top (commented) out"),
-        ("(define", ""),
-    ],
-)
-def test_the_comment_beside_or_right_above_belongs_to_a_place(form: str, comment: str) -> None:
-    source = Source("file", TEXT)
-    start = TEXT.index(form)
-    assert comment_of(source.place(start, start + len(form))) == comment

@@ -6,32 +6,9 @@ from serp.pddl.parser import parse_domain
 from serp.pddl.source import DomainError, Source
 from serp.pddl.syntax import FunctionTerm, NumericComparison, nodes_in
 from tests.serp.pddl.rendering import check_rendering
+from tests.worlds import text
 
-RIGHT = """\
-(define (domain robot)
-  (:requirements :strips :numeric-fluents :time :math-functions)
-  (:predicates (held) (near) (unsafe) (terminal))
-  (:functions (x) (speed) (reward))
-
-  ; move
-  (:action go
-    :parameters ()
-    :precondition (and (near) (< (x) 9.5))
-    :effect (and
-      (increase (x) 1)
-      (decrease (reward) 0.5)))
-
-  (:action grab
-    :parameters ()
-    :precondition (and (near))
-    :effect (and (held) (not (near))))
-
-  (:event crash
-    :parameters ()
-    :precondition (and (> (x) 10))
-    :effect (and (unsafe) (terminal)))
-)
-"""
+RIGHT = text("robot")
 CONDITION = "(< (x) 9.5)"
 BOTH = "(and (near) (< (x) 9.5))"
 EFFECT = "(increase (x) 1)"
@@ -74,9 +51,7 @@ SLIPS = [
 
 
 @pytest.mark.parametrize(("right", "slip", "corrected", "says"), SLIPS, ids=lambda text: str(text))
-def test_a_slip_is_named_and_the_corrected_line_is_right(
-    right: str, slip: str, corrected: str | None, says: str
-) -> None:
+def test_a_slip_is_named_and_the_corrected_line_is_right(right, slip, corrected, says):
     assert RIGHT.count(right) == 1
     text = RIGHT.replace(right, slip)
     with pytest.raises(DomainError) as caught:
@@ -88,13 +63,12 @@ def test_a_slip_is_named_and_the_corrected_line_is_right(
         assert not error.corrected_line
         return
     assert corrected in error.corrected_line
-    assert error.line is not None
     lines = text.split("\n")
     lines[error.line - 1] = error.corrected_line
     parse_domain(Source("robot.pddl", "\n".join(lines)))
 
 
-def test_names_that_the_file_declares_are_no_slips() -> None:
+def test_names_that_the_file_declares_are_no_slips():
     text = """(define (domain d) (:predicates (set ?a) (if ?a) (near)) (:functions (abs ?a) (x))
       (:constants o) (:requirements %s)
       (:action a :precondition (and (if o) (< (abs o) 1)) :effect (and (set o) (if o))))"""

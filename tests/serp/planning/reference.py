@@ -1,14 +1,12 @@
 """Slow, obvious planners to hold the fast ones against: plain recursion, no merging, no arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import networkx as nx
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
-from serp.model.transition_model import TransitionModel, Vector
+from serp.model.transition_model import TransitionModel
 from serp.planning.edges import Bound, edge_budget, node_budget
 from serp.planning.forecast import SAFE
 from serp.settings import PlannerSettings
@@ -40,7 +38,7 @@ class Path:
     danger: float = 0.0
 
     @property
-    def promise(self) -> tuple[int, float, int, float]:
+    def promise(self):
         """Better rank, less risk, without risk for longer, more reward: in that order."""
         return (-self.arcs[0].rank, -self.danger, self.steps, self.value)
 
@@ -61,7 +59,7 @@ class Reference:
     settings: PlannerSettings
     leaf: Callable[[State], float] | None = None
 
-    def arc(self, state: State, action: int) -> Arc | None:
+    def arc(self, state, action):
         """Follow one action; None where it is not applicable."""
         out, flags = self.model.transition(list(state), action)
         if not flags & APPLICABLE:
@@ -74,12 +72,12 @@ class Reference:
             2 if unsafe else int(danger > 0), danger, risk,
         )  # fmt: skip
 
-    def arcs(self, state: State) -> list[Arc]:
+    def arcs(self, state):
         """Every action that is applicable, in the order of the file."""
         found = [self.arc(state, action) for action in range(len(self.model.actions))]
         return [arc for arc in found if arc is not None]
 
-    def layers(self, root: State) -> tuple[int, Bound]:
+    def layers(self, root):
         """How many layers are expanded, and what ends that."""
         budget = node_budget(self.settings.max_nodes, len(self.model.actions))
         most_edges = edge_budget(len(self.model.fluents))
@@ -97,7 +95,7 @@ class Reference:
             frontier = {arc.state for arc in found if not arc.ended}
         return self.settings.depth, Bound.DEPTH
 
-    def along(self, arc: Arc, layers: int) -> Path:
+    def along(self, arc, layers):
         """The best path that begins with an arc and goes on for some layers."""
         if arc.ended:
             return self.put_before(arc, END)
@@ -105,24 +103,24 @@ class Reference:
             arc, self.best(arc.state, layers) if layers else self.beyond(arc.state)
         )
 
-    def put_before(self, arc: Arc, rest: Path) -> Path:
+    def put_before(self, arc, rest):
         """The path that begins with an arc."""
         steps = 0 if arc.danger else SAFE if rest.steps == SAFE else rest.steps + 1
         danger = arc.danger + (1.0 - arc.danger) * rest.danger
         value = arc.reward + self.settings.discount * rest.value
         return Path(steps, value, (arc, *rest.arcs), danger)
 
-    def beyond(self, state: State) -> Path:
+    def beyond(self, state):
         """What is expected where nobody looks."""
         return END if self.leaf is None else Path(SAFE, self.leaf(state), ())
 
-    def best(self, state: State, layers: int) -> Path:
+    def best(self, state, layers):
         """The best path from a state; the first in the file among equals."""
         paths = self.counted([self.along(arc, layers - 1) for arc in self.arcs(state)])
         otherwise = UNKNOWN if self.unpredictable(state) else END
         return max(paths, key=lambda path: path.promise, default=otherwise)
 
-    def counted(self, paths: list[Path]) -> list[Path]:
+    def counted(self, paths):
         """The paths of all actions in a state; what one risks by chance beyond the least, and no
         more than is accepted, does not count."""
         accepted = self.settings.accepted_risk
@@ -137,17 +135,17 @@ class Reference:
             for path in paths
         ]
 
-    def unpredictable(self, state: State) -> bool:
+    def unpredictable(self, state):
         """Whether some action has an undefined result there."""
         count = len(self.model.actions)
         flags = [self.model.transition(list(state), action)[1] for action in range(count)]
         return any(f & UNDEFINED for f in flags)
 
-    def graph(self, root: State, layers: int) -> nx.MultiDiGraph:
+    def graph(self, root, layers):
         """The planning graph with merged states, edge by edge through networkx's own methods."""
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
 
-        def add(state: State, layer: int, ended: bool) -> int:
+        def add(state, layer, ended):
             path = END if ended else self.best(state, layers - layer) if layer < layers else END
             graph.add_node(
                 len(graph), layer=layer, state=state, ended=ended, value=path.value,
@@ -157,7 +155,7 @@ class Reference:
 
         frontier = [add(root, 0, False)]
         for layer in range(layers):
-            known: dict[tuple[State, bool], int] = {}
+            known = {}
             for source in frontier:
                 for arc in self.arcs(graph.nodes[source]["state"]):
                     key = (arc.state, arc.ended)
@@ -177,6 +175,6 @@ class Reference:
         return graph
 
 
-def as_state(state: Vector) -> State:
+def as_state(state):
     """A row of numbers as a state."""
     return tuple(state.tolist())

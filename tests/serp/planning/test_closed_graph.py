@@ -1,7 +1,5 @@
 """The closed planning graph finds the best policy of a finite task, and keeps it."""
 
-from __future__ import annotations
-
 from random import Random
 
 import numpy as np
@@ -9,48 +7,23 @@ import pytest
 
 from serp.agent.registry import far_sight
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
-from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.closed_graph import ClosedGraph
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
 from serp.planning.inert import inert_fluents
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import marked, rank_of, step_risk
 from serp.settings import PlannerSettings
 from tests.serp.planning import worlds
+from tests.worlds import text
 
 SETTINGS = PlannerSettings(discount=0.9)
 MOST = 400
 """States of a finite world, at most."""
 EXACT = 1e-6
 
-State = tuple[float, ...]
-
-CORRIDOR = """
-(define (domain corridor)
-  (:predicates (unsafe) (terminal))
-  (:functions (x) (reward))
-  (:action right :parameters () :precondition (and (< (x) {end}))
-    :effect (and (increase (x) 1) (decrease (reward) 1)))
-  (:action left :parameters () :precondition (and (> (x) 0))
-    :effect (and (decrease (x) 1) (decrease (reward) 1)))
-  (:action leap :parameters () :precondition (and (< (x) {end}))
-    :effect (and (assign (x) {end}) (unsafe)))
-  (:event goal :parameters () :precondition (and (= (x) {end}))
-    :effect (and (increase (reward) 10) (terminal))))
-"""
-
-ENDLESS = """
-(define (domain endless)
-  (:functions (x) (y) (reward))
-  (:action a :parameters () :precondition (and)
-    :effect (and (increase (x) (+ 1 (* 0.3 (y)))) (increase (reward) (x))))
-  (:action b :parameters () :precondition (and)
-    :effect (and (increase (y) (+ 1 (* 0.7 (x)))))))
-"""
+ENDLESS = text("endless")
 
 
-def reachable(model: TransitionModel, root: State) -> list[State] | None:
+def reachable(model, root):
     """All states that can be reached, found one by one; None if there are more than `MOST`."""
     known, position = [root], 0
     seen = {root}
@@ -68,11 +41,11 @@ def reachable(model: TransitionModel, root: State) -> list[State] | None:
     return known
 
 
-def best_values(model: TransitionModel, states: list[State]) -> tuple[Vector, Vector]:
+def best_values(model, states):
     """Risks and values of all states, by sweeps over every state and action in plain Python."""
     where = {state: k for k, state in enumerate(states)}
     discount, accepted = SETTINGS.discount, SETTINGS.accepted_risk
-    edges: list[list[tuple[float, float, int]]] = []
+    edges = []
     risk, value = np.zeros((2, len(states)))
     fixed = np.zeros(len(states), dtype=bool)
     for k, state in enumerate(states):
@@ -87,11 +60,11 @@ def best_values(model: TransitionModel, states: list[State]) -> tuple[Vector, Ve
             target = -1 if flags & TERMINAL else where[tuple(out[:-1])]
             found.append((rank_of(marked(flags, danger)), danger, out[-1], target))
         least = min((rank for rank, *_ in found), default=0)
-        edges.append([rest for rank, *rest in found if rank == least])  # type: ignore[misc]
+        edges.append([rest for rank, *rest in found if rank == least])
         if not found:
             risk[k], fixed[k] = float(undefined), True
 
-    def sweep(of: Vector, one, choose) -> None:  # type: ignore[no-untyped-def]
+    def sweep(of, one, choose):
         for _ in range(2_000):
             old = of.copy()
             for k, out in enumerate(edges):
@@ -100,7 +73,7 @@ def best_values(model: TransitionModel, states: list[State]) -> tuple[Vector, Ve
             if np.abs(of - old).max(initial=0.0) < 1e-12:
                 return
 
-    def risk_of(edge: tuple[float, float, int]) -> float:
+    def risk_of(edge):
         danger, _, target = edge
         return danger + (1.0 - danger) * discount * (risk[target] if target >= 0 else 0.0)
 
@@ -112,7 +85,7 @@ def best_values(model: TransitionModel, states: list[State]) -> tuple[Vector, Ve
 
 
 @pytest.mark.parametrize("seed", range(worlds.WORLDS))
-def test_values_and_risks_are_those_of_plain_sweeps(seed: int) -> None:
+def test_values_and_risks_are_those_of_plain_sweeps(seed):
     model = worlds.world(seed)
     for start in worlds.states_of(model, Random(seed), 5):
         states = reachable(model, tuple(start.tolist()))
@@ -125,7 +98,6 @@ def test_values_and_risks_are_those_of_plain_sweeps(seed: int) -> None:
         risk, value = best_values(model, states)
         for k, state in enumerate(states):
             forecast = graph.forecast(np.array(state))
-            assert forecast is not None
             if forecast.choice >= 0:
                 assert forecast.path_risk[forecast.choice] == pytest.approx(risk[k], abs=EXACT)
                 assert forecast.value[forecast.choice] == pytest.approx(
@@ -134,7 +106,7 @@ def test_values_and_risks_are_those_of_plain_sweeps(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(worlds.WORLDS))
-def test_what_one_step_predicts_is_what_the_lookahead_predicts(seed: int) -> None:
+def test_what_one_step_predicts_is_what_the_lookahead_predicts(seed):
     model = worlds.world(seed)
     for start in worlds.states_of(model, Random(seed), 5):
         graph = ClosedGraph(model, SETTINGS, max_edges=600)
@@ -145,20 +117,7 @@ def test_what_one_step_predicts_is_what_the_lookahead_predicts(seed: int) -> Non
             assert found.reward.tolist() == near.reward.tolist()
 
 
-def test_it_sees_to_the_end_and_avoids_what_is_unsafe() -> None:
-    model = worlds.load(CORRIDOR.format(end=60))
-    planner = far_sight(model, PlannerSettings())
-    state, steps = np.array([5.0]), 0
-    while state[0] < 60:
-        forecast = planner.forecast(state)
-        assert model.actions[forecast.choice].name == "right"
-        assert forecast.bound is Bound.EXHAUSTED and forecast.safe_steps[0] == SAFE
-        state = model.step(state, forecast.choice).state
-        steps += 1
-    assert steps == 55
-
-
-def test_what_never_closes_is_left_to_the_lookahead_in_bounded_memory() -> None:
+def test_what_never_closes_is_left_to_the_lookahead_in_bounded_memory():
     model = worlds.load(ENDLESS)
     graph = ClosedGraph(model, SETTINGS)
     graph.grow(np.zeros(2))

@@ -1,61 +1,39 @@
 """Plans of other planners: followed while they hold, never believed unchecked."""
 
-from __future__ import annotations
-
 import functools
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from serp.errors import RunError
-from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.plan_follower import AdvisedPlanner, PlanFollower
 from serp.settings import PlannerSettings
 from tests.generated import Texts, load_texts
+from tests.worlds import text
 
-FERRY = """
-(define (domain ferry)
-  (:requirements :strips :typing :negative-preconditions)
-  (:types place)
-  (:constants a b c d - place)
-  (:predicates (at ?p - place) (cargo ?p - place) (loaded) (wet) (unsafe)
-    (next ?p - place ?q - place))
-  (:action sail :parameters (?p - place ?q - place)
-    :precondition (and (at ?p) (next ?p ?q)) :effect (and (not (at ?p)) (at ?q)))
-  (:action jump :parameters () :precondition (and) :effect (and (wet) (unsafe)))
-  (:action load :parameters (?p - place) :precondition (and (at ?p) (cargo ?p))
-    :effect (and (not (cargo ?p)) (loaded)))
-  (:action unload :parameters (?p - place) :precondition (and (at ?p) (loaded))
-    :effect (and (cargo ?p) (not (loaded)))))
-"""
-CROSS = """
-(define (problem p) (:domain ferry)
-  (:init (at a) (cargo c) (next a b) (next b a) (next b c) (next c b) (next c d) (next d c))
-  (:goal (and (cargo a))))
-"""
+FERRY = text("ferry")
+CROSS = text("ferry-problem")
 WAY = ("sail a b", "sail b c", "load c", "sail c b", "sail b a", "unload a")
 SETTINGS = PlannerSettings(depth=2)
 
 
 @functools.cache
-def ferry() -> TransitionModel:
+def ferry():
     return load_texts(Texts(FERRY, CROSS)).model
 
 
-def start() -> Vector:
+def start():
     state = ferry().initial_state
-    assert state is not None
     return state
 
 
-def follower(*names: str) -> PlanFollower:
+def follower(*names):
     """A follower whose engine always returns the same plan; none where no action is named."""
     plan = [ferry().action_index(name) for name in names]
     return PlanFollower(ferry(), SETTINGS, lambda state: plan or None)
 
 
-def drive(planner: PlanFollower, moves: Sequence[bool], state: Vector) -> list[str]:
+def drive(planner, moves, state):
     """Return the actions that are chosen; those for which `moves` is false do nothing."""
     names = []
     for works in moves:
@@ -67,7 +45,7 @@ def drive(planner: PlanFollower, moves: Sequence[bool], state: Vector) -> list[s
     return names
 
 
-def test_an_action_that_failed_is_repeated_without_another_search() -> None:
+def test_an_action_that_failed_is_repeated_without_another_search():
     planner = follower(*WAY)
     moves = (True, False, False, True, True, False, True, True, True)
     repeated = [WAY[0], *[WAY[1]] * 3, WAY[2], *[WAY[3]] * 2, WAY[4], WAY[5]]
@@ -75,7 +53,7 @@ def test_an_action_that_failed_is_repeated_without_another_search() -> None:
     assert planner.searches == 1
 
 
-def test_the_shortest_rest_of_the_plan_that_holds_is_followed() -> None:
+def test_the_shortest_rest_of_the_plan_that_holds_is_followed():
     planner = follower(*WAY)
     planner.forecast(start())
     carried = ferry().state({**dict.fromkeys((f.name for f in ferry().fluents), False),
@@ -93,7 +71,7 @@ def test_the_shortest_rest_of_the_plan_that_holds_is_followed() -> None:
         ("jump", *WAY),  # flagged
     ],
 )
-def test_no_plan_is_believed_unchecked(plan: tuple[str, ...]) -> None:
+def test_no_plan_is_believed_unchecked(plan):
     planner, alone = follower(*plan), follower()
     for _ in range(7):
         found, own = planner.forecast(start()), alone.forecast(start())
@@ -102,7 +80,7 @@ def test_no_plan_is_believed_unchecked(plan: tuple[str, ...]) -> None:
     assert planner.searches == 3  # at decisions 1, 3 and 7: less and less often
 
 
-def test_without_a_goal_a_plan_leads_to_an_end_with_a_reward() -> None:
+def test_without_a_goal_a_plan_leads_to_an_end_with_a_reward():
     text = (
         FERRY.replace("(unsafe)", "(unsafe) (terminal)", 1)[:-2]
         + """
@@ -114,20 +92,11 @@ def test_without_a_goal_a_plan_leads_to_an_end_with_a_reward() -> None:
         model = load_texts(Texts(domain, CROSS.replace("(cargo a)", ""))).model
         plan = [model.action_index(name) for name in WAY]
         planner = PlanFollower(model, SETTINGS, lambda state, plan=plan: plan)
-        assert model.initial_state is not None
         planner.forecast(model.initial_state)
         assert tuple(model.actions[k].name for k in planner.plan) == followed
 
 
-def test_a_plan_that_passes_a_state_twice_is_left_where_it_goes_on() -> None:
-    round_about = (WAY[0], "sail b a", *WAY)
-    planner = follower(*round_about)
-    assert drive(planner, [True] * 6, start()) == list(WAY)
-    found = planner.forecast(start())
-    assert found.value[found.choice] == pytest.approx(SETTINGS.discount**5)  # the goal's reward
-
-
-def test_a_follower_continues_as_saved() -> None:
+def test_a_follower_continues_as_saved():
     planner, other = follower(*WAY), follower()
     planner.forecast(start())
     other.load_state_dict(*planner.state_dict())
@@ -140,7 +109,7 @@ def test_a_follower_continues_as_saved() -> None:
 
 
 @pytest.mark.parametrize(("advice", "chosen"), [("jump", False), ("sail a b", True)])
-def test_advice_never_prevails_over_risk(advice: str, chosen: bool) -> None:
+def test_advice_never_prevails_over_risk(advice, chosen):
     model = ferry()
     found = AdvisedPlanner(model, SETTINGS, lambda state: model.action_index(advice)).forecast(
         start()

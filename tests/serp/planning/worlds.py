@@ -5,15 +5,12 @@ actions that commute (so that states merge), rewards that tie, dangers that can 
 dangers that cannot, ends, dead ends. Equal seeds give equal domains, loaded and compiled once.
 """
 
-from __future__ import annotations
-
 import functools
 from random import Random
 
 import numpy as np
 
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.model.transition_model import TransitionModel, Vector
 from tests.generated import Texts, load_texts
 from tests.serp.model.learned import worlds as adapted
 
@@ -21,24 +18,24 @@ WORLDS = 20
 """Seeds from 0 on that the tests share; each costs a compilation of its own."""
 
 
-def load(domain: str) -> TransitionModel:
+def load(domain):
     """Return the model of a domain given as text."""
     return load_texts(Texts(domain, None)).model
 
 
-def text_of(seed: int) -> str:
+def text_of(seed):
     """Return the random domain of a seed as text."""
     return _Writer(Random(seed)).domain()
 
 
 @functools.cache
-def world(seed: int) -> TransitionModel:
+def world(seed):
     """Return the random domain of a seed, loaded."""
     return load(text_of(seed))
 
 
 @functools.cache
-def risky_world(seed: int) -> AdaptedModel:
+def risky_world(seed):
     """A world whose model has counted outcomes, and in half of the cases residuals as well."""
     model, rng = AdaptedModel(world(seed)), np.random.default_rng(seed)
     if seed % 2:
@@ -47,7 +44,7 @@ def risky_world(seed: int) -> AdaptedModel:
     return model
 
 
-def states_of(model: TransitionModel, random: Random, count: int) -> Vector:
+def states_of(model, random, count):
     """Return random states `[count, F]`, halves between -2 and 2."""
     rows = [
         [random.randint(-4, 4) / 2 if f.numeric else random.randint(0, 1) for f in model.fluents]
@@ -59,7 +56,7 @@ def states_of(model: TransitionModel, random: Random, count: int) -> Vector:
 class _Writer:
     """Writes one domain."""
 
-    def __init__(self, random: Random) -> None:
+    def __init__(self, random):
         self.random = random
         self.numbers = [f"f{k}" for k in range(random.randint(1, 3))]
         self.facts = [f"p{k}" for k in range(random.randint(0, 2))]
@@ -68,7 +65,7 @@ class _Writer:
         self.everywhere = [self.condition()] if random.random() < 0.25 else []
         self.rewards = random.choice((("1", "2", "0.5"), ("-1", "-2"), ("1",), ("1", "-1", "0.25")))
 
-    def domain(self) -> str:
+    def domain(self):
         facts = " ".join(f"({name})" for name in (*self.facts, "unsafe", "terminal"))
         numbers = " ".join(f"({name})" for name in (*self.numbers, "reward"))
         parts = [self.action(k) for k in range(self.random.choice((1, 2, 3, 3, 4, 5)))]
@@ -79,7 +76,7 @@ class _Writer:
             f"  (:predicates {facts})\n  (:functions {numbers})\n" + "\n".join(parts) + ")\n"
         )
 
-    def action(self, k: int) -> str:
+    def action(self, k):
         conditions = list(self.everywhere)
         if self.random.random() < 0.4:
             conditions.append(self.condition())
@@ -101,7 +98,7 @@ class _Writer:
             f"    :effect (and {' '.join(dict.fromkeys(effects))}))"
         )
 
-    def process(self, k: int) -> str:
+    def process(self, k):
         # What drifts by the value of another number meets its danger some steps later.
         rate = self.random.choice(("0.5", *[f"({self.random.choice(self.numbers)})"] * 3))
         condition = self.condition() if self.random.random() < 0.4 else ""
@@ -110,7 +107,7 @@ class _Writer:
             f"    :effect (and (increase ({self.random.choice(self.numbers)}) (* #t {rate}))))"
         )
 
-    def event(self, k: int) -> str:
+    def event(self, k):
         effects = [self.reward()] if self.random.random() < 0.7 else []
         kind = self.random.random()
         if kind < 0.6:
@@ -123,7 +120,7 @@ class _Writer:
             f"    :effect (and {' '.join(effects)}))"
         )
 
-    def condition(self) -> str:
+    def condition(self):
         if self.facts and self.random.random() < 0.3:
             fact = f"({self.random.choice(self.facts)})"
             return fact if self.random.random() < 0.5 else f"(not {fact})"
@@ -132,22 +129,22 @@ class _Writer:
             return f"({operator} (/ 1 ({self.random.choice(self.numbers)})) 0.5)"
         return f"({operator} ({self.random.choice(self.numbers)}) {self.random.randint(-4, 4) / 2})"
 
-    def edge(self) -> str:
+    def edge(self):
         """Somewhere that most states are not, so that what is there can be avoided."""
         operator, threshold = self.random.choice(((">", 1), (">=", 2), ("<", -1), ("<=", -2)))
         return f"({operator} ({self.random.choice(self.numbers)}) {threshold})"
 
-    def change(self, number: str) -> str:
+    def change(self, number):
         if self.random.random() < 0.15:
             return f"(assign ({number}) {self.random.randint(-2, 2)})"
         change = self.random.choice(("increase", "decrease"))
         return f"({change} ({number}) {self.random.choice((0.5, 1))})"
 
-    def toggle(self) -> str:
+    def toggle(self):
         fact = f"({self.random.choice(self.facts)})"
         return fact if self.random.random() < 0.5 else f"(not {fact})"
 
-    def reward(self) -> str:
+    def reward(self):
         if self.random.random() < 0.3:
             return f"(increase (reward) ({self.random.choice(self.numbers)}))"
         return f"(increase (reward) {self.random.choice(self.rewards)})"

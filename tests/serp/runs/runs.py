@@ -3,20 +3,16 @@
 import contextlib
 import csv
 import json
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from serp.runs.checkpoint import NEWEST, load
 from serp.runs.recording import RECORDING
-from serp.runs.run import Run
 from serp.runs.train import plan_and_learn
-from serp.tasks.task import Task
 
 EPISODES = 12
-CHANGES: dict[str, dict[str, dict[str, Any]]] = {
+CHANGES = {
     "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
     "default": {
         "arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0},
@@ -26,7 +22,7 @@ CHANGES: dict[str, dict[str, dict[str, Any]]] = {
 
 
 @contextlib.contextmanager
-def without_pictures() -> Iterator[None]:
+def without_pictures():
     """Drawing takes longer than all the training here; one test does draw."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
@@ -34,25 +30,25 @@ def without_pictures() -> Iterator[None]:
 
 
 @without_pictures()
-def train(task: Task, out: Path, preset: str = "default", **options: Any) -> Run:
+def train(task, out, preset="default", **options):
     return plan_and_learn(
         task, preset=preset, settings=CHANGES[preset], seed=3, out=out, quiet=True, **options
     )
 
 
 @without_pictures()
-def resume(task: Task, out: Path, **options: Any) -> Run:
+def resume(task, out, **options):
     """Continue with nothing but the folder: settings, seed and domain are the run's own."""
     return plan_and_learn(task, out=out, resume=True, quiet=True, **options)
 
 
-def rows(folder: str | Path, table: str) -> list[dict[str, str]]:
+def rows(folder, table):
     """A table of a run, but for the time it took."""
     with open(Path(folder) / f"{table}.csv", newline="") as file:
         return [{**row, "wall_time": ""} for row in csv.DictReader(file)]
 
 
-def everything(folder: Path) -> tuple[Any, ...]:
+def everything(folder):
     """Whatever a run has left behind, but for the time it took."""
     arrays, meta = load(folder / NEWEST)
     del meta["wall_time"], meta["tables"]  # the times are in the table, so its length differs
@@ -65,7 +61,7 @@ def everything(folder: Path) -> tuple[Any, ...]:
     )
 
 
-def half(file: Path) -> None:
+def half(file):
     """Cut a file in the middle."""
     data = file.read_bytes()
     file.write_bytes(data[: len(data) // 2])

@@ -2,11 +2,13 @@
 
 import hashlib
 import json
+import runpy
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -22,28 +24,30 @@ from serp.runs.policy import AGENT, DOMAIN, MANIFEST
 from tests.serp.runs.runs import without_pictures
 
 STEPS = {"cartpole": 400, "soccer": 300, "taxi": 300, "tea": 200}
-TEA = Path(__file__).parents[3] / "docs" / "examples" / "tea.pddl"
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 
 
 @pytest.fixture(scope="module", params=[*STEPS])
-def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> serp.Run:
+def run(request, tmp_path_factory):
     task, path = str(request.param), tmp_path_factory.mktemp("run") / "run"
     with without_pictures():
-        played = serp.file_task(TEA) if task == "tea" else task
+        played = serp.file_task(EXAMPLES / "tea.pddl") if task == "tea" else task
         return serp.plan_and_learn(played, env_steps=STEPS[task], out=path, quiet=True, seed=1)
 
 
 @pytest.fixture(scope="module")
-def cartpole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("cartpole")
+def cartpole_run(tmp_path_factory):
+    out = tmp_path_factory.mktemp("cartpole") / "run"
     with without_pictures():
-        run = serp.plan_and_learn(
-            "cartpole", preset="paper", episodes=2, out=path / "run", quiet=True
-        )
-    return serp.export_policy(run, path / "policy")
+        return serp.plan_and_learn("cartpole", preset="paper", episodes=2, out=out, quiet=True)
 
 
-def test_what_a_run_plays_is_decided_alike(run: serp.Run, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def cartpole(cartpole_run, tmp_path_factory):
+    return serp.export_policy(cartpole_run, tmp_path_factory.mktemp("cartpole") / "policy")
+
+
+def test_what_a_run_plays_is_decided_alike(run, tmp_path):
     policy = serp.Policy(serp.export_policy(run, tmp_path / "policy"))
     with run.environment() as task:
         for step in next(play(run.agent, task, episodes=1, seed=3)).steps:
@@ -52,15 +56,13 @@ def test_what_a_run_plays_is_decided_alike(run: serp.Run, tmp_path: Path) -> Non
             assert decision.reason == step.decision.reason
 
 
-def test_equal_runs_are_exported_to_equal_folders(run: serp.Run, tmp_path: Path) -> None:
+def test_equal_runs_are_exported_to_equal_folders(run, tmp_path):
     one, other = (serp.export_policy(run.path, tmp_path / name) for name in "ab")
     for file in one.iterdir():
         assert file.read_bytes() == (other / file.name).read_bytes()
 
 
-def test_a_robot_decides_without_libraries_for_learning_drawing_or_a_terminal(
-    cartpole: Path,
-) -> None:
+def test_a_robot_decides_without_libraries_for_learning_drawing_or_a_terminal(cartpole):
     script = (
         "import json, sys, serp; policy = serp.Policy(sys.argv[1])\n"
         "policy.decide([0.1] * 4, state=[0.1] * 4); print(json.dumps(list(sys.modules)))"
@@ -71,7 +73,7 @@ def test_a_robot_decides_without_libraries_for_learning_drawing_or_a_terminal(
     assert {"click", "matplotlib", "networkx", "onnx", "rich", "scipy", "torch"}.isdisjoint(loaded)
 
 
-def test_a_grounding_is_checked_by_recorded_pairs(cartpole: Path) -> None:
+def test_a_grounding_is_checked_by_recorded_pairs(cartpole):
     policy = serp.Policy(cartpole)
     assert 1 < policy.check_grounding(lambda observation: observation) <= 32
     with pytest.raises(RunError, match="`cart-position`"):
@@ -80,7 +82,7 @@ def test_a_grounding_is_checked_by_recorded_pairs(cartpole: Path) -> None:
         policy.decide([0.0], state=[0.0])
 
 
-def changed_manifest(folder: Path, **changes: Any) -> None:
+def changed_manifest(folder, **changes):
     manifest = json.loads((folder / MANIFEST).read_text())
     (folder / MANIFEST).write_text(json.dumps(manifest | changes))
 
@@ -88,23 +90,18 @@ def changed_manifest(folder: Path, **changes: Any) -> None:
 @pytest.mark.parametrize(
     "changes",
     [{"format": 1}, {"files": {}}, {"actions": []}, {"fluents": []}, {"control_period": "x"},
-     {"ground_actions": [[5], [1]]}, {"settings": {"planner": {"depth": -1}}}, {"closed": "no"}],
+     {"ground_actions": [[5], [1]]}, {"settings": {"planner": {"depth": -1}}}],
     ids=str,
 )  # fmt: skip
-def test_a_wrong_manifest_is_refused(
-    changes: dict[str, Any], cartpole: Path, tmp_path: Path
-) -> None:
+def test_a_wrong_manifest_is_refused(changes, cartpole, tmp_path):
     folder = shutil.copytree(cartpole, tmp_path / "policy")
     changed_manifest(folder, **changes)
-    if changes == {"closed": "no"}:  # any true value means the same
-        serp.Policy(folder)
-        return
     with pytest.raises(RunError):
         serp.Policy(folder)
 
 
 @pytest.mark.parametrize("name", [AGENT, DOMAIN])
-def test_a_changed_file_is_refused(name: str, cartpole: Path, tmp_path: Path) -> None:
+def test_a_changed_file_is_refused(name, cartpole, tmp_path):
     folder = shutil.copytree(cartpole, tmp_path / "policy")
     (folder / name).write_bytes((folder / name).read_bytes()[:-1])
     with pytest.raises(RunError, match="was changed since it was exported"):
@@ -116,9 +113,7 @@ def test_a_changed_file_is_refused(name: str, cartpole: Path, tmp_path: Path) ->
 
 @testing(deadline=None, max_examples=30)
 @given(st.data())
-def test_forged_arrays_are_refused(
-    cartpole: Path, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
+def test_forged_arrays_are_refused(cartpole, tmp_path_factory, data):
     """Any array that is missing or has another shape is refused by name, with a right digest."""
     folder = shutil.copytree(cartpole, tmp_path_factory.mktemp("forged") / "policy")
     arrays, meta = checkpoint.load(folder / AGENT)
@@ -133,3 +128,42 @@ def test_forged_arrays_are_refused(
     changed_manifest(folder, files=files | {AGENT: digest})
     with pytest.raises(RunError):
         serp.Policy(folder)
+
+
+def test_the_ros_2_node_publishes_the_action_of_the_run_and_its_reason(
+    cartpole_run, cartpole, monkeypatch
+):
+    """The node of the examples, with stubs of rclpy and of the messages."""
+    logger, published = Mock(), {"action": Mock(), "reason": Mock()}
+
+    class StubNode:
+        def __init__(self, name): ...
+
+        def create_subscription(self, *given): ...
+
+        def get_logger(self):
+            return logger
+
+        def declare_parameter(self, name, default):
+            return SimpleNamespace(value=str(cartpole))
+
+        def create_publisher(self, kind, topic, depth):
+            return published[topic]
+
+    monkeypatch.setitem(sys.modules, "rclpy", Mock())
+    monkeypatch.setitem(sys.modules, "rclpy.node", Mock(Node=StubNode))
+    messages = dict.fromkeys(("Float64MultiArray", "Int32", "String"), SimpleNamespace)
+    monkeypatch.setitem(sys.modules, "std_msgs", Mock())
+    monkeypatch.setitem(sys.modules, "std_msgs.msg", Mock(**messages))
+    node = runpy.run_path(str(EXAMPLES / "ros2" / "policy_node.py"))["PolicyNode"]()
+    assert "agrees with" in logger.info.call_args.args[0]
+    with cartpole_run.environment() as task:
+        for step in next(play(cartpole_run.agent, task, episodes=1, seed=3)).steps:
+            node.act(SimpleNamespace(data=list(step.observation)))
+            decision = step.decision
+            reason = f"{task.actions.name(decision.action)}, {decision.executed_by}: "
+            sent = [published[topic].publish.call_args.args[0].data for topic in published]
+            assert sent == [decision.action, reason + decision.reason]
+    answers = published["action"].publish.call_count
+    node.act(SimpleNamespace(data=[0.0]))
+    assert logger.error.called and published["action"].publish.call_count == answers

@@ -7,10 +7,8 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,19 +18,16 @@ from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS
 from serp.runs.recording import Recorder
 from serp.runs.run import load_run
 from serp.runs.train import plan_and_learn
-from serp.tasks.task import Task
 from tests.serp.runs.runs import EPISODES, everything, half, resume, train
 from tests.serp.sample_tasks import CableCut, Corridor, corridor
 
-Whole = Callable[[str], tuple[Any, ...]]
-
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+def whole(tmp_path_factory):
     """What an undisturbed run of a preset leaves behind."""
-    made: dict[str, tuple[Any, ...]] = {}
+    made = {}
 
-    def get(preset: str) -> tuple[Any, ...]:
+    def get(preset):
         if preset not in made:
             folder = tmp_path_factory.mktemp("whole")
             train(corridor(folder), folder / "run", preset, episodes=EPISODES)
@@ -42,8 +37,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     return get
 
 
-def cut(at: int, preset: str = "default") -> Callable[[Path, Path], None]:
-    def stop(folder: Path, out: Path) -> None:
+def cut(at, preset="default"):
+    def stop(folder, out):
         """The environment raises; what was written after the last checkpoint is taken back."""
         with pytest.raises(EnvironmentFailure, match="cable cut") as failure:
             task = corridor(folder, lambda: CableCut(Corridor(), at))
@@ -58,10 +53,10 @@ def cut(at: int, preset: str = "default") -> Callable[[Path, Path], None]:
     return stop
 
 
-def failing_grounding(folder: Path, out: Path) -> None:
+def failing_grounding(folder, out):
     left = iter(range(30))
 
-    def ground(seen: Any) -> dict[str, float]:
+    def ground(seen):
         return {"x": seen[0] if next(left, None) is not None else float("nan")}
 
     with pytest.raises(TaskError) as failure:
@@ -85,7 +80,7 @@ train(corridor(Path({folder!r}), Killed), Path({out!r}), episodes=EPISODES)
 """
 
 
-def kill(folder: Path, out: Path) -> None:
+def kill(folder, out):
     path = os.pathsep.join(["."] + [p for p in sys.path if p])
     killed = subprocess.run(
         [sys.executable, "-c", KILLED.format(folder=str(folder), out=str(out))],
@@ -98,15 +93,15 @@ def kill(folder: Path, out: Path) -> None:
     assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
 
 
-def damaged_checkpoint(folder: Path, out: Path) -> None:
+def damaged_checkpoint(folder, out):
     assert train(corridor(folder), out, episodes=7).notice is None
     half(out / NEWEST)
     notice = load_run(out, corridor(folder)).notice
     assert notice is not None and notice.endswith("The agent is from the previous checkpoint.")
 
 
-def twice(preset: str) -> Callable[[Path, Path], None]:
-    def stop(folder: Path, out: Path) -> None:
+def twice(preset):
+    def stop(folder, out):
         first, second = sorted(Random(preset).sample(range(1, EPISODES), 2))
         train(corridor(folder), out, preset, episodes=first)
         resume(corridor(folder), out, episodes=second)
@@ -114,7 +109,7 @@ def twice(preset: str) -> Callable[[Path, Path], None]:
     return stop
 
 
-def another_task(folder: Path, out: Path) -> None:
+def another_task(folder, out):
     """The domain, the control period and the reward of a run are its own."""
     train(corridor(folder), out, episodes=5)
     resume(corridor(folder, dt=0.5, reward="environment"), out, episodes=6)
@@ -134,12 +129,7 @@ def another_task(folder: Path, out: Path) -> None:
         (another_task, "default"),
     ],
 )
-def test_a_run_that_was_stopped_continues_as_if_it_had_not(
-    tmp_path: Path,
-    stop: Callable[[Path, Path], None],
-    preset: str,
-    whole: Whole,
-) -> None:
+def test_a_run_that_was_stopped_continues_as_if_it_had_not(tmp_path, stop, preset, whole):
     out = tmp_path / "my run"
     stop(tmp_path, out)
     (tmp_path / "corridor.pddl").write_text("(define (domain corridor) (oops")
@@ -151,7 +141,7 @@ def test_a_run_that_was_stopped_continues_as_if_it_had_not(
     assert (out / DAMAGED).exists() == damaged
 
 
-def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoints(tmp_path: Path) -> None:
+def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoints(tmp_path):
     """The budget in env steps ends with the episode that reaches it."""
     out = tmp_path / "run"
     steps = train(corridor(tmp_path), out, env_steps=np.int64(30)).metrics["env_steps"]
@@ -161,22 +151,20 @@ def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoints(tmp_pat
     assert [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)] == kept
 
 
-def test_environment_and_events_are_closed_however_a_training_ends(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_environment_and_events_are_closed_however_a_training_ends(tmp_path, monkeypatch):
     class Closing(CableCut):
-        def close(self) -> None:
+        def close(self):
             closed.append("environment")
             super().close()
 
-    def task(at: int) -> Task:
+    def task(at):
         return corridor(tmp_path, lambda: Closing(Corridor(), at))
 
-    def close(self: Recorder) -> None:
+    def close(self):
         closed.append("recording")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    closed: list[str] = []
+    closed = []
     monkeypatch.setattr(Recorder, "close", close)
     for at, kind in ((3, EnvironmentFailure), (10**6, OSError)):  # no error hides another
         with pytest.raises(kind):

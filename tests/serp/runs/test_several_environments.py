@@ -3,8 +3,6 @@
 import os
 import signal
 from collections import defaultdict
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,14 +18,14 @@ ENVS = 3
 
 
 @pytest.fixture
-def several(monkeypatch: pytest.MonkeyPatch) -> None:
+def several(monkeypatch):
     """All runs have several environments, and begin anew soon."""
     monkeypatch.setitem(CHANGES["default"], "training", {"num_envs": ENVS})
     monkeypatch.setattr("serp.runs.trainer._TOGETHER", 20)
 
 
 @pytest.mark.usefixtures("several")
-def test_a_run_that_was_stopped_continues_as_if_it_had_not(tmp_path: Path) -> None:
+def test_a_run_that_was_stopped_continues_as_if_it_had_not(tmp_path):
     train(corridor(tmp_path), tmp_path / "whole", env_steps=120)
     with pytest.raises(EnvironmentFailure, match="cable cut") as failure:
         task = corridor(tmp_path, lambda: CableCut(Corridor(), 25))
@@ -46,16 +44,16 @@ def test_a_run_that_was_stopped_continues_as_if_it_had_not(tmp_path: Path) -> No
 class Still(Corridor):
     """Without weather, an episode depends on its seed and its actions alone."""
 
-    def step(self, action: int) -> Any:
+    def step(self, action):
         seen, reward, *rest = super().step(action)
         return seen * [1.0, 0.0], round(reward, 1), *rest
 
 
 def test_where_nothing_is_learned_every_episode_is_that_of_a_single_environment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr("serp.runs.trainer._TOGETHER", 20)
-    episodes: list[dict[str, list[str]]] = []
+    episodes = []
     for count in (1, ENVS):
         settings = {
             "training": {"num_envs": count},
@@ -81,13 +79,13 @@ def test_where_nothing_is_learned_every_episode_is_that_of_a_single_environment(
 class Unsound(Corridor):
     """Goes wrong at its third step."""
 
-    def __init__(self, how: str) -> None:
+    def __init__(self, how):
         super().__init__()
         self.how = how
         if how == "cannot be made":
             raise OSError("no such port")
 
-    def step(self, action: int) -> Any:
+    def step(self, action):
         seen, reward, terminated, truncated, info = super().step(action)
         if self.made == 3 and self.how == "dies":
             os.kill(os.getpid(), signal.SIGKILL)
@@ -110,7 +108,7 @@ class Unsound(Corridor):
         ("is interrupted", ""),
     ],
 )
-def test_what_goes_wrong_in_a_process_is_told(tmp_path: Path, how: str, said: str) -> None:
+def test_what_goes_wrong_in_a_process_is_told(tmp_path, how, said):
     """Ctrl-C is sent to every process of a terminal; the environments leave it to the training."""
     first = iter([""])  # the environment of the task itself
     task = corridor(tmp_path, lambda: Unsound(next(first, how)))

@@ -1,47 +1,19 @@
 """Ctrl-C, SIGTERM and SIGHUP during a training."""
 
-import re
 import signal
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
-from serp.runs.train import SIGNALS, StoppedAtOnce, Stopping, stop_between_episodes
+from serp.runs.train import SIGNALS, StoppedAtOnce, stop_between_episodes
 from serp.ui.root import stopped_by
 
 
 @pytest.fixture(autouse=True)
-def as_before() -> Iterator[None]:
+def as_before():
     before = {number: signal.getsignal(number) for number in SIGNALS}
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
-
-
-def answer(stopping: Stopping) -> str | None:
-    return stopping.answer("the episode", "nothing is lost")
-
-
-@pytest.mark.parametrize(
-    ("number", "said"),
-    [
-        (signal.SIGINT, "Ctrl-C: finishing the episode, .* Press it again to stop at once; noth"),
-        (signal.SIGTERM, "SIGTERM: finishing the episode, .* Send another signal to stop at once"),
-        (signal.SIGHUP, "SIGHUP: finishing the episode"),
-    ],
-)
-def test_the_first_signal_is_a_request_and_is_answered_once(
-    number: signal.Signals, said: str
-) -> None:
-    before = signal.getsignal(number)
-    with stop_between_episodes() as stopping:
-        assert not stopping.requested and answer(stopping) is None
-        signal.raise_signal(number)
-        assert stopping.signal == number and stopping.requested
-        first, *later = (answer(stopping) for _ in range(3))
-        assert first is not None and re.match(said, first) and later == [None, None]
-    assert signal.getsignal(number) is before
 
 
 @pytest.mark.parametrize(
@@ -51,9 +23,7 @@ def test_the_first_signal_is_a_request_and_is_answered_once(
         (signal.SIGHUP, signal.SIGTERM),
     ],
 )
-def test_the_second_signal_stops_at_once_and_handlers_are_put_back(
-    first: signal.Signals, second: signal.Signals
-) -> None:
+def test_the_second_signal_stops_at_once_and_handlers_are_put_back(first, second):
     before = [signal.getsignal(number) for number in SIGNALS]
     with pytest.raises(KeyboardInterrupt) as stopped, stop_between_episodes():
         signal.raise_signal(first)
@@ -63,9 +33,7 @@ def test_the_second_signal_stops_at_once_and_handlers_are_put_back(
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_sent_to_process_and_group_is_one_request(
-    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_signal_sent_to_process_and_group_is_one_request(number, monkeypatch):
     now = [10.0]
     monkeypatch.setattr("serp.runs.train.time.monotonic", lambda: now[0])
     with pytest.raises(StoppedAtOnce), stop_between_episodes() as stopping:
@@ -81,7 +49,7 @@ def test_a_signal_sent_to_process_and_group_is_one_request(
     ("number", "handler"),
     [*((number, signal.SIG_IGN) for number in SIGNALS), (signal.SIGTERM, lambda *_: None)],
 )
-def test_a_signal_that_is_ignored_or_handled_stays_so(number: signal.Signals, handler: Any) -> None:
+def test_a_signal_that_is_ignored_or_handled_stays_so(number, handler):
     signal.signal(number, handler)
     with stop_between_episodes() as stopping:
         signal.raise_signal(number)

@@ -1,6 +1,5 @@
 """Algorithm 1: what a step does, and what the learner is given."""
 
-import itertools
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,7 @@ import pytest
 from serp.agent.step_record import StepRecord
 from serp.errors import SettingsError
 from serp.runs.evaluation import evaluate
-from serp.runs.tables import MetricsRow, decision_row
-from serp.runs.train import plan_and_learn
+from serp.runs.tables import MetricsRow
 from serp.runs.trainer import Trainer
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
@@ -21,23 +19,6 @@ from tests.serp.sample_tasks import Corridor, corridor
 
 def settings_of(task: Task, preset: str) -> Settings:
     return resolve(preset, task.settings, CHANGES[preset])
-
-
-def logged(task: Task, episodes: int) -> tuple[Trainer, list[MetricsRow], Any]:
-    """Train with the paper's preset; return its metrics and its decisions by column."""
-    trainer = Trainer(task.bind(), settings_of(task, "paper"), 3)
-    recorder = Recorder(trainer)
-    lines: list[dict[str, Any]] = []
-
-    class Log:
-        def step(self, step: StepRecord, *, env_step: int, episode: int) -> None:
-            name = trainer.task.actions.name
-            row = decision_row(step.decision, name, step=env_step, episode=episode)
-            lines.append(row._asdict())
-
-    trainer.log = Log()  # type: ignore[assignment]
-    rows = [trainer.run_episode() for _ in range(episodes)]
-    return trainer, rows, (recorder.seen, lines)
 
 
 # What a step does ---------------------------------------------------------------------------------
@@ -72,22 +53,6 @@ def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> Non
         assert (allowed is None) == terminated
     assert any(row.terminated for row in rows)
     assert any(row.truncated for row in rows)
-
-
-def test_every_step_is_remembered_as_executed_logged_once(
-    tmp_path: Path,
-) -> None:
-    trainer, rows, (remembered, lines) = logged(corridor(tmp_path), 30)
-    assert len(lines) == trainer.env_steps == sum(row.length for row in rows)
-    assert [line["step"] for line in lines] == list(range(len(lines)))
-    assert list(dict.fromkeys(int(line["episode"]) for line in lines)) == [r.episode for r in rows]
-    names = ["left", "right", "wait", "action 3"]
-    assert [names[seen[1]] for seen in remembered] == [line["executed"] for line in lines]
-    for before, after in itertools.pairwise(remembered):
-        if not (before[4] or before[5]):
-            assert (before[3] == after[0]).all()
-    assert sum(line["vetoed"] for line in lines) == trainer.tally.vetoes > 0
-    assert any(line["proposed"] not in ("", line["executed"]) for line in lines)
 
 
 def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -> None:
@@ -235,11 +200,3 @@ def test_one_that_fails_ends_the_run_after_the_episode_and_it_goes_on(tmp_path: 
     assert len(rows(out, "metrics")) == 1
     resume(task, out, episodes=5, on_episode=lambda row: None)
     assert everything(out)[:3] == everything(tmp_path / "whole")[:3]
-
-
-def test_wrong_callbacks_are_refused_before_anything_is_made(tmp_path: Path) -> None:
-    task: Any = corridor(tmp_path)
-    wrong: Any = {"on_step": 3}
-    with pytest.raises(SettingsError, match="on_step must be a function of one argument, not 3"):
-        plan_and_learn(task, out=tmp_path / "run", **wrong)
-    assert not (tmp_path / "run").exists()

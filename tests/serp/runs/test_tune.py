@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-from pathlib import Path
-from typing import Any
 
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
@@ -12,16 +10,15 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 from serp.errors import Interrupted, RunError, SerpError
 from serp.runs.run import load_run
 from serp.runs.train import StoppedAtOnce
-from serp.runs.tuning import Tuned, tune
+from serp.runs.tuning import tune
 from serp.runs.tuning_space import space_of
-from serp.tasks.task import Task
 from tests.serp.runs.comparison.contest import Pothole, Walk, walk
 
 VARY = {"learner.learning_rate": "log:1e-4..1e-1", "learner.hidden": [[8], [16, 16]]}
 
 
-def tuned(folder: Path, name: str, **options: Any) -> Tuned:
-    given: dict[str, Any] = {"vary": VARY, "env_steps": 40, "seeds": 2, "jobs": 1, "quiet": True}
+def tuned(folder, name, **options):
+    given = {"vary": VARY, "env_steps": 40, "seeds": 2, "jobs": 1, "quiet": True}
     task = options.pop("task", None) or walk(folder)
     return tune(task, **{**given, "out": folder / name, **options})
 
@@ -29,20 +26,20 @@ def tuned(folder: Path, name: str, **options: Any) -> Tuned:
 class Interrupting(Walk):
     """Sends its process signals, one at each step."""
 
-    def __init__(self, signals: list[int]) -> None:
+    def __init__(self, signals):
         super().__init__()
         self.signals = signals
 
-    def step(self, action: int) -> Any:
+    def step(self, action):
         if self.signals:
             os.kill(os.getpid(), self.signals.pop())
         return super().step(action)
 
 
-def interrupted(folder: Path, name: str, **options: Any) -> None:
+def interrupted(folder, name, **options):
     """Tune until Ctrl-C, until Ctrl-C twice, and in a process that is killed; all in a trial."""
 
-    def on(*signals: int) -> Task:
+    def on(*signals):
         left = list(signals)
         return walk(folder, lambda: Interrupting(left))
 
@@ -56,9 +53,7 @@ def interrupted(folder: Path, name: str, **options: Any) -> None:
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
 
 
-def test_a_study_finds_the_best_and_one_that_goes_on_equals_an_uninterrupted_one(
-    tmp_path: Path,
-) -> None:
+def test_a_study_finds_the_best_and_one_that_goes_on_equals_an_uninterrupted_one(tmp_path):
     whole = tuned(tmp_path, "whole", trials=3)
     if hasattr(os, "fork"):
         interrupted(tmp_path, "parts", trials=3)
@@ -77,9 +72,7 @@ def test_a_study_finds_the_best_and_one_that_goes_on_equals_an_uninterrupted_one
         tuned(tmp_path, "whole", trials=5, seeds=[1000, 1002])
 
 
-def test_trials_that_fail_are_reported_and_others_go_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_trials_that_fail_are_reported_and_others_go_on(tmp_path, capsys):
     with pytest.raises(RunError, match="none of 1 trials succeeded; .* cable cut"):
         tuned(tmp_path, "a", task=walk(tmp_path, Pothole), seeds=[1], trials=1)
     vary = {"planner.name": ["lookahead", "nosuch"]}
@@ -103,13 +96,8 @@ def test_trials_that_fail_are_reported_and_others_go_on(
         ("learner.layer_norm", "", CategoricalDistribution(["false", "true"])),
     ],
 )
-def test_types_and_values_follow_from_the_settings(name: str, given: Any, expected: Any) -> None:
+def test_types_and_values_follow_from_the_settings(name, given, expected):
     assert space_of({name: given}) == {name: expected}
-
-
-def test_a_training_without_an_episode_is_a_failed_trial(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="no episode ended within 1 env steps"):
-        tuned(tmp_path, "a", env_steps=1, trials=1)
 
 
 @pytest.mark.parametrize(
@@ -117,28 +105,17 @@ def test_a_training_without_an_episode_is_a_failed_trial(tmp_path: Path) -> None
     [
         ({"vary": {}}, "say what to tune"),
         ({"vary": {"learner.member": ""}}, "no setting `learner.member`; did you mean `members`"),
-        ({"vary": {"lerner.members": ""}}, "there is no section `lerner`; did you mean `learner`"),
         ({"vary": {"planner.depth": None}}, "planner.depth: say which values: A..B"),
-        (
-            {"vary": {"planner.depth": "0..3"}},
-            "planner.depth must be greater than or equal to 1",
-        ),
-        ({"vary": {"planner.depth": "1.5..3"}}, "planner.depth must be a whole number, not 1.5"),
+        ({"vary": {"planner.depth": "0..3"}}, "planner.depth must be greater than or equal to 1"),
         ({"vary": {"planner.depth": "3..3"}}, "its first end is smaller than its second"),
         ({"vary": {"learner.learning_rate": "log:1..0.5"}}, "and on a logarithmic scale above 0"),
-        ({"vary": {"arbiter.veto_horizon": "step..lookahead"}}, "a range is for numbers"),
         ({"vary": {"arbiter.veto_horizon": "step,l1"}}, "must be 'step' or 'lookahead', not 'l1'"),
-        ({"vary": {"planner.depth": 3}}, "planner.depth: expected a list of values or a text"),
-        ({"vary": 3}, "tune.vary must be a mapping"),
         ({"algorithm": "ppo"}, "`ppo`"),
-        ({"seeds": []}, "tune.seeds"),
         ({"objective": "fun"}, "tune.objective must be 'training' or 'evaluation'"),
         ({"out": "."}, "is not empty"),
     ],
 )
-def test_what_cannot_be_tuned_is_refused_before_anything_runs(
-    tmp_path: Path, options: Any, message: str
-) -> None:
+def test_what_cannot_be_tuned_is_refused_before_anything_runs(tmp_path, options, message):
     with pytest.raises(SerpError, match=message):
         tuned(tmp_path, "a", **options)
     assert not (tmp_path / "a").exists()

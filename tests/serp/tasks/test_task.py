@@ -2,8 +2,6 @@
 
 import dataclasses
 import sys
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -16,48 +14,40 @@ from serp.model.domain import load_domain
 from serp.pddl.source import DomainError
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from serp.tasks.task import BoundTask, Task
 from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor
+from tests.worlds import text
 
 
 class Odd(Corridor):
     """An environment that returns what it is told to, and counts how often it was closed."""
 
-    def __init__(self, *, step: Any = None, reset: Any = None, **attributes: Any) -> None:
+    def __init__(self, *, step=None, reset=None, **attributes):
         super().__init__()
         self.answer, self.start = step, reset
-        self.closed: list[str] = []
+        self.closed = []
         self.stuck = False
         for name, value in attributes.items():
             setattr(self, name, value)
 
-    def step(self, action: int) -> Any:
+    def step(self, action):
         return super().step(action) if self.answer is None else self.answer
 
-    def reset(self, **options: Any) -> Any:
+    def reset(self, **options):
         return super().reset(**options) if self.start is None else self.start
 
-    def close(self) -> None:
+    def close(self):
         self.closed.append("closed")
         if self.stuck:
             raise RuntimeError("the cable is stuck")
 
 
-def odd(folder: Path, **attributes: Any) -> BoundTask:
+def odd(folder, **attributes):
     return corridor(folder, lambda: Odd(**attributes)).bind()
 
 
 SEEN = np.array([0.0, 0.0])
 
-DOORS = """(define (domain doors)
-  (:types door) (:constants west east - door)
-  (:predicates (open ?d - door) (locked ?d - door) (unsafe))
-  (:functions (x) (limit))
-  (:action left :effect (decrease (x) 1))
-  (:action right :effect (increase (x) 1))
-  (:action wait)
-  (:event stuck :parameters (?d - door)
-    :precondition (and (open ?d) (locked ?d) (< (x) (limit))) :effect (unsafe)))"""
+DOORS = text("doors")
 DOORS_PROBLEM = """(define (problem p) (:domain doors)
   (:init (locked west) (= (limit) 9) {}))"""
 
@@ -65,9 +55,7 @@ DOORS_PROBLEM = """(define (problem p) (:domain doors)
 
 
 @pytest.mark.parametrize("stated", ["", "(open west)", "(open west) (= (x) 0)"])
-def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
-    tmp_path: Path, stated: str
-) -> None:
+def test_what_the_grounding_gives_is_no_constant_though_init_states_it(tmp_path, stated):
     file = tmp_path / "doors.pddl"
     file.write_text(DOORS)
     (tmp_path / "doors-problem.pddl").write_text(DOORS_PROBLEM.format(stated))
@@ -95,48 +83,37 @@ class Half(gym.Env[Any, Any]):
     action_space = spaces.Discrete(3)
 
 
-def unplugged() -> gym.Env[Any, Any]:
+def unplugged():
     raise OSError("no robot on /dev/ttyUSB0")
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"name": 3}, "name must be a text, not 3"),
-        *(({"dt": dt}, "control period.*a number > 0, not ") for dt in (0.0, float("nan"), "a")),
+        ({"dt": float("nan")}, "control period.*a number > 0, not "),
         ({"ground": {"x": 0}}, "ground must be a function of an observation, not {'x': 0}"),
-        ({"actions": ["left", "right"]}, "actions must be a mapping .*, not \\['left'"),
         ({"actions": {"lef": 0, "right": 1, "wait": 2}}, "no action `lef`; did you mean `left`"),
         ({"actions": {"left": 0, "right": 1}}, "no environment action for `wait`"),
-        ({"domain": 3}, "domain must be a file or a loaded domain, not 3"),
         ({"domain": "nowhere.pddl"}, r"nowhere\.pddl"),
-        ({"make_env": dict}, "make_env returned dict"),
         ({"make_env": "CartPole-v1"}, "make_env must be a function.*not 'CartPole-v1'"),
         ({"make_env": unplugged}, r"corridor.*OSError: no robot on /dev/ttyUSB0"),
         ({"make_env": Half}, "observations of None cannot be flattened"),
         (
-            {"make_env": lambda: Odd(action_space=spaces.Box(-1.0, 1.0, (1,)))},
-            r"corridor.*discrete actions.*Box.*MacroActions",
+            {"make_env": lambda: Odd(action_space=spaces.Box(0, 1))},
+            "discrete actions.*MacroActions",
         ),
-        # What the grounding leaves out is named before the environment is reset.
-        (
-            {"ground": lambda seen: {}, "make_env": lambda: Odd(reset=AssertionError)},
-            "the grounding does not fit .*: no value for fluent `x`; values are given for none",
-        ),
+        ({"ground": lambda seen: {}}, "the grounding does not fit .*: no value for fluent `x`"),
         ({"ground": lambda seen: {"x": 0.0, "y": 1.0}}, "does not fit .*: unknown fluent `y`"),
-        (
-            {"ground": lambda seen: np.zeros(0)},
-            "a state .* 1 number in the order .* found 0: none for `x`",
-        ),
+        ({"ground": lambda seen: np.zeros(0)}, "a state .* 1 number .* found 0: none for `x`"),
     ],
 )
-def test_what_does_not_fit_is_named(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+def test_what_does_not_fit_is_named(tmp_path, changes, said):
     with pytest.raises((TaskError, DomainError), match=said):
         corridor(tmp_path, **changes).bind()
 
 
-def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) -> None:
-    closed: list[str] = []
+def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path):
+    closed = []
     with odd(tmp_path, closed=closed):
         assert closed == []
     assert closed == ["closed"]
@@ -159,9 +136,7 @@ def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) 
         (lambda seen: [][3], "the grounding failed on .*IndexError"),
     ],
 )
-def test_a_grounding_that_is_wrong_is_a_task_error(
-    tmp_path: Path, ground: Callable[[Any], Any], said: str
-) -> None:
+def test_a_grounding_that_is_wrong_is_a_task_error(tmp_path, ground, said):
     with pytest.raises(TaskError, match=f"task corridor.*{said}"):
         corridor(tmp_path, ground=ground).bind().ground(SEEN)
 
@@ -169,34 +144,23 @@ def test_a_grounding_that_is_wrong_is_a_task_error(
 # Environments that are wrong ----------------------------------------------------------------------
 
 
-class Refusing:
-    """What cannot be made an array, as a torch tensor with a gradient."""
-
-    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
-        raise RuntimeError("detach it first")
-
-
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
         ((SEEN, np.nan, False, False, {}), "the reward is nan, not a finite number"),
         ((SEEN, "1.5", False, False, {}), "the reward is '1.5' .str., not one number"),
-        ((SEEN, Refusing(), False, False, {}), "the reward is .*Refusing.*not one number"),
         ((SEEN, 0.0, None, False, {}), "terminated is None .NoneType., not True or False"),
-        ((SEEN, 0.0, False, "False", {}), "truncated is 'False' .str., not True or False"),
         ((SEEN, 0.0, False, False, None), "info is None .NoneType., not a dictionary"),
         ((SEEN, 0.0, False, {}), "it returned 4 values, not the five values .observation, reward"),
     ],
 )
-def test_an_answer_of_another_kind_is_named_with_what_is_wanted(
-    tmp_path: Path, answer: Any, said: str
-) -> None:
+def test_an_answer_of_another_kind_is_named_with_what_is_wanted(tmp_path, answer, said):
     bound = odd(tmp_path, step=answer)
     with pytest.raises(TaskError, match=f"task corridor: step with action right failed: {said}"):
         bound.step(1)
 
 
-def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_path: Path) -> None:
+def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_path):
     space = spaces.Dict(
         at=spaces.Box(-1, 1, (2, 2)), go=spaces.Tuple((spaces.Discrete(2), spaces.Box(0, 1, ())))
     )
@@ -215,7 +179,7 @@ def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_
             bound.observation({**good, **part})
 
 
-def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Path) -> None:
+def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path):
     bound = corridor(tmp_path, lambda: CableCut(Corridor(), at=2)).bind()
     bound.reset(seed=0)
     bound.step(0)
@@ -224,14 +188,14 @@ def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Pa
     assert isinstance(caught.value.__cause__, ConnectionError)
 
     class Exits(Corridor):  # as some that draw do, when their window is closed
-        def step(self, action: int) -> Any:
+        def step(self, action):
             sys.exit(3)
 
     with pytest.raises(EnvironmentFailure, match="step with action left failed: SystemExit: 3"):
         corridor(tmp_path, Exits).bind().step(0)
 
 
-def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_path: Path) -> None:
+def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_path):
     buffer, info = np.zeros(2), {"game": 1}
     bound = odd(tmp_path, step=(buffer, 0.0, False, False, info), reset=({"seen": buffer}, info))
     (reset, first), (seen, *_, second) = bound.reset(), bound.step(0)
@@ -243,22 +207,20 @@ def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_p
 class Located(Corridor):
     """Says in its info where the robot is."""
 
-    def info(self) -> dict[str, Any]:
+    def info(self):
         return {"x": self.x}
 
 
-def located(folder: Path, ground: Callable[..., Any]) -> Task:
+def located(folder, ground):
     return corridor(folder, Located, ground=ground)
 
 
-def of_both(seen: Any, *, env: Located, info: dict[str, Any]) -> dict[str, float]:
+def of_both(seen, *, env, info):
     assert env.x == info["x"] == seen[0]
     return {"x": info["x"]}
 
 
-def test_a_grounding_of_info_or_of_the_environment_trains_as_one_of_the_observation(
-    tmp_path: Path,
-) -> None:
+def test_a_grounding_of_info_or_of_the_environment_trains_as_one_of_the_observation(tmp_path):
     """Also where an episode ends and the next begins: no info is used a step too late."""
     weights = []
     for ground in (
@@ -281,14 +243,11 @@ def test_a_grounding_of_info_or_of_the_environment_trains_as_one_of_the_observat
     ("ground", "said"),
     [
         (lambda seen, infos: {}, r"ground\(seen, infos\) cannot be called: .*`infos?`"),
-        (lambda: {}, r"ground\(\) cannot be called: too many positional"),
         (lambda seen, info: info["place"], r"failed on .*KeyError: 'place'"),
         (lambda seen, info: {"y": 1.0}, "does not fit .*: no value for fluent `x`|unknown fluent"),
     ],
 )
-def test_one_that_does_not_fit_is_named_when_the_task_is_bound(
-    tmp_path: Path, ground: Callable[..., Any], said: str
-) -> None:
+def test_one_that_does_not_fit_is_named_when_the_task_is_bound(tmp_path, ground, said):
     with pytest.raises(TaskError, match=said):
         located(tmp_path, ground).bind()
 
@@ -296,11 +255,11 @@ def test_one_that_does_not_fit_is_named_when_the_task_is_bound(
 class Valves(gym.ActionWrapper[Any, Any, Any]):
     """The corridor with the four actions as combinations of two numbers."""
 
-    def __init__(self, space: spaces.Space[Any]) -> None:
+    def __init__(self, space):
         super().__init__(Corridor())
         self.action_space = space
 
-    def action(self, action: Any) -> int:
+    def action(self, action):
         assert self.action_space.contains(action)
         first, second = np.ravel(action - getattr(self.action_space, "start", 0)).tolist()
         return int(2 * first + second)
@@ -313,7 +272,7 @@ SPACES = [
 ]
 
 
-def walk(folder: Path, make_env: Any, **changes: Any) -> list[Any]:
+def walk(folder, make_env, **changes):
     """Return what 60 steps in the corridor return."""
     seen = []
     with corridor(folder, make_env, **changes).bind() as bound:
@@ -328,12 +287,12 @@ def walk(folder: Path, make_env: Any, **changes: Any) -> list[Any]:
 
 
 @pytest.mark.parametrize("make", [lambda: Corridor(10), *(lambda s=s: Valves(s) for s in SPACES)])
-def test_actions_are_counted_from_zero_in_every_space(tmp_path: Path, make: Any) -> None:
+def test_actions_are_counted_from_zero_in_every_space(tmp_path, make):
     assert walk(tmp_path, make) == walk(tmp_path, Corridor)
 
 
 @pytest.mark.parametrize("space", SPACES)
-def test_a_combination_is_named_by_its_tuple_or_number(tmp_path: Path, space: Any) -> None:
+def test_a_combination_is_named_by_its_tuple_or_number(tmp_path, space):
     named = {"left": (0, 1), "right": [1, 0], "wait": np.int64(3)}
     bound = corridor(tmp_path, lambda: Valves(space), actions=named).bind()
     assert bound.actions.environment_action == [1, 2, 3]
@@ -347,7 +306,7 @@ LEARNED = [("environment", "task"), ("environment", "domain"), ("environment", "
            ("domain", "task"), ("domain", "environment"), ("domain", "sum")]  # fmt: skip
 
 
-def task_with_bonus(folder: Path, declared: str) -> Task:
+def task_with_bonus(folder, declared):
     """The corridor, whose file gives 100 for waiting; its environment gives nothing for it."""
     begin = CORRIDOR.index("(:action wait")
     text = CORRIDOR[:begin] + CORRIDOR[begin:].replace(
@@ -359,9 +318,7 @@ def task_with_bonus(folder: Path, declared: str) -> Task:
 
 
 @pytest.mark.parametrize(("declared", "learned"), LEARNED)
-def test_the_experts_reward_is_remembered_where_it_is_learned_from(
-    tmp_path: Path, declared: str, learned: str
-) -> None:
+def test_the_experts_reward_is_remembered_where_it_is_learned_from(tmp_path, declared, learned):
     task = task_with_bonus(tmp_path, declared)
     asked = {"training": {"reward": learned}, "learner": {"n_step": 1}}
     trainer = Trainer(task.bind(), resolve("default", task.settings, asked), 3)
@@ -383,7 +340,7 @@ def test_the_experts_reward_is_remembered_where_it_is_learned_from(
     assert (max(remembered) > 0.9 * BONUS) == (source != "environment")
 
 
-def test_rewards_that_the_file_does_not_give_cannot_be_learned_from(tmp_path: Path) -> None:
+def test_rewards_that_the_file_does_not_give_cannot_be_learned_from(tmp_path):
     text = CORRIDOR.replace("(decrease (reward) 0.1)", "").replace("(decrease (reward) 5)", "")
     file = tmp_path / "silent.pddl"
     file.write_text(text.replace("(increase (reward) 5)", ""))

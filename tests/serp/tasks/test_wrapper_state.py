@@ -1,7 +1,6 @@
 """What wrappers and environments carry from one episode to the next is saved."""
 
 import json
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -19,24 +18,24 @@ class Found(gym.Env[Any, Any]):
     """A noisy number. Its noise is its own: no reset seeds it."""
 
     observation_space = gym.spaces.Box(-np.inf, np.inf, (2,), np.float64)
-    action_space = gym.spaces.Discrete(2)  # type: ignore[assignment]
+    action_space = gym.spaces.Discrete(2)
 
-    def __init__(self, generator: Callable[[], Any] = lambda: np.random.PCG64(4)) -> None:
+    def __init__(self, generator=lambda: np.random.PCG64(4)):
         self.noise = np.random.Generator(generator())
         self.steps = 0
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+    def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.steps = 0
         return self.np_random.normal(size=2), {}
 
-    def step(self, action: Any) -> Any:
+    def step(self, action):
         self.steps += 1
         seen = self.noise.normal(size=2) + self.np_random.normal(size=2)
         return seen, float(seen[0]), self.steps >= 5, False, {}
 
 
-STACKS: list[Callable[[], Env]] = [
+STACKS = [
     Found,
     lambda: Found(lambda: np.random.MT19937(1)),
     lambda: wrappers.NormalizeObservation(Found()),
@@ -49,8 +48,8 @@ STACKS: list[Callable[[], Env]] = [
 ]
 
 
-def episodes(env: Env, numbers: range) -> list[Any]:
-    said: list[Any] = []
+def episodes(env, numbers):
+    said = []
     for number in numbers:
         said.append(env.reset(seed=number)[0].tolist())
         ended = False
@@ -62,7 +61,7 @@ def episodes(env: Env, numbers: range) -> list[Any]:
 
 
 @pytest.mark.parametrize("make", STACKS)
-def test_a_new_environment_goes_on_exactly_where_the_saved_one_was(make: Callable[[], Env]) -> None:
+def test_a_new_environment_goes_on_exactly_where_the_saved_one_was(make):
     whole = make()
     episodes(whole, range(3))
     saved = json.loads(json.dumps(save(whole)))
@@ -85,7 +84,7 @@ class Wider(Found):
         (lambda: wrappers.NormalizeObservation(Wider()), r"shape \(3,\), the saved one \(2,\)"),
     ],
 )
-def test_other_layers_than_the_saved_ones_are_refused(make: Callable[[], Env], said: str) -> None:
+def test_other_layers_than_the_saved_ones_are_refused(make, said):
     saved = save(wrappers.NormalizeObservation(Found()))
     with pytest.raises(ValueError, match=said):
         restore(make(), saved)

@@ -1,11 +1,9 @@
 """Our planner as an engine of unified-planning, on the problems of its own tests."""
 
 from fractions import Fraction
-from typing import Any
 
 import pytest
 from unified_planning.engines import (
-    PlanGenerationResult,
     PlanGenerationResultStatus,
     SequentialPlanValidator,
 )
@@ -24,15 +22,15 @@ from serp_adapters.unified_planning.engine import SErPEngine
 from serp_adapters.unified_planning.selector import SErPSelector
 
 Status = PlanGenerationResultStatus
-EXAMPLES: dict[str, Any] = get_example_problems()
+EXAMPLES = get_example_problems()
 SUPPORTED = [name for name, case in EXAMPLES.items() if SErPEngine.supports(case.problem.kind)]
 
 
-def solved(problem: Problem) -> PlanGenerationResult:
+def solved(problem):
     return SErPEngine().solve(problem)
 
 
-def test_examples_of_unified_planning_that_are_supported_are_solved() -> None:
+def test_examples_of_unified_planning_that_are_supported_are_solved():
     assert len(SUPPORTED) >= 35
     for name in SUPPORTED:
         case = EXAMPLES[name]
@@ -44,9 +42,7 @@ def test_examples_of_unified_planning_that_are_supported_are_solved() -> None:
             assert result.status is Status.UNSOLVABLE_PROVEN, name
 
 
-def counting(
-    step: Fraction | int, to: Fraction | int, numbers: Any, name: str = "reward"
-) -> Problem:
+def counting(step, to, numbers, name="reward"):
     """A problem in which a word of ours, or of the writer, is a fluent like any other."""
     problem = Problem("counting")
     counted = problem.add_fluent(name, numbers, default_initial_value=0)
@@ -59,7 +55,7 @@ def counting(
     return problem
 
 
-def test_unsolvable_is_said_to_be_proven_only_where_numbers_are_exact() -> None:
+def test_unsolvable_is_said_to_be_proven_only_where_numbers_are_exact():
     even = counting(2, 4, IntType())
     assert [str(a) for a in solved(even).plan.actions] == ["count", "count"]
     assert solved(counting(2, 3, IntType())).status is Status.UNSOLVABLE_PROVEN
@@ -71,7 +67,7 @@ def test_unsolvable_is_said_to_be_proven_only_where_numbers_are_exact() -> None:
 @pytest.mark.parametrize(
     "name", ["hierarchical_blocks_world", "robot_fluent_of_user_type", "total-cost"]
 )
-def test_actions_are_chosen_by_what_is_observed(name: str) -> None:
+def test_actions_are_chosen_by_what_is_observed(name):
     own = counting(1, 3, IntType(), name)
     problem = EXAMPLES[name].problem if name in EXAMPLES else own
     selector, simulator = SErPSelector(problem), UPSequentialSimulator(problem)

@@ -4,10 +4,8 @@ import functools
 import json
 import random
 import signal
-from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import pytest
 from unified_planning.engines.sequential_simulator import UPSequentialSimulator
@@ -15,40 +13,16 @@ from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 from serp.errors import Notice, SerpError
 from serp.model.domain import load_domain
 from serp.model.transition_model import TransitionModel
-from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
 from serp_adapters.unified_planning import planner, worker
 from serp_adapters.unified_planning.translation import translated, values_in
 from serp_adapters.unified_planning.worker import Planning, Refused, begin_at, problem_of
 from tests.generated import Texts, load_texts
 from tests.generated.classical import blocks
+from tests.worlds import text
 
 FILES = Path(__file__).parents[2] / "serp" / "model" / "pddl_files"
-ROVER = """
-(define (domain rover)
-  (:requirements :strips :typing :numeric-fluents :conditional-effects :negative-preconditions
-    :disjunctive-preconditions :time :math-functions)
-  (:types place)
-  (:constants a b c - place)
-  (:predicates (at ?p - place) (link ?p - place ?q - place) (sampled ?p - place) (icy ?p - place)
-    (unsafe) (terminal))
-  (:functions (charge) (load) (reward))
-  (:action drive :parameters (?p - place ?q - place)
-    :precondition (and (at ?p) (or (link ?p ?q) (link ?q ?p)) (>= (charge) 1))
-    :effect (and (not (at ?p)) (at ?q) (decrease (charge) 1) (decrease (reward) 1)))
-  (:action fly :parameters (?p - place) :precondition (and)
-    :effect (and (not (at a)) (not (at b)) (not (at c)) (at ?p) (assign (charge) (/ (charge) 2))
-      (when (> (load) 1) (unsafe)) (decrease (reward) 3)))
-  (:action sample :parameters (?p - place) :precondition (and (at ?p) (not (sampled ?p)))
-    :effect (and (sampled ?p) (increase (load) (* 0.5 (+ (load) 1))) (decrease (reward) 1)))
-  (:action recharge :parameters () :precondition (and (at a))
-    :effect (and (assign (charge) 8.5) (decrease (reward) 2)))
-  (:action give-up :parameters () :precondition (and) :effect (and (terminal)))
-  (:event slide :parameters (?p - place) :precondition (and (at ?p) (icy ?p) (< (charge) 2))
-    :effect (and (unsafe)))
-  (:event home :parameters () :precondition (and (at a) (>= (load) 1.25))
-    :effect (and (increase (reward) 100) (terminal))))
-"""
+ROVER = text("science-rover")
 START = """
 (define (problem p) (:domain rover)
   (:init (at a) (icy b) (link a b) (link b c) (= (charge) 3) (= (load) 0)) (:goal (and)))
@@ -56,29 +30,28 @@ START = """
 
 
 @functools.cache
-def rover(event: str = "(unsafe)", more: str = "") -> TransitionModel:
+def rover(event="(unsafe)", more=""):
     domain = ROVER.replace("(and (unsafe))", f"(and {event})")
     return load_texts(Texts(domain.replace("(:event home", f"{more}(:event home"), START)).model
 
 
-def model_of(name: str) -> TransitionModel:
+def model_of(name):
     return rover() if name == "rover" else load_domain(FILES / f"{name}.pddl").model
 
 
-def sent(model: TransitionModel) -> dict[str, Any]:
+def sent(model):
     """The problem as another process receives it."""
-    task: dict[str, Any] = json.loads(json.dumps(translated(model)))
+    task = json.loads(json.dumps(translated(model)))
     return task
 
 
 @pytest.mark.parametrize("name", ["rover", "briefcase", "counters"])
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_translated_problem_steps_as_the_model_does(name: str) -> None:
+def test_the_translated_problem_steps_as_the_model_does(name):
     model = model_of(name)
     task = sent(model)
     problem, start = problem_of(task), model.initial_state
-    assert start is not None
-    columns: Mapping[str, Any] = {k: v for k, v in task["fluents"].items() if v[0] >= 0}
+    columns = {k: v for k, v in task["fluents"].items() if v[0] >= 0}
     begin_at(problem, values_in(task, start))
     simulator = UPSequentialSimulator(problem, error_on_failed_checks=False)
     actions = [problem.action(f"a{k}") for k in range(len(model.actions))]
@@ -87,7 +60,6 @@ def test_the_translated_problem_steps_as_the_model_does(name: str) -> None:
         ours, theirs = start, simulator.get_initial_state()
         ended = False
         while not ended:
-            assert ours is not None
             following = []
             for k, action in enumerate(actions):
                 outcome, after = model.step(ours, k), simulator.apply(theirs, action)
@@ -109,12 +81,11 @@ def test_the_translated_problem_steps_as_the_model_does(name: str) -> None:
             ours = None if outcome is None else outcome.state
 
 
-def play(model: TransitionModel, name: str) -> PlanFollower:
+def play(model, name):
     """Follow a planner to the end, while every third action fails."""
     model = TransitionModel(model.ground)
     follower = planner.make(model, PlannerSettings(name=name))
     state, steps = model.initial_state, 0
-    assert state is not None
     while True:
         outcome = model.step(state, follower.forecast(state).choice)
         assert not outcome.unsafe
@@ -126,15 +97,12 @@ def play(model: TransitionModel, name: str) -> PlanFollower:
                 return follower
 
 
-def test_a_plan_is_followed_to_the_goal_and_an_engine_that_takes_too_long_is_ended(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_plan_is_followed_to_the_goal_and_an_engine_that_takes_too_long_is_ended(monkeypatch):
     follower = play(model_of("logistics"), "up:pyperplan")
     assert (follower.searches, len(follower.plan)) == (1, 11)
     state, find_plan = follower.model.initial_state, follower._find_plan
     assert state is not None and isinstance(find_plan, planner.EnginePlans)
     process = find_plan._process
-    assert process is not None
     find_plan.model.revision = 1  # the same process plans with another model
     assert find_plan(state) is not None and find_plan._process is process
     monkeypatch.setattr(find_plan, "seconds", 0.05)
@@ -147,7 +115,7 @@ def test_a_plan_is_followed_to_the_goal_and_an_engine_that_takes_too_long_is_end
     assert found is not None and len(found) == 11
 
 
-def test_an_engine_ends_with_its_parent() -> None:
+def test_an_engine_ends_with_its_parent():
     model = TransitionModel(load_texts(blocks(14)).model.ground)
     plans = planner.EnginePlans(model, "pyperplan-opt", 60.0)
     process, state = plans._process, model.initial_state
@@ -158,21 +126,10 @@ def test_an_engine_ends_with_its_parent() -> None:
     assert process.wait(10.0) == 1
 
 
-WARD = """(define (domain ward)
-  (:requirements :strips :typing :conditional-effects :negative-preconditions :time)
-  (:types room) (:constants a b c - room)
-  (:predicates (at ?r - room) (next ?p - room ?q - room) (wet ?r - room) (lit) (windy) (unsafe))
-  (:action go :parameters (?p - room ?q - room) :precondition (and (at ?p) (next ?p ?q))
-    :effect (and (not (at ?p)) (at ?q)))
-  (:action wait :parameters () :precondition (and)
-    :effect (and (windy) (when (and (windy) (lit)) (not (wet b)))))
-  (:event slip :parameters (?r - room) :precondition (and (at ?r) (wet ?r) (lit))
-    :effect (unsafe)))"""
+WARD = text("ward")
 
 
-def test_an_engine_without_disjunctions_heeds_conditions_that_hold_together(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_engine_without_disjunctions_heeds_conditions_that_hold_together(monkeypatch):
     start = "(at a) (wet b) (lit) (next a b) (next b c)"
     problem = f"(define (problem p) (:domain ward) (:init {start}) (:goal (at c)))"
     model = load_texts(Texts(WARD, problem)).model
@@ -185,7 +142,7 @@ def test_an_engine_without_disjunctions_heeds_conditions_that_hold_together(
 
 
 @pytest.mark.skipif(find_spec("up_enhsp") is None, reason="up-enhsp is not installed")
-def test_a_numeric_plan_heeds_what_events_do() -> None:
+def test_a_numeric_plan_heeds_what_events_do():
     assert play(rover(), "up:enhsp").searches == 1
 
 
@@ -204,8 +161,6 @@ PROCESS = """(:process melt :parameters () :precondition (and)
         ("up:pyperplan", "(unsafe)", PROCESS, r"know no time that passes between actions\n"),
     ],
 )
-def test_what_no_engine_can_plan_is_refused_with_its_place(
-    name: str, event: str, more: str, message: str
-) -> None:
+def test_what_no_engine_can_plan_is_refused_with_its_place(name, event, more, message):
     with pytest.raises(SerpError, match=message):
         planner.make(rover(event, more), PlannerSettings(name=name))

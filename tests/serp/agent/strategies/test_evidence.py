@@ -3,9 +3,7 @@
 import copy
 import json
 import math
-from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,9 +23,7 @@ LEARNS = Settings().replace({"learner": {"learning_starts": 0}})
 """The learner learns from the first step on."""
 
 
-def played(
-    value: Callable[[bool, int], float], seed: int, episodes: int, noise: float = 0.0
-) -> tuple[Evidence, list[bool]]:
+def played(value, seed, episodes, noise=0.0):
     """A strategy after episodes worth `value(learner leads, number)`, and who led each."""
     strategy, rng = Evidence(LEARNS, seed), np.random.default_rng(seed)
     led = []
@@ -38,27 +34,20 @@ def played(
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
-def test_the_better_one_leads_in_the_end_and_is_the_trained_policy(scale: float) -> None:
+def test_the_better_one_leads_in_the_end_and_is_the_trained_policy(scale):
     for seed in range(10):
         worse, _ = played(lambda leads, _: 0.0 if leads else 10.0 * scale, seed, 60, scale)
         better, _ = played(lambda leads, _: 10.0 * scale if leads else 0.0, seed, 60, scale)
         assert worse.rho < 0.1 and worse.choice.startswith("the planner's choice")
         assert better.rho > 0.9 and better.choice == "the learner's choice"
-        assert better.evidence.learner is not None
         assert better.evidence.learner.mean == pytest.approx(10.0 * scale, abs=2.0 * scale)
 
 
-def test_the_planner_leads_first_and_the_learner_is_tried_seldom_where_it_is_worse() -> None:
-    led = [played(lambda leads, _: 0.0 if leads else 10.0, s, 100, 1.0)[1] for s in range(20)]
-    assert not any(leads[0] for leads in led)
-    assert 0 < np.sum(led) < 0.15 * 20 * 100
-
-
 @pytest.mark.parametrize("learner", [True, False])
-def test_a_lead_that_becomes_better_is_found(learner: bool) -> None:
+def test_a_lead_that_becomes_better_is_found(learner):
     """With a tenth of the episodes 30 lower, which says nothing of who is better."""
 
-    def value(leads: bool, episode: int) -> float:
+    def value(leads, episode):
         better = 0.0 if episode < 60 else 20.0
         return (better if leads is learner else 10.0) - 30.0 * (episode % 10 == 9)
 
@@ -68,9 +57,7 @@ def test_a_lead_that_becomes_better_is_found(learner: bool) -> None:
 
 @given(EPISODES, st.integers(0, 100))
 @settings(max_examples=100, deadline=None)
-def test_evidence_of_any_returns_is_finite_and_a_resumed_run_equals_another(
-    episodes: list[tuple[float, int]], seed: int
-) -> None:
+def test_evidence_of_any_returns_is_finite_and_a_resumed_run_equals_another(episodes, seed):
     strategy, resumed = Evidence(LEARNS, seed), Evidence(LEARNS, seed + 1)
     for value, length in episodes:
         strategy.end_episode(value, length)
@@ -92,9 +79,7 @@ def test_evidence_of_any_returns_is_finite_and_a_resumed_run_equals_another(
 
 
 @given(st.lists(st.floats(-100, 100), min_size=2, max_size=20), st.floats(0.01, 1e4))
-def test_the_unit_and_the_zero_of_the_reward_do_not_matter(
-    values: list[float], scale: float
-) -> None:
+def test_the_unit_and_the_zero_of_the_reward_do_not_matter(values, scale):
     plain, scaled = Evidence(LEARNS, 1), Evidence(LEARNS, 1)
     for value in np.round(values, 3):
         plain.end_episode(float(value), 5)
@@ -102,13 +87,13 @@ def test_the_unit_and_the_zero_of_the_reward_do_not_matter(
     assert scaled.rho == pytest.approx(plain.rho, abs=1e-5)
 
 
-def forged() -> st.SearchStrategy[Any]:
+def forged():
     return st.sampled_from([None, -1, 0.5, 1e308, -1e308, math.nan, 2**70, "x", [], {}, [1.0, 0.0]])
 
 
 @given(st.data())
 @settings(max_examples=200, deadline=None)
-def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
+def test_a_forged_state_is_refused_or_gone_on_with(data):
     strategy, _ = played(lambda leads, episode: float(episode % 7), 3, 20)
     meta = copy.deepcopy(strategy.state_dict())
     name = data.draw(st.sampled_from(sorted(meta)))
@@ -129,7 +114,7 @@ def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -> None:
+def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed):
     strategy, rng = Evidence(LEARNS, seed), np.random.default_rng(seed)
     assert strategy.imitation_weight == 1.0  # nothing is known of the learner
     for episode in range(200):
@@ -142,7 +127,7 @@ def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -
     assert strategy.imitation_weight < 0.1
 
 
-def test_a_learner_that_has_learned_nothing_yet_never_leads() -> None:
+def test_a_learner_that_has_learned_nothing_yet_never_leads():
     strategy = Evidence(Settings().replace({"learner": {"learning_starts": 90}}), 0)
     rng = np.random.default_rng(0)
     for _ in range(9):
@@ -153,7 +138,7 @@ def test_a_learner_that_has_learned_nothing_yet_never_leads() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, -200.0, 0.1, 1e12])
-def test_where_all_returns_are_equal_the_learner_is_tried_ever_more_seldom(value: float) -> None:
+def test_where_all_returns_are_equal_the_learner_is_tried_ever_more_seldom(value):
     after = [played(lambda leads, _: value, 1, n)[0].rho for n in range(30)]
     assert after[0] == 0.0 and after[1] <= 1 / 6
     assert all(later < earlier for earlier, later in pairwise(after[1:]))

@@ -1,28 +1,25 @@
 """Common mistakes are found, in their places, and the suggestions are right."""
 
 import tomllib
-from collections.abc import Hashable, Iterator
 from pathlib import Path
 
 import pytest
 
-from serp.authoring.lint.findings import CODES, ERRORS, Finding, examine, findings_of
+from serp.authoring.lint.findings import CODES, ERRORS, examine, findings_of
 from serp.authoring.lint.task_ranges import out_of_range
-from serp.model.domain import Domain
 from serp.pddl.parser import parse_domain, parse_problem
-from serp.pddl.source import DomainWarning, Source, edited
+from serp.pddl.source import Source, edited
 from serp.pddl.syntax import meaning
 from serp.tasks.registry import task_of
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 EDITED = "edited.pddl"
-Mistake = dict[str, str]
-MISTAKES: list[Mistake] = tomllib.loads(
-    Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8")
-)["mistake"]
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8"))[
+    "mistake"
+]
 
 
-def sources(mistake: Mistake, text: str) -> tuple[Source, Source | None]:
+def sources(mistake, text):
     """Return the domain and the problem, one of them with another text."""
     name = mistake["file"].removesuffix("-problem")
     if name != mistake["file"]:
@@ -31,7 +28,7 @@ def sources(mistake: Mistake, text: str) -> tuple[Source, Source | None]:
     return Source(EDITED, text), Source.read(problem) if problem.is_file() else None
 
 
-def made(mistake: Mistake) -> tuple[str, str, int]:
+def made(mistake):
     """Return the original, the text with the mistake, and where it is to be found."""
     original = (DOMAINS / f"{mistake['file']}.pddl").read_text()
     assert mistake["old"] in original
@@ -42,14 +39,13 @@ def made(mistake: Mistake) -> tuple[str, str, int]:
     return original, text, text.index(place) + max(mistake["place"].find("«"), 0)
 
 
-def of_task(domain: Domain) -> Iterator[DomainWarning]:
+def of_task(domain):
     task = task_of(domain, Path(EDITED))
-    assert task is not None
     with task.bind() as bound:
         yield from list(out_of_range(bound))
 
 
-def tree(mistake: Mistake, text: str) -> Hashable:
+def tree(mistake, text):
     """Return what a file says, without places."""
     domain, problem = sources(mistake, text)
     syntax = parse_domain(domain)
@@ -61,7 +57,7 @@ def tree(mistake: Mistake, text: str) -> Hashable:
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: f"{m['file']}-{m['code']}")
-def test_a_mistake_is_found_in_its_place_with_the_right_suggestion(mistake: Mistake) -> None:
+def test_a_mistake_is_found_in_its_place_with_the_right_suggestion(mistake):
     original, text, start = made(mistake)
     domain, problem = sources(mistake, text)
     look = of_task if mistake["code"] == "out-of-range" else None
@@ -76,12 +72,10 @@ def test_a_mistake_is_found_in_its_place_with_the_right_suggestion(mistake: Mist
         assert here.severity == "error"
         assert len({f.message for f in found if f.severity == "error"}) == 1
     if "fix" in mistake:
-        assert here.fix is not None
         assert tree(mistake, edited(text, here.fix.edits)) == tree(mistake, original)
     else:
         assert mistake.get("suggestion", "") in f"{here.message} {here.advice}"
 
 
-def where(finding: Finding) -> tuple[str, int]:
-    assert finding.place is not None
+def where(finding):
     return finding.place.source.name, finding.place.start

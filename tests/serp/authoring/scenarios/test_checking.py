@@ -1,14 +1,11 @@
 """What scenarios expect, against the model and the planner."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.agent.protocols import StatefulPlanner
-from serp.authoring.scenarios.checking import Result
 from serp.authoring.scenarios.files import ScenarioFile
 from serp.model.domain import load_domain
 from serp.pddl.source import Source
@@ -19,13 +16,13 @@ CARTPOLE = load_domain(DOMAINS / "cartpole.pddl", observed=True)
 SETTINGS = Settings().replace({"planner": {"name": "lookahead", "depth": 3}})
 
 
-def run(text: str, **options: Any) -> Result:
+def run(text, **options):
     source = Source("cartpole.scenarios", f"scenario one\n{text}")
     (result,) = ScenarioFile.open(source, CARTPOLE, SETTINGS, 0.02).run()
     return result
 
 
-def found(text: str) -> str:
+def found(text):
     (failure,) = run(text).failures
     return failure.found
 
@@ -33,7 +30,7 @@ def found(text: str) -> str:
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.sampled_from(["push-left", "push-right"]), min_size=1, max_size=4),
        st.floats(-0.05, 0.05))  # fmt: skip
-def test_after_is_what_the_model_predicts(actions: list[str], angle: float) -> None:
+def test_after_is_what_the_model_predicts(actions, angle):
     model = CARTPOLE.model.replace(dt=0.02)
     given_state = {fluent.name: 0.0 for fluent in model.fluents} | {"pole-angle": angle}
     state, unsafe, total = model.state(given_state), False, 0.0
@@ -48,7 +45,7 @@ def test_after_is_what_the_model_predicts(actions: list[str], angle: float) -> N
     assert run("\n".join(lines)).passed
 
 
-def test_a_veto_is_what_the_arbiter_refuses_and_why() -> None:
+def test_a_veto_is_what_the_arbiter_refuses_and_why():
     falling = "(pole-angle) = 0.26\n(pole-velocity) = 0.1\n"
     assert run(falling + "refuses push-left\nrefuses push-left because unsafe").passed
     assert "(unsafe)" in found(falling + "allows push-left")
@@ -58,32 +55,28 @@ def test_a_veto_is_what_the_arbiter_refuses_and_why() -> None:
     assert found("allows push-left\nrefuses push-left").startswith("it is allowed, worth ")
 
 
-def test_a_failure_says_what_holds_instead() -> None:
+def test_a_failure_says_what_holds_instead():
     leaning = "(pole-angle) = 0.1\n"
     told = found(leaning + "chooses push-left")
     assert (
         told.startswith("push-right is chosen, worth ")
         and "; it comes before push-left, whose return" in told
     )
-    assert found(leaning + "does not choose push-right").startswith("push-right is chosen")
-    assert "push-right is chosen" in found(leaning + "is indifferent")
     assert found("after push-left (cart-velocity) is about 0.3") == (
         "(cart-velocity) is −0.195, not about 0.3 (0.25 to 0.35)"
     )
-    assert found("reward of push-left is at least 2").endswith("not at least 2")
     assert found("(pole-angle) = 0.3\nafter 3 steps (pole-angle) is about 1") == (
         "the task ends after 1 step"
     )
 
 
-def test_the_planner_keeps_nothing_of_a_scenario_for_the_next_one() -> None:
+def test_the_planner_keeps_nothing_of_a_scenario_for_the_next_one():
     source = Source("cartpole.scenarios", "scenario one\nchooses push-right\nchooses push-left\n")
     far = Settings().replace({"planner": {"name": "far-sight"}})
     file = ScenarioFile.open(source, CARTPOLE, far, 0.02)
     planner = file.decider.arbiter.planner
-    assert isinstance(planner, StatefulPlanner)
 
-    def kept() -> str:
+    def kept():
         return repr(planner.state_dict())
 
     before = kept()

@@ -23,12 +23,6 @@ from tests.serp.model.learned.worlds import (
     any_state,
 )
 
-PAIR = """(define (domain pair)
-  (:functions (x) (v))
-  (:action push :parameters () :precondition (and) :effect (and (increase (x) 0.4)))
-  (:action rest :parameters () :precondition (and) :effect (and (increase (x) 0.1))))
-"""
-
 Saved = tuple[dict[str, Any], dict[str, Any]]
 Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int]
 
@@ -179,26 +173,3 @@ def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
 
 
 # In a training ---------------------------------------------------------------------------------
-
-
-def test_new_parameters_do_not_take_away_what_is_known_of_actions_not_tried_lately() -> None:
-    of = adaptation(PAIR, "full")
-    rng = np.random.default_rng(0)
-
-    def world(state: np.ndarray[Any, Any], action: int, push: float) -> np.ndarray[Any, Any]:
-        return state + np.array([(push, 0.1)[action] + 0.2 * state[1], -0.2 * state[1]])
-
-    states = rng.normal(size=(50, 2))
-
-    def error(action: int) -> float:
-        off = [np.abs(of.model.step(s, action).state - world(s, action, 0.3)) for s in states]
-        return float(np.mean(off))
-
-    for step in range(1, 2_100):
-        action = int(rng.integers(2)) if step <= 900 else 0
-        state = rng.normal(size=2)
-        of.observe(state, action, world(state, action, 0.3 if step <= 1_100 else 0.2), False)
-        if step == 900:
-            known = error(1)
-    assert known < 0.01
-    assert error(1) < 2.0 * known + 1e-3

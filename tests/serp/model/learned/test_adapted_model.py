@@ -1,7 +1,5 @@
 """The adapted model: what it adds to the file, and what it never takes away."""
 
-from __future__ import annotations
-
 from random import Random
 
 import numpy as np
@@ -20,7 +18,7 @@ from serp.model.learned.residual_features import (
     RANGE,
     SMOOTH,
 )
-from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
+from serp.model.transition_model import UNKNOWN
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.generated import random_states
@@ -33,7 +31,7 @@ SEEDS = (1, 4, 6)
 """Of generated domains."""
 
 
-def model_of(name: str) -> TransitionModel:
+def model_of(name):
     if name == "edge":
         return worlds.edge()
     return worlds.generated(int(name)) if name.isdigit() else worlds.shipped(name)
@@ -42,16 +40,16 @@ def model_of(name: str) -> TransitionModel:
 MODELS = [*worlds.SHIPPED, "edge", *map(str, SEEDS)]
 
 
-def states_and_actions(model: TransitionModel, count: int, seed: int) -> tuple[Vector, list[int]]:
+def states_and_actions(model, count, seed):
     random = Random(seed)
     states = random_states(random, model, count)
     return states, [random.randrange(len(model.actions)) for _ in range(count)]
 
 
-def everything(model: TransitionModel, states: Vector, actions: list[int]) -> list[object]:
+def everything(model, states, actions):
     """Bits of what a model says of steps, of a batch and of single ones, flags included."""
     batch = model.step(states, actions)
-    told: list[object] = [np.asarray(column).tobytes() for column in batch]
+    told = [np.asarray(column).tobytes() for column in batch]
     for state, action in zip(states, actions, strict=True):
         out, flags = model.transition(state.tolist(), action)
         told += [np.array(out).tobytes() if flags & APPLICABLE else None, flags]
@@ -59,7 +57,7 @@ def everything(model: TransitionModel, states: Vector, actions: list[int]) -> li
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_with_nothing_learned_it_is_the_written_model(name: str) -> None:
+def test_with_nothing_learned_it_is_the_written_model(name):
     written = model_of(name)
     model = AdaptedModel(written)
     assert model.as_written
@@ -71,9 +69,7 @@ def test_with_nothing_learned_it_is_the_written_model(name: str) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("numbers", [MILD, WILD, None], ids=["mild", "wild", "counts"])
-def test_single_steps_batches_and_traces_agree(
-    name: str, numbers: tuple[float, ...] | None
-) -> None:
+def test_single_steps_batches_and_traces_agree(name, numbers):
     model = AdaptedModel(model_of(name))
     publish(model, np.random.default_rng(7), numbers or MILD)
     if numbers is None:
@@ -92,9 +88,7 @@ def test_single_steps_batches_and_traces_agree(
 
 @given(name=st.sampled_from(MODELS), seed=st.integers(0, 2**32), wild=st.booleans())
 @examples(80)
-def test_what_the_file_flags_unsafe_stays_flagged_whatever_is_learned(
-    name: str, seed: int, wild: bool
-) -> None:
+def test_what_the_file_flags_unsafe_stays_flagged_whatever_is_learned(name, seed, wild):
     written = model_of(name)
     model = AdaptedModel(written)
     rng = np.random.default_rng(seed)
@@ -123,8 +117,8 @@ def test_what_the_file_flags_unsafe_stays_flagged_whatever_is_learned(
 @pytest.mark.parametrize("text", [worlds.PLANE, worlds.ICE], ids=["plane", "ice"])
 @pytest.mark.parametrize("seed", range(10))
 def test_the_residual_is_added_to_what_the_file_says_and_far_from_the_data_the_linear_one(
-    text: str, seed: int
-) -> None:
+    text, seed
+):
     model, rng = AdaptedModel(from_text(text).model.replace(dt=0.5)), np.random.default_rng(seed)
     publish(model, rng, MILD)
     for _ in range(20):
@@ -132,7 +126,6 @@ def test_the_residual_is_added_to_what_the_file_says_and_far_from_the_data_the_l
         expected, size = model.written.step(state, action).state, 1.0
         for group in model.feature_groups[action]:
             part, inputs = model.shared[group.key].regression, state[list(group.inputs)]
-            assert part is not None
             head = model.shared[group.key].head
             away = (inputs - part.centre) * part.shrink
             features = np.cos(part.phase + away @ part.frequency)
@@ -150,7 +143,7 @@ def test_the_residual_is_added_to_what_the_file_says_and_far_from_the_data_the_l
         np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * (size - 1) + 1e-9)
 
 
-def test_events_look_at_the_corrected_state() -> None:
+def test_events_look_at_the_corrected_state():
     model = AdaptedModel(worlds.edge())
     state = model.state({"x": 0.5, "y": 0.0, "wet": False})
     assert not model.step(state, "left").unsafe
@@ -165,13 +158,12 @@ def test_events_look_at_the_corrected_state() -> None:
     assert "pit" in {site.schema.schema for site in sites if site.schema is not None}
 
 
-def shift(model: AdaptedModel, action: str, fluent: str, by: float) -> None:
+def shift(model, action, fluent, by):
     """Let an action change a fluent by so much more than the file says."""
     column = next(f.index for f in model.fluents if f.name == fluent)
     for group in model.feature_groups[model.action_index(action)]:
         if column in group.targets:
             shared, target = model.shared[group.key], group.targets.index(column)
-            assert shared.regression is not None
             kinds = shared.regression.kinds
             kinds[target] = LINEAR
             shared.regression.kinds = kinds
@@ -179,7 +171,7 @@ def shift(model: AdaptedModel, action: str, fluent: str, by: float) -> None:
     assert not model.as_written
 
 
-def test_with_other_parameters_or_period_it_is_as_written() -> None:
+def test_with_other_parameters_or_period_it_is_as_written():
     model = AdaptedModel(from_text(worlds.PLANE).model)
     publish(model, np.random.default_rng(0), MILD)
     states, actions = states_and_actions(model, 20, 0)

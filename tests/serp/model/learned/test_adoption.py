@@ -1,18 +1,15 @@
 """What a model says of its learned parts is what it predicts with."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
-from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import GOES_ON
-from tests.serp.model.learned.worlds import GRID, PLANE, adaptation
+from tests.serp.model.learned.worlds import PLANE, adaptation
 
 
-def plane(steps: int, push: float, seed: int = 0) -> ModelAdaptation:
+def plane(steps, push, seed=0):
     """A model after steps of a mass that a push accelerates, of which the file knows nothing."""
     of = adaptation(PLANE)
     rng, state = np.random.default_rng(seed), np.zeros(2)
@@ -24,7 +21,7 @@ def plane(steps: int, push: float, seed: int = 0) -> ModelAdaptation:
     return of
 
 
-def test_each_fluent_says_whether_it_is_adapted_and_why() -> None:
+def test_each_fluent_says_whether_it_is_adapted_and_why():
     of = plane(200, 0.3)
     adoption = of.adoption
     position, speed = adoption.fluents
@@ -38,7 +35,7 @@ def test_each_fluent_says_whether_it_is_adapted_and_why() -> None:
 
 
 @pytest.mark.parametrize("steps", [0, 1, 200])
-def test_nothing_is_said_to_be_in_use_where_the_model_is_as_written(steps: int) -> None:
+def test_nothing_is_said_to_be_in_use_where_the_model_is_as_written(steps):
     of = plane(steps, 0.3)
     state = np.array([0.5, 0.25])
     written = of.model.replace().transition(state.tolist(), 0)[0]
@@ -46,22 +43,3 @@ def test_nothing_is_said_to_be_in_use_where_the_model_is_as_written(steps: int) 
     assert of.adoption.in_use is (adapted != written)
     if not of.adoption.in_use:
         assert str(of.adoption).startswith("as written")
-
-
-def test_counted_outcomes_are_named() -> None:
-    of = adaptation(GRID)
-    names = [fluent.name for fluent in of.model.fluents]
-    rng, right = np.random.default_rng(0), 0
-    state = np.zeros(len(names))
-    for _ in range(80):
-        expected = np.array(of.model.replace().transition(state.tolist(), right)[0][:-1])
-        after = expected if rng.random() < 0.5 else state
-        of.observe(state, right, after, GOES_ON)
-        state = np.clip(after, -3, 3)
-    assert any(fluent.outcomes for fluent in of.adoption.fluents)
-
-
-def test_a_model_that_does_not_adapt_says_so() -> None:
-    of = adaptation(PLANE, mode="off")
-    assert not of.adoption.adapts and not of.adoption.in_use and not of.adoption.fluents
-    assert str(of.adoption) == "as written; nothing is learned beside the file"

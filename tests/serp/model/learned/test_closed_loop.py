@@ -1,9 +1,6 @@
 """A planner that corrects its model while it acts, from files that say nothing or the reverse."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
 
 import pytest
 
@@ -16,7 +13,7 @@ from tests.serp.model.learned.rolls import DOMAINS
 SEEDS = (2000, 2001, 2002)
 
 
-def returns(variant: str, seed: int, episodes: int) -> list[int]:
+def returns(variant, seed, episodes):
     """Returns of the planner alone, which is worth about 10 without adaptation."""
     file = DOMAINS / f"cartpole-{variant}.pddl"
     task = dataclasses.replace(load_task("cartpole"), domain=file, problem=None)
@@ -28,25 +25,23 @@ def returns(variant: str, seed: int, episodes: int) -> list[int]:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_from_a_file_without_dynamics_the_pole_stands_in_the_first_episode(seed: int) -> None:
+def test_from_a_file_without_dynamics_the_pole_stands_in_the_first_episode(seed):
     assert returns("empty", seed, 1) == [500]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_from_a_file_with_the_pushes_reversed_it_stands_by_the_second(seed: int) -> None:
+def test_from_a_file_with_the_pushes_reversed_it_stands_by_the_second(seed):
     assert returns("reversed", seed, 2)[1] == 500
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_after_the_force_is_reversed_in_mid_run_it_stands_again_within_two_episodes(
-    seed: int,
-) -> None:
+def test_after_the_force_is_reversed_in_mid_run_it_stands_again_within_two_episodes(seed):
     task = load_task("cartpole")
     settings = resolve("default", task.settings, find_algorithm("mrp").changes)
     with task.bind() as bound:
         trainer = Trainer(bound, settings, seed)
         assert [trainer.run_episode().return_ for _ in range(3)] == [500] * 3
-        cart: Any = bound.env.unwrapped
+        cart = bound.env.unwrapped
         cart.force_mag = -cart.force_mag
         returns = [trainer.run_episode().return_ for _ in range(4)]
     assert returns[0] < 100 and returns[2:] == [500, 500]

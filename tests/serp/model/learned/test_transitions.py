@@ -53,17 +53,6 @@ def test_the_newest_transitions_are_kept_in_order_of_time(count: int, capacity: 
     np.testing.assert_array_equal(experience.rewards, rewards)
 
 
-@given(before=st.integers(0, 60), after=st.integers(0, 40), capacity=st.integers(1, 25))
-def test_resumed_equals_uninterrupted_bit_for_bit(before: int, after: int, capacity: int) -> None:
-    steps = steps_of(before + after)
-    whole, resumed = filled(steps, capacity), filled([], capacity)
-    resumed.load_state_dict(*filled(steps[:before], capacity).state_dict())
-    for step in steps[before:]:
-        resumed.add(*step)
-    assert bits(resumed) == bits(whole)
-    assert resumed.seen == whole.seen
-
-
 def test_a_saved_experience_that_does_not_fit_is_refused_and_changes_nothing() -> None:
     experience = filled(steps_of(30), 20)
     before = bits(experience)

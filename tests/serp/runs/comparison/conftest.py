@@ -4,7 +4,7 @@ from tests.serp.runs.comparison import contest
 
 
 @pytest.fixture
-def external(monkeypatch: pytest.MonkeyPatch) -> None:
+def external(monkeypatch):
     """External algorithms are installed: those of `contest`, and one that is broken."""
     found = contest.external_algorithms()
     broken = type(found["lazy"])("broken", "tests.serp.nosuch:make", "serp.algorithms")
@@ -14,6 +14,6 @@ def external(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _without_learning_curves(monkeypatch: pytest.MonkeyPatch) -> None:
+def _without_learning_curves(monkeypatch):
     """To draw one takes longer than all the training here."""
     monkeypatch.setattr("serp._util.figures.render", lambda figure, kind: b"<svg/>")

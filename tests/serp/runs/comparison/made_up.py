@@ -1,8 +1,5 @@
 """Records of trials that never ran, for tests of what is done with records."""
 
-from collections.abc import Iterable, Sequence
-from typing import Any
-
 import numpy as np
 
 from serp.runs.comparison.compare import ComparisonPlan
@@ -12,11 +9,11 @@ LEVELS = {"serp": 90.0, "mrp": 50.0, "dqn": 30.0}
 
 
 def record(
-    returns: Sequence[float], lengths: Sequence[int] | None = None, *,
-    trial: tuple[str, int] = ("serp", 0),
-    evaluations: Sequence[tuple[int, str, float]] = (), outcomes: Sequence[str] = (),
-    slips: Sequence[float] = (), unsafe: int = 0,
-) -> Record:  # fmt: skip
+    returns, lengths = None, *,
+    trial = ("serp", 0),
+    evaluations = (), outcomes = (),
+    slips = (), unsafe = 0,
+):  # fmt: skip
     """A record of episodes with these returns; outcomes and counters are of the last evaluations.
 
     evaluations: (env steps, policy, return) an episode; unsafe: in the first episode.
@@ -37,7 +34,7 @@ def record(
         "wall_time": steps.cumsum() / 1000,
     }
     rows = len(evaluations)
-    table: dict[str, Any] = {
+    table = {
         "env_steps": np.array([row[0] for row in evaluations], float),
         "policy": np.array([row[1] for row in evaluations], np.str_),
         "return": np.array([row[2] for row in evaluations], float),
@@ -49,7 +46,7 @@ def record(
     return Record(Trial(*trial), episodes, table, {"serp": "1"})
 
 
-def records(seeds: Iterable[int] = range(4)) -> list[Record]:
+def records(seeds=range(4)):
     """Trials of some algorithms, each at its level from its first episode to its last."""
     found = []
     for name, level in LEVELS.items():
@@ -63,9 +60,9 @@ def records(seeds: Iterable[int] = range(4)) -> list[Record]:
     return found
 
 
-def plan_of(found: Sequence[Record], **more: Any) -> ComparisonPlan:
+def plan_of(found, **more):
     """The plan of a comparison with these records."""
-    plan: dict[str, Any] = {
+    plan = {
         "task": "walkway",
         "algorithms": tuple(dict.fromkeys(r.trial.algorithm for r in found)),
         "domains": {"base": ("",)},

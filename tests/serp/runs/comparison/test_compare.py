@@ -1,24 +1,18 @@
 """Whole comparisons: what is run, what is kept, what is refused."""
 
 import json
-import pickle
 import shutil
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.pddl.source import DomainError
-from serp.runs.comparison import algorithms
-from serp.runs.comparison.algorithms import OWN, find_algorithm
 from serp.runs.comparison.compare import compare
 from serp.runs.comparison.trial import file_name
-from serp.settings import resolve
-from tests.serp.runs.comparison import contest
 from tests.serp.runs.comparison.contest import (
     Pothole,
     everything,
@@ -30,7 +24,7 @@ from tests.serp.sample_tasks import CORRIDOR
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     """The folder of an undisturbed comparison, and the domain file beside it."""
     folder = tmp_path_factory.mktemp("whole")
     small(walk(folder), folder / "c", report=True)
@@ -38,20 +32,20 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def copy(whole: Path, tmp_path: Path) -> Path:
+def copy(whole, tmp_path):
     """A copy of it, to be continued."""
     shutil.copytree(whole, tmp_path / "copied")
     return tmp_path / "copied"
 
 
-def again(folder: Path, **options: Any) -> Any:
+def again(folder, **options):
     return small(walk(folder), folder / "c", **options)
 
 
 # What is run --------------------------------------------------------------------------------------
 
 
-def test_everything_that_was_asked_for_is_run_and_reported(whole: Path, copy: Path) -> None:
+def test_everything_that_was_asked_for_is_run_and_reported(whole, copy):
     folder = whole / "c"
     assert set(trials_in(folder)) == {"serp-0", "serp-1", "dqn-0", "dqn-1"}
     for name in ("report.html", "measures.csv"):
@@ -61,7 +55,7 @@ def test_everything_that_was_asked_for_is_run_and_reported(whole: Path, copy: Pa
     assert {len(row) for row in rows} == {len(head)}
 
 
-def test_only_what_is_missing_is_run(copy: Path) -> None:
+def test_only_what_is_missing_is_run(copy):
     before = trials_in(copy / "c")
     again(copy, algorithms=["mrp", "serp"], seeds=np.array([1, 4]))
     now = trials_in(copy / "c")
@@ -72,7 +66,7 @@ def test_only_what_is_missing_is_run(copy: Path) -> None:
     assert after.results.plan.algorithms[:2] == ("serp", "dqn")  # the first stays
 
 
-def test_a_domain_file_is_another_algorithm_and_the_plan_keeps_its_text(copy: Path) -> None:
+def test_a_domain_file_is_another_algorithm_and_the_plan_keeps_its_text(copy):
     coarse = copy / "coarse.pddl"
     coarse.write_text(CORRIDOR.replace("increase (x) 1", "increase (x) 2"))
     before = trials_in(copy / "c")
@@ -89,10 +83,10 @@ def test_a_domain_file_is_another_algorithm_and_the_plan_keeps_its_text(copy: Pa
         again(copy)
 
 
-def test_settings_are_the_same_when_it_is_continued(tmp_path: Path) -> None:
+def test_settings_are_the_same_when_it_is_continued(tmp_path):
     """Infinite and listed ones, and those of one algorithm alone, too."""
     changes = {"learner": {"hidden": [8, 8]}}
-    asked: dict[str, Any] = {
+    asked = {
         "settings": changes, "algorithms": ["dqn", "dqn:learner.epsilon_start=0.0"]
     }  # fmt: skip
     small(walk(tmp_path), tmp_path / "c", seeds=1, **asked)
@@ -103,9 +97,7 @@ def test_settings_are_the_same_when_it_is_continued(tmp_path: Path) -> None:
     assert len(now) == 4 and now.items() >= before.items()
 
 
-def test_an_engine_by_its_name_finds_what_this_process_finds(
-    tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_engine_by_its_name_finds_what_this_process_finds(tmp_path, whole, monkeypatch):
     entry = EntryPoint("threads", "tests.serp.runs.comparison.contest:threads", "serp.engines")
     monkeypatch.setattr("serp.runs.comparison.engines.offered", lambda group: {"threads": entry})
     small(walk(tmp_path), tmp_path / "c", engine="threads", address="there:1", jobs=2)
@@ -118,8 +110,8 @@ def test_an_engine_by_its_name_finds_what_this_process_finds(
 
 
 def test_an_installed_task_by_its_name_and_continued_by_nothing_but_the_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     """With the domain file as it was: that in the working directory may be another by then."""
     monkeypatch.chdir(tmp_path)
     shipped = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
@@ -138,9 +130,7 @@ def test_an_installed_task_by_its_name_and_continued_by_nothing_but_the_folder(
 # What goes wrong while it runs ------------------------------------------------------------------
 
 
-def test_a_trial_that_fails_is_reported_and_the_others_are_kept(
-    tmp_path: Path, whole: Path
-) -> None:
+def test_a_trial_that_fails_is_reported_and_the_others_are_kept(tmp_path, whole):
     with pytest.raises(RunError) as failure:
         small(walk(tmp_path, Pothole), tmp_path / "c", report=True)
     message = str(failure.value)
@@ -166,8 +156,8 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(
         ({"threshold": float("nan")}, "threshold must be a finite number"),
     ],
 )
-def test_what_cannot_change_is_refused(copy: Path, options: Any, message: str) -> None:
-    def content() -> dict[Path, bytes]:
+def test_what_cannot_change_is_refused(copy, options, message):
+    def content():
         files = (path for path in copy.rglob("*") if path.is_file() and path.name != ".lock")
         return {path: path.read_bytes() for path in files}
 
@@ -177,7 +167,7 @@ def test_what_cannot_change_is_refused(copy: Path, options: Any, message: str) -
     assert content() == before
 
 
-def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy: Path) -> None:
+def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy):
     edited = CORRIDOR.replace("decrease (reward) 5", "decrease (reward) 6")
     (copy / "corridor.pddl").write_text(edited)
     with pytest.raises(RunError, match="the domain file `corridor` was edited"):
@@ -220,9 +210,9 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy:
     ],
 )  # fmt: skip
 def test_mistakes_leave_nothing_behind(
-    tmp_path: Path, options: Any, kind: type[SerpError], message: str, external: None,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    tmp_path, options, kind, message, external,
+    monkeypatch,
+):  # fmt: skip
     monkeypatch.chdir(tmp_path)
     (tmp_path / "walk.pddl").write_text(CORRIDOR)
     (tmp_path / "a").mkdir()
@@ -230,7 +220,7 @@ def test_mistakes_leave_nothing_behind(
     action = "(:action {} :parameters () :precondition (and) :effect (and))\n"
     more = action.format("jump") + action.format("fly") + "(:event pit"
     (tmp_path / "odd.pddl").write_text(CORRIDOR.replace("(:event pit", more))
-    given: dict[str, Any] = {"task": walk(tmp_path), "env_steps": 60, "quiet": True}
+    given = {"task": walk(tmp_path), "env_steps": 60, "quiet": True}
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(kind, match=message):
         compare(**{**given, **options})
@@ -239,7 +229,7 @@ def test_mistakes_leave_nothing_behind(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links are privileged there")
 @pytest.mark.parametrize("name", ["trials", "figures"])
-def test_nothing_is_written_or_removed_behind_a_link(copy: Path, tmp_path: Path, name: str) -> None:
+def test_nothing_is_written_or_removed_behind_a_link(copy, tmp_path, name):
     """A comparison that somebody sent may have a link in it to a folder of one's own."""
     own, folder = tmp_path / "own", copy / "c"
     (folder / name).rename(own)
@@ -250,31 +240,3 @@ def test_nothing_is_written_or_removed_behind_a_link(copy: Path, tmp_path: Path,
     with pytest.raises(RunError, match=f"{name} is a link"):
         again(copy, report=True)
     assert {file: file.read_bytes() for file in own.rglob("*") if file.is_file()} == before
-
-
-def test_the_algorithms_of_serp_have_settings_that_exist() -> None:
-    for name, algorithm in OWN.items():
-        assert find_algorithm(name) is algorithm
-        resolve(algorithm.preset, None, algorithm.changes)
-    assert {"ppo", "sb3-dqn"} <= set(algorithms.algorithm_entries())
-
-
-def test_settings_are_changed_by_the_name() -> None:
-    found = find_algorithm("dqn:learner.hidden=[8,8];learner.epsilon_start=0.5; arbiter.r_min=none")
-    assert found.changes == OWN["dqn"].changes | {
-        "learner": {"epsilon_start": 0.5, "hidden": (8, 8)}, "arbiter": {"r_min": None}
-    }  # fmt: skip
-    for name in ("serp:", "serp:members=1", "serp:learner.members"):
-        with pytest.raises(SettingsError, match=r"expected section.name=value"):
-            find_algorithm(name)
-
-
-def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
-    external: None,
-) -> None:
-    algorithm = find_algorithm("drawing")
-    assert (algorithm.kind, algorithm.description) == ("external", "Draws its actions")
-    assert algorithm.make_external is contest.Drawing
-    assert pickle.loads(pickle.dumps(algorithm)) == algorithm  # other processes need it
-    with pytest.raises(SettingsError, match="`drawing` has no settings that serp could change"):
-        find_algorithm("drawing:learner.members=1")

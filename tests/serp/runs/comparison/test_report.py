@@ -2,19 +2,16 @@
 
 import csv
 import re
-from collections.abc import Sequence
-from pathlib import Path
 
 import pytest
 
 from serp.runs.comparison.report import write_report
 from serp.runs.comparison.statistics import Results
-from serp.runs.comparison.trial import Record
 from tests.serp.runs.comparison.contest import job, walk
 from tests.serp.runs.comparison.made_up import plan_of, record, records
 
 
-def written(folder: Path, found: Sequence[Record], notes: Sequence[str] = ("Made up.",)) -> Results:
+def written(folder, found, notes=("Made up.",)):
     """Write the report of some records, and of the same comparison's missing trials."""
     results = Results(found, plan_of(found))
     jobs = [job(walk(folder), name, folder / "x") for name in ("serp", "mrp", "dqn")]
@@ -23,14 +20,14 @@ def written(folder: Path, found: Sequence[Record], notes: Sequence[str] = ("Made
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     """A folder with a whole report."""
     folder = tmp_path_factory.mktemp("report")
     written(folder, records())
     return folder
 
 
-def test_a_report_can_be_read_alone(whole: Path) -> None:
+def test_a_report_can_be_read_alone(whole):
     page = (whole / "report.html").read_text()
     headings = [
         "What was compared",
@@ -53,7 +50,7 @@ def test_a_report_can_be_read_alone(whole: Path) -> None:
         assert (whole / "figures" / f"{name}.png").is_file()
 
 
-def test_every_number_is_in_a_file_for_programs(whole: Path) -> None:
+def test_every_number_is_in_a_file_for_programs(whole):
     with open(whole / "measures.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 3 * 4
@@ -62,7 +59,7 @@ def test_every_number_is_in_a_file_for_programs(whole: Path) -> None:
 
 
 @pytest.mark.parametrize("found", [[], [record([])], [record([1.0])]])
-def test_a_report_of_next_to_nothing_says_so(tmp_path: Path, found: list[Record]) -> None:
+def test_a_report_of_next_to_nothing_says_so(tmp_path, found):
     plan = plan_of(found, algorithms=("serp",), seeds=(0,))
     todo = [job(walk(tmp_path), "serp", tmp_path / str(seed), seed=seed) for seed in (0, 1)]
     write_report(tmp_path, Results(found, plan), todo, ())
@@ -71,7 +68,7 @@ def test_a_report_of_next_to_nothing_says_so(tmp_path: Path, found: list[Record]
     assert ("No trial has finished yet." in text) == (not found)
 
 
-def test_names_are_shown_as_they_are(tmp_path: Path) -> None:
+def test_names_are_shown_as_they_are(tmp_path):
     odd = "<b>$x$</b>|*\u202e"
     found = [record([1.0] * 30, trial=(odd, 0), evaluations=[(600, "learner", 1.0)])]
     written(tmp_path, found)

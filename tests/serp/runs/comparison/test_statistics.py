@@ -1,7 +1,5 @@
 """Measures of trials by hand, and their statistics."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -23,16 +21,14 @@ samples = st.lists(st.floats(-1e6, 1e6, allow_subnormal=False), min_size=1, max_
 
 
 @given(st.lists(st.tuples(st.floats(-99, 99), st.integers(1, 8)), min_size=1, max_size=12))
-def test_the_training_area_is_the_mean_over_all_steps_of_the_return_of_the_running_episode(
-    rows: list[tuple[float, int]],
-) -> None:
+def test_the_training_area_is_the_mean_over_all_steps_of_the_return_of_the_running_episode(rows):
     returns, lengths = zip(*rows, strict=True)
     running = np.append(np.repeat(returns, lengths), np.full(BUDGET, returns[-1]))[:BUDGET]
     area = measure(record(returns, lengths), BUDGET, None)["training_area"]
     assert area == pytest.approx(running.mean(), abs=1e-9)
 
 
-def test_the_measures_of_a_trial() -> None:
+def test_the_measures_of_a_trial():
     one = record(
         list(range(60)), unsafe=4, outcomes=["goal", "", "goal", "pit"], slips=[1, 0, 2, 1],
         evaluations=[(150, "learner", 4.0), (450, "learner", 8.0), (600, "learner", 8.0),
@@ -53,9 +49,7 @@ def test_the_measures_of_a_trial() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(samples, st.randoms())
-def test_an_interval_holds_its_estimate_and_ignores_the_order_of_seeds(
-    values: list[float], random: Any
-) -> None:
+def test_an_interval_holds_its_estimate_and_ignores_the_order_of_seeds(values, random):
     value, low, high = found = estimate(values)
     if low is not None and high is not None:
         assert min(values) - 1e-6 <= low <= value <= high <= max(values) + 1e-6
@@ -65,15 +59,13 @@ def test_an_interval_holds_its_estimate_and_ignores_the_order_of_seeds(
 
 @settings(max_examples=40, deadline=None)
 @given(samples, samples)
-def test_a_difference_turns_its_sign_with_its_sides(
-    first: list[float], second: list[float]
-) -> None:
+def test_a_difference_turns_its_sign_with_its_sides(first, second):
     one = difference(first, second)
     assert one.value == -difference(second, first).value
     assert (one.low is None) == (min(len(first), len(second)) < 2)
 
 
-def test_degenerate_samples_have_a_defined_answer() -> None:
+def test_degenerate_samples_have_a_defined_answer():
     assert np.isnan(estimate([]).value) and estimate([])[1:] == (None, None)
     assert estimate([7.0]) == (7.0, None, None)
     assert estimate([7.0] * 5) == (7.0, 7.0, 7.0)
@@ -82,7 +74,7 @@ def test_degenerate_samples_have_a_defined_answer() -> None:
     assert np.isnan(difference([1.0, 2.0], []).value)
 
 
-def test_curves_are_those_of_the_trials() -> None:
+def test_curves_are_those_of_the_trials():
     one = record([0.0, 10.0], [20, 30], evaluations=[(50, "learner", 4.0), (100, "learner", 8.0)])
     training = training_curves([one, record([])], BUDGET)
     assert training.y.shape == (1, len(training.x))  # nothing is known of the second one
@@ -92,7 +84,7 @@ def test_curves_are_those_of_the_trials() -> None:
     assert evaluation_curves([record([])]).y.size == 0
 
 
-def test_results_are_in_the_order_of_the_plan_and_few_seeds_are_said() -> None:
+def test_results_are_in_the_order_of_the_plan_and_few_seeds_are_said():
     found = records(range(4))
     results = Results(reversed(found), plan_of(found))
     assert [r.trial for r in results.records] == [r.trial for r in found]

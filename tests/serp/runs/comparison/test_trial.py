@@ -1,22 +1,16 @@
 """A trial is a run: made by the training loop, opened as a run, and continued as one."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
-from gymnasium.wrappers import NormalizeObservation, TimeLimit
 from hypothesis import given
 from hypothesis import strategies as st
 
 import serp
 from serp.agent.agent import Agent
-from serp.agent.step_record import StepRecord
 from serp.agent.veto import NoVeto
-from serp.errors import Interrupted, RunError, TaskError
+from serp.errors import Interrupted, RunError
 from serp.runs.comparison.trial import (
     ExternalEnv,
-    TrialProtocol,
     file_name,
     read_evaluations,
     read_trial,
@@ -30,13 +24,13 @@ class Killed(BaseException):
     """The process is killed."""
 
 
-def killed_after(steps: int) -> type[Walk]:
+def killed_after(steps):
     """An environment whose process is killed after so many steps in all."""
 
     class Mortal(Walk):
         left = steps
 
-        def step(self, action: int) -> Any:
+        def step(self, action):
             type(self).left -= 1
             if type(self).left < 0:
                 raise Killed
@@ -45,9 +39,7 @@ def killed_after(steps: int) -> type[Walk]:
     return Mortal
 
 
-def test_evaluations_change_nothing_and_a_trial_is_the_run_of_the_same_settings(
-    tmp_path: Path,
-) -> None:
+def test_evaluations_change_nothing_and_a_trial_is_the_run_of_the_same_settings(tmp_path):
     task = walk(tmp_path)
     run_trial(job(task, "serp", tmp_path / "trial"))
     serp.plan_and_learn(task, env_steps=PROTOCOL.env_steps, out=tmp_path / "run", quiet=True)
@@ -60,9 +52,7 @@ def test_evaluations_change_nothing_and_a_trial_is_the_run_of_the_same_settings(
     ("algorithm", "policies"),
     [("serp", ["learner", "policy"]), ("mrp", ["policy"]), ("dqn", ["learner"])],
 )
-def test_it_is_evaluated_at_fixed_points_and_opened_as_a_run(
-    tmp_path: Path, algorithm: str, policies: list[str]
-) -> None:
+def test_it_is_evaluated_at_fixed_points_and_opened_as_a_run(tmp_path, algorithm, policies):
     todo = job(walk(tmp_path), algorithm, tmp_path / "trial")
     assert not todo.complete
     run_trial(todo)
@@ -87,8 +77,8 @@ def test_it_is_evaluated_at_fixed_points_and_opened_as_a_run(
 
 @pytest.mark.parametrize("algorithm", ["serp", "dqn"])
 def test_one_that_was_killed_or_stopped_and_goes_on_equals_an_uninterrupted_one(
-    tmp_path: Path, algorithm: str
-) -> None:
+    tmp_path, algorithm
+):
     whole = job(walk(tmp_path), algorithm, tmp_path / "whole")
     run_trial(whole)
     for steps in (3, 30, 75):  # in the first episode, in training, in an evaluation
@@ -105,9 +95,7 @@ def test_one_that_was_killed_or_stopped_and_goes_on_equals_an_uninterrupted_one(
     assert found_in(parts.folder) == found_in(whole.folder)
 
 
-def test_a_run_that_went_on_without_its_evaluations_or_of_other_settings_is_refused(
-    tmp_path: Path,
-) -> None:
+def test_a_run_that_went_on_without_its_evaluations_or_of_other_settings_is_refused(tmp_path):
     task, folder = walk(tmp_path), tmp_path / "trial"
     todo = job(task, "serp", folder)
     serp.plan_and_learn(task, env_steps=60, out=folder, quiet=True)
@@ -119,44 +107,8 @@ def test_a_run_that_went_on_without_its_evaluations_or_of_other_settings_is_refu
         run_trial(job(walk(tmp_path), "serp", folder, seed=1))
 
 
-def test_evaluations_see_with_the_running_statistics_of_the_training(tmp_path: Path) -> None:
-    seen: list[tuple[bool, float]] = []
-
-    class Normalised(NormalizeObservation):
-        def reset(self, **options: Any) -> Any:
-            seen.append((self is first[0], self.obs_rms.count))
-            return super().reset(**options)
-
-    first: list[Any] = []
-
-    def make() -> Any:
-        env = Normalised(TimeLimit(Walk(), 9))
-        first.append(env)
-        return env
-
-    protocol = TrialProtocol(env_steps=60, evaluate_every=60, final_episodes=2)
-    task = walk(tmp_path, make, ground=lambda raw: {"x": round(float(raw[0]), 1)})
-    run_trial(job(task, "dqn", tmp_path / "trial", protocol=protocol))
-    evaluated = [count for training, count in seen if not training]
-    assert evaluated[0] > 60  # what was seen in the steps and resets of the training
-
-
-def test_counters_have_to_be_numbers_and_the_file_of_evaluations_intact(tmp_path: Path) -> None:
-    class Wordy(Walk):
-        def step(self, action: int) -> Any:
-            *seen, info = super().step(action)
-            return *seen, info | {"slips": "many"}
-
-    with pytest.raises(TaskError, match="the task counts `slips`, but .* has 'many' there"):
-        run_trial(job(walk(tmp_path, Wordy), "dqn", tmp_path / "a"))
-    (tmp_path / "b").mkdir()
-    (tmp_path / "b" / "evaluations.csv").write_text("env_steps,policy\nten,learner\n")
-    with pytest.raises(RunError, match="evaluations.csv is damaged"):
-        read_evaluations(tmp_path / "b")
-
-
 @given(st.text(min_size=1, max_size=200))
-def test_names_of_folders_are_valid_and_differ(name: str) -> None:
+def test_names_of_folders_are_valid_and_differ(name):
     file = file_name(name)
     assert file not in ("", ".", "..") and len(file.encode()) <= 120 and "/" not in file
     assert file == file_name(name) and file != file_name(name + "x")
@@ -165,11 +117,8 @@ def test_names_of_folders_are_valid_and_differ(name: str) -> None:
 # External algorithms ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["drawing", "greedy"])
-def test_an_external_one_writes_a_run_folder_with_the_budget(
-    tmp_path: Path, external: None, name: str
-) -> None:
-    todo = job(walk(tmp_path), name, tmp_path / name)
+def test_an_external_one_writes_a_run_folder_with_the_budget(tmp_path, external):
+    todo = job(walk(tmp_path), "drawing", tmp_path / "drawing")
     with pytest.raises(Interrupted):
         run_trial(todo, lambda: True)
     assert not todo.complete
@@ -186,11 +135,10 @@ def test_an_external_one_writes_a_run_folder_with_the_budget(
     [
         ("lazy", "`lazy` made 120 env steps of 130 and ended"),
         ("faulty", "`faulty` failed: ValueError: expected scalar type"),
-        ("odd", r"`odd` failed: ValueError: act returned array\(\[7\]\); one whole number 0 ... 3"),
         ("absent", "^it needs more memory than there is"),
     ],
 )
-def test_one_that_fails_is_named(tmp_path: Path, external: None, name: str, message: str) -> None:
+def test_one_that_fails_is_named(tmp_path, external, name, message):
     todo = job(walk(tmp_path), name, tmp_path / name)
     with pytest.raises(RunError, match=message):
         run_trial(todo)
@@ -198,16 +146,16 @@ def test_one_that_fails_is_named(tmp_path: Path, external: None, name: str, mess
 
 
 @pytest.mark.parametrize("reward", ["domain", "environment"])
-def test_an_external_one_meets_what_our_learner_meets(tmp_path: Path, reward: Any) -> None:
+def test_an_external_one_meets_what_our_learner_meets(tmp_path, reward):
     """With the actions that our learner took: the same seeds, observations, rewards and ends."""
     task = walk(tmp_path, reward=reward)
     settings = job(task, "dqn", tmp_path).settings
-    ours: list[StepRecord] = []
+    ours = []
     with task.bind() as bound, Trainer(bound, settings, 5, baseline=True) as trainer:
         trainer.on_step = ours.append
         while trainer.env_steps < 150:
             trainer.run_episode()
-    theirs: list[StepRecord] = []
+    theirs = []
     with task.bind() as bound:
         env = ExternalEnv(bound, Agent(bound, settings, 5), 5, theirs.append)
         x, _ = env.reset(seed=123)  # a seed of its own would not be the same protocol

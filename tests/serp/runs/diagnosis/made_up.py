@@ -2,61 +2,32 @@
 
 import dataclasses
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from serp.model.domain import Domain
 from serp.model.learned.adoption import ModelAdoption
 from serp.model.learned.parameter_fit import parameter_dependencies
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.learned.transitions import GOES_ON, OVER, TransitionMemory
-from serp.model.transition_model import TransitionModel, Vector
 from serp.runs.diagnosis.accuracy import forecast_with
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.diagnosis import Recorded, make_diagnosis
 from serp.runs.diagnosis.findings import (
-    EffectTerm,
-    Finding,
     Findings,
     MissingEffect,
-    ObservedOutcome,
     ParameterFinding,
     RuleFinding,
     StochasticEffect,
 )
-from serp.runs.diagnosis.repair import Repaired, repair
+from serp.runs.diagnosis.repair import repair
 from tests.serp.model.learned.rolls import from_text
+from tests.worlds import text
 
-ROBOTS = """(define (domain robots)
-  (:requirements :typing :numeric-fluents :time)
-  (:types robot)
-  (:constants r1 r2 - robot)
-  (:predicates (lit ?r - robot))
-  (:functions (place ?r - robot) (battery ?r - robot) (warmth))
-  (:action drive
-    :parameters (?r - robot)
-    :precondition (and)
-    :effect (and
-      (increase (place ?r) 1.5)
-      (decrease (battery ?r) (+ 0.2 (* 0.1 (place ?r))))))
-  (:action light
-    :parameters (?r - robot)
-    :precondition (and)
-    :effect (and (lit ?r)))
-  (:process cool
-    :parameters ()
-    :precondition (and)
-    :effect (and (decrease (warmth) (* #t (* 0.5 (warmth)))))))
-"""
+ROBOTS = text("robots")
 
 
-def states_of(
-    model: TransitionModel, count: int, seed: int = 0
-) -> tuple[Vector, NDArray[np.int64]]:
+def states_of(model, count, seed=0):
     """States and actions drawn at random."""
     rng = np.random.default_rng(seed)
     states = rng.normal(size=(count, len(model.fluents)))
@@ -69,7 +40,7 @@ def states_of(
 # Recorded runs
 
 
-def taken(domain: Domain, experience: TransitionMemory, dt: float = 1.0) -> Recorded:
+def taken(domain, experience, dt=1.0):
     """What a run has recorded."""
     model = domain.model.replace(dt=dt)
     return Recorded(
@@ -79,15 +50,7 @@ def taken(domain: Domain, experience: TransitionMemory, dt: float = 1.0) -> Reco
     )  # fmt: skip
 
 
-def recorded(
-    model: TransitionModel,
-    states: Vector,
-    actions: NDArray[np.int64],
-    next_states: Vector,
-    rewards: Vector | None = None,
-    over: NDArray[np.bool_] | None = None,
-    domain: Domain | None = None,
-) -> Recorded:
+def recorded(model, states, actions, next_states, rewards=None, over=None, domain=None):
     """What a run would have recorded of these steps, by default as the file rewards and ends."""
     experience = TransitionMemory(len(states), states.shape[1], len(model.actions))
     predicted = predicted_steps(model, states, actions)
@@ -100,7 +63,7 @@ def recorded(
     return dataclasses.replace(run, model=model, env_steps=len(states))
 
 
-def repaired_by(domain: Domain, experience: TransitionMemory, dt: float) -> Repaired:
+def repaired_by(domain, experience, dt):
     """The domain repaired by what was observed."""
     run = taken(domain, experience, dt)
     diagnosis = make_diagnosis(run, findings(run.model, experience))
@@ -110,9 +73,7 @@ def repaired_by(domain: Domain, experience: TransitionMemory, dt: float) -> Repa
 # Findings
 
 
-def parameter(
-    model: TransitionModel, position: int, estimate: float, *, error: float = 0.02, cost: float = 1
-) -> ParameterFinding:
+def parameter(model, position, estimate, *, error=0.02, cost=1):
     """The finding that a parameter has another value."""
     found = parameter_dependencies(model.ground)[position]
     value = found.parameter.value
@@ -121,45 +82,16 @@ def parameter(
     )
 
 
-def missing(
-    model: TransitionModel,
-    fluent: str,
-    terms: Mapping[tuple[str, ...], float],
-    *,
-    schema: str = "drive",
-    cost: float = 1.0,
-) -> MissingEffect:
-    place = next((a.place for a in model.actions if a.schema == schema), None)
-    summands = tuple(EffectTerm(value, 0.02, fluents) for fluents, value in terms.items())
-    return MissingEffect(schema, place, fluent, summands, samples=412, cost=cost)
-
-
-def chances(
-    model: TransitionModel,
-    schema: str,
-    *outcomes: tuple[dict[str, float], float, bool],
-    cost: float = 1.0,
-) -> StochasticEffect:
-    place = next(a.place for a in model.actions if a.schema == schema)
-    told = tuple(
-        ObservedOutcome(tuple(c.items()), p, 0.02, written, schema if written else "")
-        for c, p, written in outcomes
-    )
-    return StochasticEffect(schema, place, told, samples=412, cost=cost)
-
-
-def found(*given: Finding) -> Findings:
+def found(*given):
     """Findings of any kinds."""
 
-    def of(kind: type) -> tuple[Any, ...]:
+    def of(kind):
         return tuple(finding for finding in given if isinstance(finding, kind))
 
     return Findings(of(ParameterFinding), of(MissingEffect), of(StochasticEffect), of(RuleFinding))
 
 
-def predictions_with(
-    model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
-) -> Vector:
+def predictions_with(model, findings, states, actions):
     """The next states `[N, F]` to be expected with all findings taken into account."""
     return forecast_with(model, findings, states, actions).mean[:, :-2]
 
@@ -167,7 +99,7 @@ def predictions_with(
 # Repaired files
 
 
-def written(domain: Domain, repaired: Repaired) -> Domain:
+def written(domain, repaired):
     """The repaired domain, with the problem of the old one."""
     problem = None if domain.problem_source is None else domain.problem_source.text
     return from_text(repaired.text, problem)
@@ -177,18 +109,18 @@ TOKEN = re.compile(r";[^\n]*|[()\s]|[^\s();]+")
 CHANGED = re.compile(r"increase|decrease|assign|-?\d+(\.\d+)?")
 
 
-def tokens(text: str) -> list[str]:
+def tokens(text):
     """Comments, words, brackets and white space; numbers, and words that turn them, are alike."""
     return ["#" if CHANGED.fullmatch(token) else token for token in TOKEN.findall(text)]
 
 
-def kept(old: str, new: str) -> bool:
+def kept(old, new):
     """Whether the old text is still there, in order, but for numbers and the words around them."""
     rest = iter(tokens(new))
     return all(token in rest for token in tokens(old))
 
 
-def logic(domain: Domain) -> list[tuple[str, str]]:
+def logic(domain):
     """Everything of a file that no repair may touch: conditions, events, rewards and flags."""
     found = []
     for schema in domain.syntax.schemas:

@@ -1,39 +1,18 @@
 """What transitions say about a domain file."""
 
-import functools
-
 import numpy as np
 import pytest
 
 from serp.runs.diagnosis.analysis import findings
-from serp.runs.diagnosis.findings import Findings, MissingEffect
 from tests.serp.model.learned.rolls import (
     DOMAINS,
-    DT,
-    balance,
-    cartpole,
     from_text,
     imagined,
     on_ice,
 )
-from tests.serp.runs.diagnosis.made_up import predictions_with
+from tests.worlds import text
 
-FLEET = """
-(define (domain fleet)
-  (:requirements :typing :numeric-fluents :time)
-  (:types robot)
-  (:constants dock - robot)
-  (:predicates (unsafe))
-  (:functions (battery ?r - robot) (load ?r - robot) (way ?r - robot) (wind) (reward))
-  (:action drive
-    :parameters (?r - robot)
-    :precondition (and)
-    :effect (and (increase (way ?r) 0.5)))
-  (:action rest
-    :parameters (?r - robot)
-    :precondition (and)
-    :effect (and)))
-"""
+FLEET = text("battery-fleet")
 TRUE_FLEET = FLEET.replace(
     "(increase (way ?r) 0.5)",
     "(increase (way ?r) 0.5) (decrease (battery ?r) (+ 0.2 (* 0.3 (load ?r))))",
@@ -51,7 +30,7 @@ ROBOTS = """
 """
 
 
-def terms(found: Findings, schema: str, fluent: str) -> dict[tuple[str, ...], float]:
+def terms(found, schema, fluent):
     return {
         t.fluents: t.coefficient
         for m in found.missing
@@ -60,32 +39,7 @@ def terms(found: Findings, schema: str, fluent: str) -> dict[tuple[str, ...], fl
     }
 
 
-@functools.cache
-def of_cartpole(name: str, noise: float) -> Findings:
-    """What 500 steps on the real cart-pole say of a file; a share of the actions is random."""
-    seen, _ = balance(cartpole().source.text, 0, 500, noise)
-    return findings(cartpole(name).model.replace(dt=DT), seen)
-
-
-def test_costs_are_what_forgetting_costs() -> None:
-    seen, _ = balance(cartpole().source.text, 0, 500, 0.0)
-    model = cartpole("cartpole-empty").model.replace(dt=DT)
-    found = of_cartpole("cartpole-empty", 0.0)
-
-    def error(missing: tuple[MissingEffect, ...], name: str) -> float:
-        told = Findings(found.parameters, missing)
-        predicted = predictions_with(model, told, seen.states, seen.actions)
-        off, moved = seen.next_states - predicted, seen.next_states - seen.states
-        column = next(f.index for f in model.fluents if f.name == name)
-        return float((off[:, column] ** 2).sum() / (moved[:, column] ** 2).sum())
-
-    for missing in found.missing:
-        without = tuple(m for m in found.missing if m != missing)
-        more = error(without, missing.fluent) - error(found.missing, missing.fluent)
-        assert missing.cost == pytest.approx(max(0.0, more), rel=1e-6, abs=1e-12)
-
-
-def test_objects_of_one_type_share_one_model() -> None:
+def test_objects_of_one_type_share_one_model():
     model = from_text(FLEET, ROBOTS).model.replace(dt=0.5)
     truth = from_text(TRUE_FLEET, ROBOTS).model.replace(dt=0.5)
     rng = np.random.default_rng(0)
@@ -100,7 +54,7 @@ def test_objects_of_one_type_share_one_model() -> None:
     assert len(found.missing) == 2
 
 
-def test_noise_alone_is_no_finding() -> None:
+def test_noise_alone_is_no_finding():
     model = from_text(TRUE_FLEET, ROBOTS).model.replace(dt=0.5)
     for seed in range(4):
         rng = np.random.default_rng(seed)
@@ -121,7 +75,7 @@ WALK = """(define (domain walk)
 NEARER = "(decrease (gap) 0.2)"
 
 
-def walked(said: str, done: str, least: float = 0.0) -> Findings:
+def walked(said, done, least=0.0):
     """Findings of a file that says what a walk does, where it does something else."""
     rng = np.random.default_rng(0)
     states = rng.uniform(least, least + 1.0, size=(600, 2))
@@ -129,7 +83,7 @@ def walked(said: str, done: str, least: float = 0.0) -> Findings:
     return findings(from_text(WALK.format(said)).model, seen)
 
 
-def test_an_effect_that_is_there_is_not_explained_away() -> None:
+def test_an_effect_that_is_there_is_not_explained_away():
     # A line through both cases would make the walk lead away, and the room do the walking.
     found = walked(NEARER, "(when (and (> (room) 0.5)) (decrease (gap) 0.1))")
     (literal,) = found.parameters
@@ -137,13 +91,13 @@ def test_an_effect_that_is_there_is_not_explained_away() -> None:
     assert not found.missing
 
 
-def test_a_line_through_a_few_large_changes_is_no_effect() -> None:
+def test_a_line_through_a_few_large_changes_is_no_effect():
     assert not walked("", "(when (and (> (room) 0.8)) (decrease (gap) (room)))").missing
     found = walked("", "(decrease (gap) (room))")
     assert terms(found, "", "gap") == pytest.approx({("room",): -1.0}, abs=0.01)
 
 
-def test_a_line_is_found_where_neither_constant_nor_slope_explains_anything_alone() -> None:
+def test_a_line_is_found_where_neither_constant_nor_slope_explains_anything_alone():
     found = walked("", "(increase (gap) (- (* 3 (room)) 16.5))", least=5.0)
     assert terms(found, "walk", "gap") == pytest.approx({(): -16.5, ("room",): 3.0}, rel=0.01)
 
@@ -152,7 +106,7 @@ def test_a_line_is_found_where_neither_constant_nor_slope_explains_anything_alon
 
 
 @pytest.mark.parametrize("teleports", [False, True])
-def test_how_often_the_ice_slips_is_told(teleports: bool) -> None:
+def test_how_often_the_ice_slips_is_told(teleports):
     """Of 2,000 random steps; falls that show the start mislead nobody."""
     domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
     found = findings(domain.model, on_ice(domain, int(teleports), teleports=teleports))

@@ -1,8 +1,6 @@
 """A world made of a file does what the file says, and nothing where an action fails."""
 
-import pickle
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,28 +12,20 @@ from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.tasks.file_world import FileWorld, WorldOptions
 from tests.serp.runs.runs import train, without_pictures
+from tests.worlds import text
 
-FERRY = """(define (domain ferry)
-  (:requirements :strips :fluents)
-  (:predicates (here) (there) (wet) (unsafe))
-  (:functions (reward) (clock) (load))
-  (:action cross :parameters () :precondition (here)
-    :effect (and (not (here)) (there) (increase (reward) 5)))
-  (:action dive :parameters () :precondition (not (wet)) :effect (unsafe))
-  (:action share :parameters () :precondition () :effect (assign (load) (/ 1 (load))))
-  (:process time :parameters () :precondition ()
-    :effect (and (increase (clock) (* #t 1)) (decrease (reward) (* #t 1)))))"""
+FERRY = text("one-way-ferry")
 START = """(define (problem p) (:domain ferry)
   (:init (here) (= (clock) 0) (= (load) {load})) (:goal (there)))"""
 
 
-def ferry(problem: str | None = START.format(load=2)) -> Domain:
-    given = None if problem is None else Source("ferry-problem.pddl", problem)
-    return Domain.parse(Source("ferry.pddl", FERRY), given)
+def ferry(load=2):
+    problem = Source("ferry-problem.pddl", START.format(load=load))
+    return Domain.parse(Source("ferry.pddl", FERRY), problem)
 
 
 @pytest.mark.filterwarnings("ignore:.*infinity:UserWarning")  # numbers of a file have no bounds
-def test_a_step_is_that_of_the_file() -> None:
+def test_a_step_is_that_of_the_file():
     world = FileWorld(ferry(), dt=0.5)
     check_env(world, skip_render_check=True)
     state, _ = world.reset(seed=0)
@@ -48,7 +38,7 @@ def test_a_step_is_that_of_the_file() -> None:
         assert info == {"applied": True, "unsafe": action == "dive"}
 
 
-def test_what_fails_or_cannot_be_done_changes_nothing_while_the_world_goes_on() -> None:
+def test_what_fails_or_cannot_be_done_changes_nothing_while_the_world_goes_on():
     world = FileWorld(ferry(), WorldOptions(failure=0.25))
     cross, waited = world.model.action_index("cross"), 0
     for seed in range(400):
@@ -66,7 +56,7 @@ def test_what_fails_or_cannot_be_done_changes_nothing_while_the_world_goes_on() 
     assert (world.model.values(state)["clock"], reward, info["applied"]) == (2.0, -1.0, False)
 
 
-def test_a_slip_is_another_action_that_can_be_done_and_noise_scales_changes() -> None:
+def test_a_slip_is_another_action_that_can_be_done_and_noise_scales_changes():
     world, seen = FileWorld(ferry(), WorldOptions(slip=0.5)), Counter[int]()
     for seed in range(400):
         world.reset(seed=seed)
@@ -74,7 +64,6 @@ def test_a_slip_is_another_action_that_can_be_done_and_noise_scales_changes() ->
         seen[world.happened.action] += 1
         assert info["applied"] == (world.happened.action == 1)
         first = world.happened.passages[0].site.schema
-        assert first is not None
         assert first.name == world.model.actions[world.happened.action].name
     assert sorted(seen) == [0, 1, 2] and 160 < seen[1] < 240 and 75 < seen[0] < 125
 
@@ -89,7 +78,7 @@ def test_a_slip_is_another_action_that_can_be_done_and_noise_scales_changes() ->
     assert all(end["load"] == 2 and end["here"] for end in ends)  # what does not change is exact
 
 
-def test_a_run_is_opened_again_with_nothing_but_its_folder(tmp_path: Path) -> None:
+def test_a_run_is_opened_again_with_nothing_but_its_folder(tmp_path):
     file = tmp_path / "ferry.pddl"
     file.write_text(FERRY, encoding="utf-8")
     (tmp_path / "ferry-problem.pddl").write_text(START.format(load=2), encoding="utf-8")
@@ -108,24 +97,10 @@ def test_a_run_is_opened_again_with_nothing_but_its_folder(tmp_path: Path) -> No
         serp.load_run(out)
 
 
-def test_a_task_is_made_of_a_file_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "ferry.pddl").write_text(FERRY, encoding="utf-8")
-    (tmp_path / "ferry-problem.pddl").write_text(START.format(load=2), encoding="utf-8")
-    task = serp.file_task(tmp_path / "ferry.pddl", failure=0.5, max_steps=3)
-    with pickle.loads(pickle.dumps(task)).bind() as bound:
-        assert bound.rewarded_by == "environment"
-        observation, _ = bound.reset(seed=1)
-        assert (bound.ground(observation) == bound.model.initial_state).all()
-        # No step makes it wet. In any other environment it might be observed.
-        assert "wet" not in bound.model.values(bound.ground(observation))
-        dive = bound.model.action_index("dive")
-        assert [bound.step(dive)[3] for _ in range(3)] == [False, False, True]
-
-
-def test_a_step_without_a_result_says_so() -> None:
+def test_a_step_without_a_result_says_so():
     with pytest.raises(SerpError, match="world.failure must be less than 1"):
         serp.file_task(ferry(), failure=1.0)
-    world = FileWorld(ferry(START.format(load=0)))
+    world = FileWorld(ferry(load=0))
     world.reset()
     with pytest.raises(SerpError, match="`share` has no result in .*divides by zero"):
         world.step(world.model.action_index("share"))

@@ -1,13 +1,13 @@
 """Running commands as a user does, in an empty folder."""
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 from click.testing import CliRunner, Result
 
 from serp.ui.root import serp
 from tests.serp.runs.runs import without_pictures
+from tests.worlds import text
 
 Run = Callable[..., Result]
 
@@ -22,43 +22,22 @@ QUICK = [
     )
 ]
 
-WALK = """
-(define (domain walk)
-  (:requirements :typing :numeric-fluents :negative-preconditions :conditional-effects)
-  (:types place)
-  (:predicates (at ?p - place) (road ?a - place ?b - place) (mined ?p - place) (unsafe))
-  (:functions (walked) (reward))
-  (:action go
-    :parameters (?a - place ?b - place)
-    :precondition (and (at ?a) (road ?a ?b))
-    :effect (and (not (at ?a)) (at ?b) (increase (walked) 1) (decrease (reward) 1)
-                 (when (mined ?b) (and (unsafe)))))
-  (:action rest
-    :parameters ()
-    :precondition (and (> (walked) 0))
-    :effect (and (assign (walked) 0) (increase (reward) 3))))
-"""
-WALK_PROBLEM = """
-(define (problem village) (:domain walk)
-  (:objects home shop field - place)
-  (:init (at home) (road home shop) (road shop home) (road home field) (mined field)
-         (= (walked) 0))
-  (:goal (and)))
-"""
+WALK = "\n" + text("walk")  # a blank line that `serp format` takes away
+WALK_PROBLEM = text("walk-problem")
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """The working directory, empty."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture
-def run(folder: Path) -> Iterator[Run]:
+def run(folder):
     """Run a command line in the working directory."""
 
-    def invoke(*arguments: str, expect: int = 0) -> Result:
+    def invoke(*arguments, expect=0):
         result = CliRunner().invoke(serp, arguments)
         assert result.exit_code == expect, result.output
         assert "Traceback" not in result.output
@@ -69,7 +48,7 @@ def run(folder: Path) -> Iterator[Run]:
 
 
 @pytest.fixture
-def walk(folder: Path) -> Path:
+def walk(folder):
     """A domain with its problem beside it."""
     file = folder / "walk.pddl"
     file.write_text(WALK)
@@ -78,7 +57,7 @@ def walk(folder: Path) -> Path:
 
 
 @without_pictures()
-def train(out: Path, *arguments: str) -> Path:
+def train(out, *arguments):
     """Train into a folder."""
     command = ["plan-and-learn", f"--out={out}", "--quiet", *arguments]
     result = CliRunner().invoke(serp, command)
@@ -87,7 +66,7 @@ def train(out: Path, *arguments: str) -> Path:
 
 
 @pytest.fixture(scope="session")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(tmp_path_factory):
     """A short run of cart-pole."""
     out = tmp_path_factory.mktemp("runs") / "trained"
     return train(out, "--domain=cartpole", "--episodes=4", *QUICK)

@@ -5,13 +5,13 @@ import os
 import re
 from pathlib import Path
 
-from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM, Run
+from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 MISSPELT = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
 
 
-def test_a_file_that_does_not_fit_its_task_is_warned_of(run: Run, folder: Path) -> None:
+def test_a_file_that_does_not_fit_its_task_is_warned_of(run, folder):
     text = (DOMAINS / "cartpole.pddl").read_text()
     in_degrees = text.replace("(> (pole-angle) 0.2618)", "(> (pole-angle) 12)")
     assert in_degrees != text
@@ -27,7 +27,7 @@ def test_a_file_that_does_not_fit_its_task_is_warned_of(run: Run, folder: Path) 
     assert "found 4: none for `pole-velocity`" in shown
 
 
-def test_every_file_is_checked_even_where_the_first_is_wrong(run: Run, walk: Path) -> None:
+def test_every_file_is_checked_even_where_the_first_is_wrong(run, walk):
     Path("bad.pddl").write_text(MISSPELT)
     Path("self.pddl").symlink_to("self.pddl")
     os.mkfifo("pipe.pddl")
@@ -48,7 +48,7 @@ def test_every_file_is_checked_even_where_the_first_is_wrong(run: Run, walk: Pat
     assert "7 domains: 6 wrong, 0 warnings" in result.stdout
 
 
-def test_a_domain_and_a_problem_of_any_name_are_one_check(run: Run, walk: Path) -> None:
+def test_a_domain_and_a_problem_of_any_name_are_one_check(run, walk):
     Path("p01.pddl").write_text(WALK_PROBLEM.replace("field", "meadow"))
     Path("p02-problem.pddl").write_text("; a comment\n(DEFINE (PROBLEM p2) (:domain walk))")
     Path("other.pddl").write_text(WALK.replace("domain walk", "domain stroll"))
@@ -63,7 +63,7 @@ def test_a_domain_and_a_problem_of_any_name_are_one_check(run: Run, walk: Path) 
     assert "domain walk (domain.pddl, p01.pddl)" in run("check", "p01.pddl").stdout
 
 
-def test_findings_are_printed_for_programs_and_mended(run: Run, walk: Path) -> None:
+def test_findings_are_printed_for_programs_and_mended(run, walk):
     walk.write_text(WALK.replace("(assign (walked) 0)", "(walked = 0)"))
     findings = json.loads(run("check", "walk.pddl", "--json", expect=1).stdout)
     assert [(f["code"], f["place"]["line"], f["fix"]["sure"]) for f in findings] == [
@@ -74,7 +74,7 @@ def test_findings_are_printed_for_programs_and_mended(run: Run, walk: Path) -> N
     assert walk.read_text() == WALK
 
 
-def test_the_pattern_for_editors_matches_errors_and_warnings(run: Run, walk: Path) -> None:
+def test_the_pattern_for_editors_matches_errors_and_warnings(run, walk):
     page = DOMAINS.parent / "docs" / "how-to" / "editors.md"
     blocks = re.findall(r"```json\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     (block,) = [block for block in blocks if '"tasks"' in block]

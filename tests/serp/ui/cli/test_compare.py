@@ -3,14 +3,12 @@
 import os
 import signal
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
 from serp.runs.comparison import pool
 from serp.ui.root import serp
-from tests.serp.ui.cli.conftest import Run
 
 SETTINGS = [
     "--set=planner.depth=2",
@@ -30,15 +28,15 @@ COMPARE = ["compare", "--domain=cartpole", *TINY]
 
 
 @pytest.fixture(autouse=True)
-def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def _without_pictures(monkeypatch):
     monkeypatch.setattr("serp.runs.comparison.report.render", lambda figure, kind: b"<svg/>")
 
 
-def test_names_and_seeds_may_be_apart_by_commas(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_and_seeds_may_be_apart_by_commas(monkeypatch):
     names = "serp,dqn:learner.hidden=[8,8];learner.members=1, serp:arbiter.r_min=none"
-    asked: dict[str, Any] = {}
+    asked = {}
 
-    def compare(task: Any, **options: Any) -> Any:
+    def compare(task, **options):
         asked.update(options)
         raise KeyboardInterrupt
 
@@ -51,10 +49,8 @@ def test_names_and_seeds_may_be_apart_by_commas(monkeypatch: pytest.MonkeyPatch)
     ]  # fmt: skip
 
 
-def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def pressing(job: Any, stopped: Any) -> None:
+def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(run, monkeypatch):
+    def pressing(job, stopped):
         run_trial(job, stopped)
         os.kill(os.getpid(), signal.SIGINT)
 

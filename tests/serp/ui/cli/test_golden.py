@@ -53,10 +53,10 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_output_is_the_golden_one(name: str, walk: Path, request: pytest.FixtureRequest) -> None:
+def test_output_is_the_golden_one(name, walk, request):
     words = shlex.split(COMMANDS[name])
     if of_training := "RUN" in words:
-        run: Path = request.getfixturevalue("trained")
+        run = request.getfixturevalue("trained")
         words = [str(run) if word == "RUN" else word for word in words]
     result = CliRunner().invoke(serp, words, input=PLAY if name == "play" else None)
     assert "Traceback" not in result.output

@@ -3,23 +3,22 @@
 import json
 import signal
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from serp.tasks.task import BoundTask
 from tests.serp.runs.runs import rows
 from tests.serp.sample_tasks import ROBOT
-from tests.serp.ui.cli.conftest import QUICK, Run
+from tests.serp.ui.cli.conftest import QUICK
 
 TRAIN = ["plan-and-learn", "--domain=cartpole", *QUICK]
 
 
-def config(folder: str | Path) -> Any:
+def config(folder):
     return json.loads((Path(folder) / "config.json").read_text())["config"]
 
 
-def test_options_reach_the_run(run: Run) -> None:
+def test_options_reach_the_run(run):
     options = ["--preset=paper", "--seed=7", "--set=learner.hidden=[8,8]"]
     out = run(*TRAIN, *options, "--env-steps=20", "--out=r", "--quiet").stdout
     assert out == "r\n"
@@ -30,19 +29,11 @@ def test_options_reach_the_run(run: Run) -> None:
     assert made["budget"] == {"episodes": None, "env_steps": 20, "units": None}
 
 
-@pytest.mark.parametrize("how", ["--resume {}", "--resume --out {}"])
-def test_resuming_a_finished_run_does_nothing(how: str, run: Run, trained: Path) -> None:
-    before = rows(trained, "metrics")
-    result = run("plan-and-learn", *how.format(trained).split())
-    assert "Nothing is left to do" in result.stderr
-    assert rows(trained, "metrics") == before
-
-
-def signals_in(monkeypatch: pytest.MonkeyPatch, number: int, *steps: int) -> None:
+def signals_in(monkeypatch, number, *steps):
     """Send a signal to this process in these steps of the environment, counted over all runs."""
     made, whole = iter(range(1, 1_000)), BoundTask.step
 
-    def step(self: BoundTask, action: int) -> Any:
+    def step(self, action):
         if next(made) in steps:
             signal.raise_signal(number)
         return whole(self, action)
@@ -51,9 +42,7 @@ def signals_in(monkeypatch: pytest.MonkeyPatch, number: int, *steps: int) -> Non
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_run_with_the_episode(
-    number: signal.Signals, run: Run, trained: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_signal_ends_the_run_with_the_episode(number, run, trained, monkeypatch):
     """Ctrl-C, and what a scheduler sends; `test_first_use` closes the terminal."""
     signals_in(monkeypatch, number, 20)
     shown = run(*TRAIN, "--episodes=4", "--out=r", expect=128 + number).stderr
@@ -65,7 +54,7 @@ def test_a_signal_ends_the_run_with_the_episode(
     assert Path("r/summary.json").exists()
 
 
-def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run: Run, robot: Path) -> None:
+def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run, robot):
     assert "walkway" not in run("list").stdout
     assert "Chosen:" in run("plan", "--task=my_robot.py", "--observe", "--depth=1").stdout
     assert "fit together" in run("check", "--task=my_robot.py").stdout
@@ -79,9 +68,7 @@ def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run: Run, ro
     assert "Chosen:" in shown and "The model of runs/one is as written" in shown
 
 
-def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(
-    run: Run, robot: Path
-) -> None:
+def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(run, robot):
     broken = ROBOT.replace(
         "make_env=Corridor",
         "make_env=Broken",

@@ -10,16 +10,15 @@ import pytest
 from click.testing import CliRunner
 
 from serp.ui.root import serp
-from tests.serp.ui.cli.conftest import QUICK, Run
 
 
-def typed(lines: str, *arguments: str, expect: int = 0) -> str:
+def typed(lines, *arguments, expect=0):
     result = CliRunner().invoke(serp, ["play", *arguments], input=lines)
     assert result.exit_code == expect, result.output
     return result.output
 
 
-def test_a_world_slips_and_mistakes_have_a_line(walk: Path) -> None:
+def test_a_world_slips_and_mistakes_have_a_line(walk):
     shown = typed("1\n", "walk.pddl", "--slip=0.99", "--set=planner.name=lookahead")
     assert "step 1: go home shop slips: go home field happens instead" in shown
     assert "   unsafe by action go home field. [walk.pddl:11 `(unsafe)`]" in shown
@@ -28,7 +27,7 @@ def test_a_world_slips_and_mistakes_have_a_line(walk: Path) -> None:
     assert "line 2: there is no action or command `gp`" in typed("s\ngp", "walk.pddl", expect=1)
 
 
-def test_a_situation_is_saved_as_a_scenario_that_holds(run: Run, walk: Path) -> None:
+def test_a_situation_is_saved_as_a_scenario_that_holds(run, walk):
     lines = "1\nmined shop = true\nsave mines wherever one looks\nundo\nsave at the shop\n"
     shown = typed(lines, "walk.pddl")
     assert "walk.scenarios: the scenario `at the shop` is written\n" in shown
@@ -40,36 +39,8 @@ def test_a_situation_is_saved_as_a_scenario_that_holds(run: Run, walk: Path) -> 
     assert "line 1: cartpole.pddl is the file of an installed task; play a copy" in told
 
 
-def test_disturbances_that_cannot_be_are_refused(walk: Path) -> None:
-    for wrong, said in (
-        ("--noise=-1", "--noise must be greater than or equal to 0, not -1"),
-        ("--failure=.7 --slip=.6", "--failure and --slip are 0.7 and 0.6; an action fails, slips"),
-    ):
-        assert said in typed("", "walk.pddl", *wrong.split(), expect=2)
-
-
-def test_a_training_in_the_world_of_a_file_is_a_run_like_any_other(run: Run, walk: Path) -> None:
-    arguments = ("--planner=lookahead", "--env-steps=9", "--quiet", "--out=run", *QUICK)
-    run("plan-and-learn", "--domain=walk.pddl", *arguments)
-    walk.unlink()
-    assert "mean return" in run("evaluate", "run", "--episodes=2").stdout
-    Path("dull.pddl").write_text("(define (domain dull) (:action a))")
-    Path("dull-problem.pddl").write_text("(define (problem p) (:domain dull) (:init))")
-    told = run("plan-and-learn", "--domain=dull.pddl", expect=1).stderr
-    assert "says nothing about reward" in told
-
-
-def test_a_file_that_belongs_to_no_task_is_a_world_to_compare_in(run: Run, walk: Path) -> None:
-    quick = ("--env-steps=9", "--evaluate-every=9", "--evaluation-episodes=1", "--final-episodes=1")
-    asked = ("compare", "--algorithms=mrp", "--jobs=1", "--set=planner.name=lookahead", *quick)
-    told = run(*asked, "--domain=walk.pddl", "--seeds=1", "--out=compared").stdout
-    assert "serp compare --domain walk.pddl --out compared --seeds 10" in told
-    told = run("compare", "--out=compared", "--seeds=2", expect=1).stderr
-    assert "is not installed: name it again, as a serp.Task (--task), or by the domain file" in told
-
-
 @pytest.mark.skipif(os.name == "nt", reason="there are no pseudo-terminals")
-def test_on_a_terminal_an_empty_line_repeats_and_a_mistake_ends_nothing(walk: Path) -> None:
+def test_on_a_terminal_an_empty_line_repeats_and_a_mistake_ends_nothing(walk):
     import pty
 
     here, there = pty.openpty()

@@ -1,16 +1,13 @@
 """`serp repair`."""
 
 import difflib
-import hashlib
 import json
-import shutil
 from pathlib import Path
 
 import pytest
 
-from serp.runs.checkpoint import NEWEST, load, save
 from serp.runs.comparison.algorithms import OWN
-from tests.serp.ui.cli.conftest import Run, train
+from tests.serp.ui.cli.conftest import train
 
 EMPTY = Path(__file__).parents[4] / "domains" / "cartpole-empty.pddl"
 PLANNER_ALONE = [
@@ -22,13 +19,13 @@ ADAPTED = ["--set=adaptation.mode=residual"]
 
 
 @pytest.fixture(scope="module")
-def ignorant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def ignorant(tmp_path_factory):
     """A run with a file that says nothing of how cart and pole move, adapted on the way."""
     out = tmp_path_factory.mktemp("ignorant") / "run"
     return train(out, f"--domain={EMPTY}", *PLANNER_ALONE, "--episodes=2", *ADAPTED)
 
 
-def test_the_file_is_right_and_what_is_shown_is_what_is_written(run: Run, ignorant: Path) -> None:
+def test_the_file_is_right_and_what_is_shown_is_what_is_written(run, ignorant):
     before = {path.name: path.read_bytes() for path in ignorant.iterdir() if path.is_file()}
     shown = run("repair", str(ignorant))
     assert "-o FILE.pddl writes" in shown.stderr
@@ -49,47 +46,17 @@ def test_the_file_is_right_and_what_is_shown_is_what_is_written(run: Run, ignora
     assert {path.name: path.read_bytes() for path in ignorant.iterdir() if path.is_file()} == before
 
 
-@pytest.fixture
-def racing(run: Run, ignorant: Path) -> Path:
-    """The same run, as if the domain had a problem file."""
-    shutil.copytree(ignorant, "racing")
-    problem = "(define (problem race) (:domain cartpole-empty) (:init))\n"
-    Path("racing/problem.pddl").write_text(problem, encoding="utf-8")
-    about = json.loads(Path("racing/config.json").read_text(encoding="utf-8"))
-    about["domain_files"]["problem.pddl"] = "race.pddl"
-    Path("racing/config.json").write_text(json.dumps(about), encoding="utf-8")
-    arrays, meta = load(Path("racing") / NEWEST)
-    meta["made_of"]["problem.pddl"] = hashlib.sha256(problem.encode()).hexdigest()
-    save(Path("racing") / NEWEST, arrays, meta)
-    return Path("racing")
-
-
-def test_the_problem_goes_with_the_file(run: Run, racing: Path) -> None:
-    problem = (racing / "problem.pddl").read_text(encoding="utf-8")
-    result = run("repair", str(racing), "-o", "new.pddl")
-    assert "Its problem file is copied to new-problem.pddl" in result.stderr
-    assert Path("new-problem.pddl").read_text(encoding="utf-8") == problem
-    Path("new.pddl").unlink()
-    again = run("repair", str(racing), "-o", "new.pddl")  # the same is there already
-    assert "problem" not in again.stderr and Path("new.pddl").exists()
-
-
 @pytest.mark.parametrize(
-    ("source", "name", "said"),
+    ("name", "said"),
     [
-        ("ignorant", "new.pddl", "new.pddl exists"),
-        ("racing", "new-problem.pddl", "new-problem.pddl exists"),
-        ("ignorant", "new-problem.pddl", "would be taken for the problem of new.pddl"),
+        ("new.pddl", "new.pddl exists"),
+        ("new-problem.pddl", "would be taken for the problem of new.pddl"),
     ],
 )
-def test_nothing_is_replaced_unasked(
-    run: Run, ignorant: Path, racing: Path, source: str, name: str, said: str
-) -> None:
-    folder = str(ignorant if source == "ignorant" else racing)
+def test_nothing_is_replaced_unasked(run, ignorant, name, said):
     Path(name).write_text("mine", encoding="utf-8")
-    refused = run("repair", folder, "-o", "new.pddl", expect=1)
+    refused = run("repair", str(ignorant), "-o", "new.pddl", expect=1)
     assert said in refused.stderr and "--force" in refused.stderr and not refused.stdout
     assert Path(name).read_text(encoding="utf-8") == "mine"
-    run("repair", folder, "-o", "new.pddl", "--force")
-    taken = source == "racing" or name == "new.pddl"
-    assert (Path(name).read_text(encoding="utf-8") != "mine") == taken
+    run("repair", str(ignorant), "-o", "new.pddl", "--force")
+    assert (Path(name).read_text(encoding="utf-8") != "mine") == (name == "new.pddl")

@@ -5,14 +5,13 @@ import shutil
 from pathlib import Path
 
 from tests.serp.ui.cli.conftest import QUICK as LEARN
-from tests.serp.ui.cli.conftest import Run
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 
 QUICK = ("--set=planner.name=lookahead", "--set=planner.depth=2")
 
 
-def test_it_reports_like_a_test_runner(run: Run, walk: Path) -> None:
+def test_it_reports_like_a_test_runner(run, walk):
     Path("walk.scenarios").write_text(
         "scenario mines\n  refuses go home field because unsafe\n"
         "scenario a wish\n  chooses go home field\n"
@@ -27,18 +26,7 @@ def test_it_reports_like_a_test_runner(run: Run, walk: Path) -> None:
     assert "1 passed" in run("test", "walk.scenarios", "-k", "mines", *QUICK).stdout
 
 
-def test_without_scenarios_it_says_how_to_write_one(run: Run, walk: Path) -> None:
-    told = run("test", "walk.pddl", expect=1).stderr
-    assert "there is no walk.scenarios" in told and "scenario what the planner does" in told
-    assert "name a domain file or a task" in run("test", expect=2).stderr
-    Path("walk.scenarios").write_text("scenario one\n  allows rest\n")
-    assert "no scenario has the words `two`" in run("test", "-k", "two", *QUICK, expect=1).stderr
-    Path("walk.scenarios").write_text("scenario one\n  alows rest\n  allows rst\n")
-    told = run("test", *QUICK, expect=1).stderr
-    assert "Error: walk.scenarios:2:3: " in told and "\nwalk.scenarios:3:10: " in told
-
-
-def test_a_situation_is_that_of_a_recorded_step(run: Run, folder: Path) -> None:
+def test_a_situation_is_that_of_a_recorded_step(run, folder):
     shutil.copy(DOMAINS / "cartpole.pddl", folder)
     run("plan-and-learn", "--domain=cartpole.pddl", "--env-steps=20", "--out=r", *LEARN)
     step = "scenario one\n  like step {} of r\n  allows push-left\n"

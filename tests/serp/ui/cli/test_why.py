@@ -1,21 +1,19 @@
 """`serp why`."""
 
 import json
-import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from serp.runs.recording import open_recording
-from tests.serp.ui.cli.conftest import QUICK, Run, train
+from tests.serp.ui.cli.conftest import QUICK, train
 
 
-def explained(run: Run, *arguments: str) -> Any:
+def explained(run, *arguments):
     return json.loads(run("why", *arguments, "--json").stdout)
 
 
-def test_a_step_is_the_same_however_it_is_asked_for(run: Run, trained: Path) -> None:
+def test_a_step_is_the_same_however_it_is_asked_for(run, trained):
     recording = open_recording(trained)
     step = int(recording.episodes[3][4])
     asked = str(trained), "--episode=3"
@@ -31,25 +29,16 @@ def test_a_step_is_the_same_however_it_is_asked_for(run: Run, trained: Path) -> 
     assert (shown["step"], shown["episode"], shown["number"]) == (0, 1, 1)
 
 
-def test_a_run_without_a_recording_says_how_to_get_one(
-    run: Run, trained: Path, tmp_path: Path
-) -> None:
-    shutil.copytree(trained, tmp_path / "old")
-    shutil.rmtree(tmp_path / "old" / "recording")
-    message = run("why", str(tmp_path / "old"), expect=1).stderr
-    assert "serp evaluate" in message
-
-
 CARTPOLE = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
 WRONG = "(decrease (cart-velocity) 0.195)"
 
 
-def told(run: Run, *arguments: str) -> Any:
+def told(run, *arguments):
     return json.loads(run("diagnose", *arguments, "--json").stdout)
 
 
 @pytest.fixture(scope="module")
-def misled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def misled(tmp_path_factory):
     """A short run with a file whose first push is twice as strong as the real one."""
     folder = tmp_path_factory.mktemp("misled")
     text = CARTPOLE.read_text(encoding="utf-8")
@@ -59,7 +48,7 @@ def misled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train(folder / "run", f"--domain={file}", "--episodes=8", *QUICK)
 
 
-def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: Path) -> None:
+def test_a_wrong_number_is_named_with_its_line_and_its_value(run, misled):
     before = {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()}
     text, shown = run("diagnose", str(misled)).stdout, told(run, str(misled))
     assert {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()} == before

@@ -1,17 +1,15 @@
 """A short run of the corridor."""
 
-from pathlib import Path
-
 import pytest
 
-from serp.runs.run import Run, load_run
+from serp.runs.run import load_run
 from serp.runs.train import plan_and_learn
 from tests.serp.runs.runs import without_pictures
 from tests.serp.ui.pictures.scene import drawn, reckless
 
 
 @pytest.fixture(scope="session")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory):
     """The folder of a run."""
     folder = tmp_path_factory.mktemp("watching")
     # The learner is evaluated, from the first episode on.
@@ -22,7 +20,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(recorded: Path, tmp_path: Path) -> Run:
+def run(recorded, tmp_path):
     """The run; its learner wants to walk into the pit."""
     run = load_run(recorded, drawn(tmp_path))
     reckless(run.agent)

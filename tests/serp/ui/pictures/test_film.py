@@ -1,35 +1,30 @@
 """A film shows every step, every veto with its reason, and takes the time that the steps take."""
 
 import itertools
-from collections import defaultdict
-from pathlib import Path
-from typing import Any
 
 import pytest
 from PIL import ImageColor
 
 from serp._util import figures
-from serp.agent.agent import Agent
-from serp.agent.step_record import StepRecord
 from serp.runs.evaluation import evaluate, play
-from serp.ui.pictures.film import END, HOLD, FilmSettings, Mark, film, marks_of
-from tests.serp.ui.pictures.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent
+from serp.ui.pictures.film import HOLD, FilmSettings, Mark, film
+from tests.serp.ui.pictures.scene import bound, reckless_agent
 
 RED = ImageColor.getrgb(figures.REFUSED)
 
 
 @pytest.fixture
-def agent(tmp_path: Path) -> Agent:
+def agent(tmp_path):
     return reckless_agent(tmp_path)
 
 
-def steps(agent: Agent, folder: Path, policy: Any = "serp") -> list[StepRecord]:
+def steps(agent, folder, policy="serp"):
     played = play(agent, bound(folder), policy, episodes=3)
     return [step for episode in played for step in episode.steps]
 
 
 @pytest.mark.parametrize("fps", [1, 50])
-def test_every_veto_is_shown_until_it_can_be_read(agent: Agent, tmp_path: Path, fps: float) -> None:
+def test_every_veto_is_shown_until_it_can_be_read(agent, tmp_path, fps):
     frames = list(film(agent, bound(tmp_path), FilmSettings(fps=fps)))
     shown = {mark for frame in frames for mark in frame.caption.marks}
     vetoed = [step for step in steps(agent, tmp_path) if step.decision.vetoed]
@@ -50,9 +45,9 @@ def test_every_veto_is_shown_until_it_can_be_read(agent: Agent, tmp_path: Path, 
 
 @pytest.mark.parametrize("policy", ["serp", "learner"])
 def test_every_step_that_an_evaluation_measures_has_a_frame_that_says_who_acts(
-    agent: Agent, tmp_path: Path, policy: Any
-) -> None:
-    results: dict[int, StepRecord] = {}
+    agent, tmp_path, policy
+):
+    results = {}
     settings = FilmSettings(policy=policy, episodes=4, seed=3)
     frames = list(film(agent, bound(tmp_path), settings, results.__setitem__))
     shown = [frame.caption for frame in frames if frame.caption.actor is not None]
@@ -70,30 +65,3 @@ def test_every_step_that_an_evaluation_measures_has_a_frame_that_says_who_acts(
     assert tuple(total.return_ for total in totals) == measured.returns
     assert sum(total.decisions.vetoes for total in totals) == measured.vetoes
     assert sum(total.decisions.unsafe_executed for total in totals) == measured.unsafe_executed
-
-
-def test_an_unsafe_action_executed_is_marked(agent: Agent, tmp_path: Path) -> None:
-    unsafe = [s for s in steps(agent, tmp_path, "learner") if s.decision.unsafe]
-    assert unsafe
-    for step in unsafe:
-        (mark,) = marks_of(agent, step)
-        assert mark.what == f"Unsafe, executed in step {step.number}: left"
-        assert "event pit" in mark.why
-    assert not any(marks_of(agent, s) for s in steps(agent, tmp_path, "planner"))
-
-
-@pytest.mark.parametrize(
-    ("make_env", "each", "step"), [(Drawn, 1, DT), (Ticking, 4, DT), (Timed, 4, 4 / 50)]
-)
-def test_time_is_real_time(
-    agent: Agent, tmp_path: Path, make_env: Any, each: int, step: float
-) -> None:
-    settings = FilmSettings(fps=1e6, policy="planner")
-    lasting: dict[tuple[str, ...], list[float]] = defaultdict(list)
-    for frame in film(agent, bound(tmp_path, make_env), settings):
-        if frame.caption.actor is not None:
-            lasting[frame.caption.facts[:2]].append(frame.seconds)
-    lasts = {episode: key for key in lasting for episode in key[:1]}.values()
-    for key, times in lasting.items():
-        assert len(times) == each
-        assert sum(times) == pytest.approx(step + (END if key in lasts else 0.0))

@@ -5,15 +5,13 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 
 
 @contextlib.contextmanager
-def served(file: str, folder: Path) -> Iterator[str]:
+def served(file, folder):
     """Serve a file from a folder; yield the address with its token."""
     root = Path(__file__).resolve().parents[4]
     paths = os.pathsep.join(str(root / part) for part in ("", "adapters", "envs"))
@@ -26,7 +24,6 @@ def served(file: str, folder: Path) -> Iterator[str]:
         text=True,
     )
     try:
-        assert process.stdout is not None
         yield process.stdout.readline().strip()
     finally:
         process.terminate()
@@ -34,16 +31,14 @@ def served(file: str, folder: Path) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def chromium(
-    address: str, ready: str = ".serp-graph svg", **options: Any
-) -> Iterator[tuple[Any, list[str]]]:
+def chromium(address, ready=".serp-graph svg", **options):
     """Open an address; yield the page, and what it asks for elsewhere or complains of."""
     from playwright.sync_api import sync_playwright
 
     origin = address.partition("/?")[0]
-    elsewhere: list[str] = []
+    elsewhere = []
 
-    def note(request: Any) -> None:
+    def note(request):
         if not request.url.startswith((origin, "data:", "blob:")):
             elsewhere.append(request.url)
 

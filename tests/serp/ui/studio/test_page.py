@@ -3,7 +3,6 @@
 import socket
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ class Opened:
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+def opened(tmp_path_factory):
     folder = tmp_path_factory.mktemp("studio")
     for name in ("hill.pddl", "hill.scenarios"):
         text = (ROOT / "domains" / name).read_text()
@@ -42,7 +41,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
         yield Opened(folder / "hill.pddl", address, page, elsewhere)
 
 
-def test_it_is_served_on_this_machine_alone_and_forgets_its_token(opened: Opened) -> None:
+def test_it_is_served_on_this_machine_alone_and_forgets_its_token(opened):
     origin, _, token = opened.address.partition("/?")
     assert origin.startswith("http://127.0.0.1:") and token.startswith("token=")
     with pytest.raises(OSError):  # another address of this machine
@@ -52,9 +51,7 @@ def test_it_is_served_on_this_machine_alone_and_forgets_its_token(opened: Opened
     assert "token" not in opened.page.url
 
 
-def test_the_page_follows_what_is_typed_and_set(
-    opened: Opened, replaced: Callable[..., None]
-) -> None:
+def test_the_page_follows_what_is_typed_and_set(opened, replaced):
     page = opened.page
     page.wait_for_selector("body.body--dark")
 
@@ -92,7 +89,7 @@ def test_the_page_follows_what_is_typed_and_set(
     )
 
 
-def test_what_is_typed_is_saved_whatever_comes_from_the_server_meanwhile(opened: Opened) -> None:
+def test_what_is_typed_is_saved_whatever_comes_from_the_server_meanwhile(opened):
     page, words = opened.page, [f"word{k}," for k in range(8)]
     text = opened.file.read_text()
     page.locator(".cm-content:visible").click()
@@ -107,7 +104,7 @@ def test_what_is_typed_is_saved_whatever_comes_from_the_server_meanwhile(opened:
     assert opened.file.read_text() == f"; {''.join(words)}\n{text}"
 
 
-def test_the_scenarios_are_run(opened: Opened, replaced: Callable[..., None]) -> None:
+def test_the_scenarios_are_run(opened, replaced):
     page = opened.page
     replaced("drive-right\n    :parameters ()\n    :precondition (and)\n    :effect (and)",
              "drive-right\n    :parameters ()\n    :precondition (and)\n"
@@ -124,10 +121,10 @@ def test_the_scenarios_are_run(opened: Opened, replaced: Callable[..., None]) ->
 
 
 @pytest.fixture
-def replaced(opened: Opened) -> Callable[..., None]:
+def replaced(opened):
     """Replace a part of the text that is edited, as if it were pasted over it, after a script."""
 
-    def replace(old: str, new: str, before: str = "") -> None:
+    def replace(old, new, before=""):
         opened.page.evaluate(
             """([old, text, before]) => {
               eval(before);

@@ -4,48 +4,33 @@ import asyncio
 import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from nicegui import Client, ui
-from nicegui.testing import user_simulation
 
 from serp.errors import SerpError
 from serp.model.domain import load_domain
 from serp.planning.replanner import MonitorReplanner
 from serp.runs.recording import open_recording
 from serp.runs.train import plan_and_learn
-from serp.tasks.registry import load_task
 from serp.ui.studio.document import ChangedOnDisk, Document
-from serp.ui.studio.pages.page import show_page
 from serp.ui.studio.serving import Guard
-from serp.ui.studio.session import DOMAIN, Session, open_session
-from serp.ui.studio.view import ShownState, Surroundings, read
+from serp.ui.studio.session import open_session
+from serp.ui.studio.view import ShownState, read
+from tests.worlds import text
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
-SWITCH = """(define (domain switch)
-  (:requirements :strips :numeric-fluents :time)
-  (:predicates (on) (unsafe) (terminal))
-  (:functions (heat) (reward))
-  (:action press :parameters () :precondition (and (< (heat) 80.0))
-    :effect (and (on) (increase (heat) 10.0) (increase (reward) 1.0)))
-  (:event burns :parameters () :precondition (and (on) (> (heat) 75.0))
-    :effect (and (unsafe) (terminal))))
-"""
-
-PROBLEM = """(define (problem warm) (:domain switch) (:init (= (heat) 30.0) (= (reward) 0.0)))
-"""
+SWITCH = text("switch")
 
 
 @pytest.fixture
-def session(tmp_path: Path) -> Session:
+def session(tmp_path):
     file = tmp_path / "switch.pddl"
     file.write_text(SWITCH)
     return open_session(str(file), tmp_path)
 
 
-def test_a_view_says_what_the_planner_of_the_text_decides(session: Session) -> None:
+def test_a_view_says_what_the_planner_of_the_text_decides(session):
     session.shown = ShownState({"heat": 20.0, "on": True, "no such fluent": 1.0})
     view = session.request().view()
     assert view.decision is not None and view.findings == ()
@@ -55,7 +40,6 @@ def test_a_view_says_what_the_planner_of_the_text_decides(session: Session) -> N
     assert (account.chosen, account.alternatives[0].best_return) == (plan.action, plan.reward)
     session.set_fluent("heat", 70.0)  # a fluent that is set
     view = session.request().view()
-    assert view.decision is not None
     (unsafe,) = (c for c in view.decision.account.alternatives[0].causes if c.what == "unsafe")
     assert unsafe.place is not None and unsafe.place.line == 8
     heat = next(each for each in view.decision.controls if each.name == "heat")
@@ -63,46 +47,7 @@ def test_a_view_says_what_the_planner_of_the_text_decides(session: Session) -> N
     assert heat.value == 70.0
 
 
-def test_a_mistake_is_placed_and_leaves_what_was_edited(session: Session) -> None:
-    session.edit("domain", SWITCH.replace("(heat) 10.0", "(heet) 10.0"))
-    view = session.request().view()
-    assert view.decision is None
-    (error,) = (finding for finding in view.findings if finding.severity == "error")
-    assert error.place is not None and (error.place.line, error.place.text) == (6, "heet")
-    assert session.mend(error) and session.documents["domain"].text == SWITCH
-    assert not session.mend(error)  # it is about another text
-    session.set_depth(2)
-    decided = session.request().view().decision
-    assert decided is not None and "2 actions" in decided.verdict
-
-
-def test_an_episode_gives_states_pictures_and_ranges(tmp_path: Path) -> None:
-    session = open_session(str(DOMAINS / "cartpole.pddl"), tmp_path)
-    assert session.task is not None and session.surroundings.dt == load_task("cartpole").dt
-    session.take(session.player(3)())
-    assert session.played is not None and session.as_played and session.step is not None
-    step = session.played.steps[session.step]
-    assert step.picture.startswith("data:image/png;base64,") and not step.indifferent
-    view = session.request().view()
-    assert view.decision is not None and view.drawing.startswith("<svg")
-    taken = view.decision.account.taken
-    assert taken is not None and step.action == f"planner: {taken.name}"
-    session.set_fluent("pole-angle", 0.25)
-    assert not session.as_played and session.request().view().drawing != view.drawing
-
-
-@pytest.mark.parametrize("encoded", [b"one\r\ntwo\r\n", "\ufeffone\ntwo\n".encode()])
-def test_saving_keeps_line_ends_and_byte_order_mark(tmp_path: Path, encoded: bytes) -> None:
-    file = tmp_path / "a.pddl"
-    file.write_bytes(encoded)
-    document = Document(file, tmp_path)
-    assert document.text == "one\ntwo\n"
-    document.text = document.text.replace("two", "three")
-    assert document.changed and document.save() == file and not document.changed
-    assert file.read_bytes() == encoded.replace(b"two", b"three")
-
-
-def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> None:
+def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
     folder, outside = tmp_path / "mine", tmp_path / "theirs.pddl"
     folder.mkdir()
     outside.write_text("theirs")
@@ -131,34 +76,7 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> Non
     assert outside.read_text() == "theirs"
 
 
-def test_a_page_that_opens_shows_what_other_programs_wrote_unless_something_is_not_saved(
-    tmp_path: Path,
-) -> None:
-    file = tmp_path / "a.pddl"
-    file.write_text("one\n")
-    session = Session(tmp_path, Document(file, tmp_path), None, Surroundings())
-    file.write_text("two\n")
-    session.take_over(lambda: None)
-    assert session.documents[DOMAIN].text == "two\n"
-    session.edit(DOMAIN, "mine\n")
-    file.write_text("three\n")
-    session.take_over(lambda: None)
-    assert session.documents[DOMAIN].text == "mine\n"
-
-
-def test_a_problem_moves_with_its_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    theirs, mine = tmp_path / "theirs", tmp_path / "mine"
-    for folder in (theirs, mine):
-        folder.mkdir()
-    (theirs / "switch.pddl").write_text(SWITCH)
-    (theirs / "switch-problem.pddl").write_text(PROBLEM)
-    monkeypatch.chdir(mine)
-    session = open_session("../theirs/switch.pddl", mine)
-    session.edit("domain", SWITCH + "; mine\n")
-    assert session.save() == [mine / "switch.pddl", mine / "switch-problem.pddl"]
-
-
-def test_each_text_that_was_not_saved_is_kept(tmp_path: Path, session: Session) -> None:
+def test_each_text_that_was_not_saved_is_kept(tmp_path, session):
     outside = tmp_path.parent / f"{tmp_path.name}.pddl"
     scenarios = session.documents["scenarios"]
     earlier = scenarios.target.with_name(scenarios.target.name + ".unsaved")
@@ -176,14 +94,14 @@ def test_each_text_that_was_not_saved_is_kept(tmp_path: Path, session: Session) 
 # The guard ---------------------------------------------------------------------------------------
 
 
-def answer(guard: Guard, headers: dict[str, str], query: str = "", kind: str = "http") -> Any:
+def answer(guard, headers, query="", kind="http"):
     """Ask a guard; return the first message of its answer."""
-    sent: list[Any] = []
+    sent = []
 
-    async def send(message: Any) -> None:
+    async def send(message):
         sent.append(message)
 
-    async def receive() -> Any:
+    async def receive():
         return {"type": "http.request"}
 
     scope = {
@@ -197,12 +115,12 @@ def answer(guard: Guard, headers: dict[str, str], query: str = "", kind: str = "
     return sent[0]
 
 
-async def inside(scope: Any, receive: Any, send: Any) -> None:
+async def inside(scope, receive, send):
     kind = "http.response.start" if scope["type"] == "http" else "websocket.accept"
     await send({"type": kind, "status": 200, "headers": []})
 
 
-def test_only_the_browser_with_the_token_is_let_in() -> None:
+def test_only_the_browser_with_the_token_is_let_in():
     guard = Guard(inside, 8000)
     here = {"host": "127.0.0.1:8000"}
     assert answer(guard, here)["status"] == 403
@@ -230,9 +148,7 @@ def test_only_the_browser_with_the_token_is_let_in() -> None:
         ("evil.example:8000", "http://evil.example:8000", False),  # a name that leads here
     ],
 )
-def test_a_websocket_of_another_page_is_refused(
-    host: str, origin: str | None, let_in: bool
-) -> None:
+def test_a_websocket_of_another_page_is_refused(host, origin, let_in):
     guard = Guard(inside, 8000)
     welcome = answer(guard, {"host": "127.0.0.1:8000"}, f"token={guard.token}")
     cookie = dict(welcome["headers"])[b"set-cookie"].decode().partition(";")[0]
@@ -246,30 +162,16 @@ def test_a_websocket_of_another_page_is_refused(
 # Scenarios, trainings -----------------------------------------------------------------------------
 
 
-def test_scenarios_are_run_on_the_text_as_it_is_edited(session: Session) -> None:
-    text = "scenario hot\n(heat) = 70\n(on)\nrefuses press because unsafe\n"
-    session.edit("scenarios", text)
-    (result,) = session.request().run_scenarios()
-    assert result.passed
-    session.edit("domain", SWITCH.replace("75.0", "95.0"))
-    (result,) = session.request().run_scenarios()
-    assert [failure.expected for failure in result.failures] == ["refuses press because unsafe"]
-    session.save()
-    assert session.documents["scenarios"].path.read_text() == text
-
-
-def test_the_steps_of_a_run_are_shown_with_the_file_in_the_working_folder(tmp_path: Path) -> None:
+def test_the_steps_of_a_run_are_shown_with_the_file_in_the_working_folder(tmp_path):
     shutil.copy(DOMAINS / "cartpole.pddl", tmp_path)
     session = open_session(str(tmp_path / "cartpole.pddl"), tmp_path)
     task = session.task
-    assert task is not None
     run = plan_and_learn(task, env_steps=300, seed=1, out=tmp_path / "run", quiet=True)
     of_run = open_session(str(run.path), tmp_path / "elsewhere")
     assert of_run.documents["domain"].target.name == "cartpole.pddl"
     of_run.show_episode(1)
     assert of_run.played is not None and of_run.recorded is not None and of_run.step is not None
     _, planner = read(of_run.version, of_run.surroundings)
-    assert planner is not None
     state = of_run.shown.state(planner.model)
     np.testing.assert_array_equal(state, open_recording(run.path).step(of_run.step).state)
     vetoes = of_run.recorded.vetoes
@@ -279,27 +181,3 @@ def test_the_steps_of_a_run_are_shown_with_the_file_in_the_working_folder(tmp_pa
         assert f", step {of_run.recorded.place_of(veto)[1]} of" in of_run.shown.origin
     with pytest.raises(SerpError, match="there is no episode 99"):
         of_run.show_episode(99)
-
-
-def test_only_the_tab_that_came_last_changes_the_session(tmp_path: Path) -> None:
-    session = open_session(str(DOMAINS / "hill.pddl"), tmp_path)
-
-    async def take_turns() -> None:
-        async with user_simulation(root=lambda: show_page(session)) as user:
-            await user.http_client.get("/")  # a tab without its websocket
-            (away,) = Client.instances.values()
-            editor = next(e for e in away.elements.values() if isinstance(e, ui.codemirror))
-            await user.open("/")
-            assert session.owner == 2
-            assert editor.id not in away.elements  # what it still sends finds nobody
-            assert any(
-                isinstance(each, ui.button) and each.text == "Use it here"
-                for each in away.elements.values()
-            )
-            here = (
-                each for each in user.client.elements.values() if isinstance(each, ui.codemirror)
-            )
-            next(here).set_value("; mine")
-            assert session.documents["domain"].text == "; mine"
-
-    asyncio.run(take_turns())

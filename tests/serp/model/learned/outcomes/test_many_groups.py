@@ -1,7 +1,5 @@
 """Several fluents with counted outcomes at once."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ WORLD = """
 
 
 @pytest.mark.parametrize("fluents", range(1, 6))
-def test_probabilities_of_outcomes_add_up_however_many_fluents_vary(fluents: int) -> None:
+def test_probabilities_of_outcomes_add_up_however_many_fluents_vary(fluents):
     """Each of the numbers becomes 1 or 2, with equal chance, and never what the file says."""
     names = [f"(x{k})" for k in range(fluents)]
     effects = " ".join(f"(increase {name} 0)" for name in names)

@@ -15,6 +15,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from tests.serp.model.learned.rolls import from_text
 from tests.serp.model.learned.worlds import GRID, adapted
+from tests.worlds import text
 
 
 def adaptation_of(model: TransitionModel) -> ModelAdaptation:
@@ -100,20 +101,7 @@ def test_a_world_that_changes_is_followed() -> None:
     assert not flags & 2
 
 
-LAKE = """
-(define (domain lake)
-  (:requirements :conditional-effects :numeric-fluents)
-  (:predicates (frosty) (terminal))
-  (:functions (row) (column) (reward))
-  (:action left :parameters () :precondition (and)
-    :effect (when (> (column) 0) (decrease (column) 1)))
-  (:action right :parameters () :precondition (and)
-    :effect (when (< (column) 4) (increase (column) 1)))
-  (:action up :parameters () :precondition (and) :effect (when (> (row) 0) (decrease (row) 1)))
-  (:action down :parameters () :precondition (and) :effect (when (< (row) 4) (increase (row) 1)))
-  (:event fall :parameters () :precondition (and (= (row) 2) (= (column) 2))
-    :effect (terminal)))
-"""
+LAKE = text("lake")
 """A lake of five by five cells with a hole; state: frosty, row, column."""
 SIZE, HOLE = 5, [2.0, 2.0]
 LEFT, RIGHT, UP, DOWN = range(4)
@@ -180,19 +168,6 @@ def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twi
         after, _, _ = prediction(adaptation, *state, action=RIGHT)
         blocked = (state[1], state[2]) in wall
         assert after.tolist() == (state if blocked else moved(state, RIGHT)).tolist()
-
-
-def test_the_order_of_ambiguous_observations_does_not_matter() -> None:
-    """In a corner, a slip may be one of two; what is seen elsewhere later tells which it was."""
-    adaptation = adaptation_of(from_text(LAKE).model)
-    corner, inside = np.zeros(3), np.array([0.0, 3.0, 3.0])
-    for _ in range(20):
-        adaptation.observe(corner, DOWN, corner, GOES_ON)  # left or up
-    for _ in range(20):
-        adaptation.observe(inside, DOWN, moved(inside, LEFT), GOES_ON)
-        adaptation.observe(inside, DOWN, moved(inside, DOWN), GOES_ON)
-    found = chances(adaptation, np.array([0.0, 1.0, 2.0]), DOWN)
-    assert found == pytest.approx({(0.0, 1.0, 1.0): 2 / 3, (0.0, 2.0, 2.0): 1 / 3}, abs=0.05)
 
 
 def test_damaged_counts_are_refused() -> None:

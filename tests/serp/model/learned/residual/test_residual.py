@@ -163,15 +163,6 @@ def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() 
     assert 0.0 <= np.mean(near) < 0.2 and max(near) < 0.4 < 0.9 < min(far) <= 1.0
 
 
-def test_an_action_that_was_never_tried_is_unknown_and_what_the_file_predicts_is_known() -> None:
-    noise, right, wrong = np.random.default_rng(1), adaptation(PLANE), adaptation(PLANE)
-    teach(right, as_written, np.random.default_rng(0), 100)
-    assert uncertainty(right, np.full(2, 1e3)) == 0.0
-    rng, draw = np.random.default_rng(0), lambda state, _: state + noise.normal(size=2)
-    teach(wrong, draw, rng, 200, actions=(REST,))
-    assert uncertainty(wrong, np.zeros(2)) > 0.5
-
-
 # No regret -------------------------------------------------------------------------------------
 
 
@@ -213,24 +204,6 @@ def test_whatever_happens_the_file_does_hardly_better(seed: int, outliers: bool)
 
 
 # What must not be believed ---------------------------------------------------------------------
-
-
-def test_outliers_do_not_poison() -> None:
-    """One reading in a hundred is off by a thousand times; it is seen before and after a step."""
-    for seed in range(3):
-        of = adaptation(PLANE)
-        rng = np.random.default_rng(seed)
-        teach(of, linear_world, rng, 40)
-        true = seen = rng.normal(size=2)
-        for step in range(500):
-            action = int(rng.integers(2))
-            true = linear_world(true, action) if step % 25 else rng.normal(size=2)
-            before, seen = seen, true.copy()
-            if rng.random() < 0.01:
-                seen[rng.integers(2)] += 1000.0 * rng.normal()
-            if step % 25:
-                of.observe(before, action, seen, False)
-        assert (typical(of, linear_world) < 1e-3).all()
 
 
 @pytest.mark.parametrize("before", [0, 30, 100])

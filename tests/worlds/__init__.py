@@ -1,0 +1,8 @@
+"""Small worlds of the tests: `NAME.pddl` here, and `NAME-problem.pddl` where there is one."""
+
+from pathlib import Path
+
+
+def text(name):
+    """The text of a file."""
+    return (Path(__file__).parent / f"{name}.pddl").read_text(encoding="utf-8")

@@ -1,0 +1,13 @@
+; A boat on a plane without borders: the goal lies in a region that two comparisons bound.
+(define (domain boat)
+  (:predicates (saved))
+  (:functions (x) (y) (spent))
+  (:action east :parameters () :precondition (and)
+    :effect (and (increase (x) 3) (increase (spent) 2)))
+  (:action north-west :parameters () :precondition (and)
+    :effect (and (decrease (x) 1.5) (increase (y) 1.5) (increase (spent) 1)))
+  (:action south :parameters () :precondition (and)
+    :effect (and (decrease (y) 2) (increase (spent) 1)))
+  (:action save :parameters ()
+    :precondition (and (>= (- (y) (x)) 12) (<= (+ (x) (y)) 4) (>= (+ (x) (y)) 0))
+    :effect (and (saved))))

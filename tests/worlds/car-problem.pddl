@@ -1,0 +1,6 @@
+(define (problem lake)
+  (:domain car)
+  (:objects ferry - boat)
+  (:init (at ferry here) (= (speed) 0) (= (limit) 2) (= (fuel ferry) 1))
+  (:goal (not (at ferry here)))
+  (:metric minimize (speed)))

@@ -1,0 +1,13 @@
+; An icy lake.
+(define (domain lake)
+  (:requirements :conditional-effects :numeric-fluents)
+  (:predicates (frosty) (terminal))
+  (:functions (row) (column) (reward))
+  (:action left :parameters () :precondition (and)
+    :effect (when (> (column) 0) (decrease (column) 1)))
+  (:action right :parameters () :precondition (and)
+    :effect (when (< (column) 4) (increase (column) 1)))
+  (:action up :parameters () :precondition (and) :effect (when (> (row) 0) (decrease (row) 1)))
+  (:action down :parameters () :precondition (and) :effect (when (< (row) 4) (increase (row) 1)))
+  (:event fall :parameters () :precondition (and (= (row) 2) (= (column) 2))
+    :effect (terminal)))

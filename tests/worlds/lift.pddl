@@ -1,0 +1,7 @@
+(define (domain lift)
+  (:types floor)
+  (:predicates (at ?f - floor) (above ?f ?g - floor) (stop ?f - floor) (broken))
+  (:functions (cost) (time ?f ?g - floor))
+  (:action up :parameters (?f ?g - floor)
+    :precondition (and (at ?f) (above ?f ?g) (stop ?g) (not (broken)))
+    :effect (and (not (at ?f)) (at ?g) (increase (cost) (time ?f ?g)))))

@@ -1,0 +1,8 @@
+(define (domain switch)
+  (:requirements :strips :numeric-fluents :time)
+  (:predicates (on) (unsafe) (terminal))
+  (:functions (heat) (reward))
+  (:action press :parameters () :precondition (and (< (heat) 80.0))
+    :effect (and (on) (increase (heat) 10.0) (increase (reward) 1.0)))
+  (:event burns :parameters () :precondition (and (on) (> (heat) 75.0))
+    :effect (and (unsafe) (terminal))))

@@ -1,0 +1,12 @@
+; The end lies far to the right.
+(define (domain track)
+  (:predicates (unsafe) (terminal))
+  (:functions (x) (reward))
+  (:action left :parameters () :precondition (and)
+    :effect (and (decrease (x) (+ 0.13 (* 0.001 (x))))))
+  (:action right :parameters () :precondition (and)
+    :effect (and (increase (x) (+ 0.11 (* 0.001 (x))))))
+  (:action rush :parameters () :precondition (and)
+    :effect (and (increase (x) 0.9) (unsafe)))
+  (:event time :parameters () :precondition (and) :effect (and (decrease (reward) 1)))
+  (:event end :parameters () :precondition (and (>= (x) 5.0)) :effect (and (terminal))))

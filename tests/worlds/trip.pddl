@@ -1,0 +1,7 @@
+(define (domain trip)
+  (:predicates (at ?x) (road ?x ?y))
+  (:functions (cost) (toll ?x ?y) (load))
+  (:action drive :parameters (?x ?y) :precondition (and (at ?x) (road ?x ?y))
+    :effect (and (not (at ?x)) (at ?y) (increase (cost) (toll ?x ?y))))
+  (:action idle :effect (and))
+  (:process wear :precondition (and (> (load) 5)) :effect (increase (cost) (* #t 3))))

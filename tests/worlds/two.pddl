@@ -1,0 +1,7 @@
+(define (domain two)
+  (:predicates (unsafe))
+  (:functions (x) (reward))
+  (:action good :parameters () :precondition (and)
+    :effect (and (increase (reward) 1)))
+  (:action bad :parameters () :precondition (and)
+    :effect (and (increase (reward) 0))))

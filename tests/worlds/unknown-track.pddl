@@ -1,0 +1,11 @@
+; The file says what is wanted, and nothing of motion.
+(define (domain track)
+  (:predicates (terminal))
+  (:functions (place) (speed) (reward))
+  (:action left :parameters () :precondition (and) :effect (and (decrease (reward) 0.1)))
+  (:action wait :parameters () :precondition (and) :effect (and))
+  (:action right :parameters () :precondition (and) :effect (and (decrease (reward) 0.1)))
+  (:event time :parameters () :precondition (and (< (place) 4))
+    :effect (and (decrease (reward) 0)))
+  (:event top :parameters () :precondition (and (>= (place) 4))
+    :effect (and (increase (reward) 100) (terminal))))

@@ -1,0 +1,12 @@
+; The goal is the end of a way; a leap there is unsafe.
+(define (domain corridor)
+  (:predicates (unsafe) (terminal))
+  (:functions (x) (reward))
+  (:action right :parameters () :precondition (and (< (x) 30))
+    :effect (and (increase (x) 1) (decrease (reward) 1)))
+  (:action left :parameters () :precondition (and (> (x) 0))
+    :effect (and (decrease (x) 1) (decrease (reward) 1)))
+  (:action leap :parameters () :precondition (and (< (x) 30))
+    :effect (and (assign (x) 30) (unsafe)))
+  (:event goal :parameters () :precondition (and (= (x) 30))
+    :effect (and (increase (reward) 10) (terminal))))
