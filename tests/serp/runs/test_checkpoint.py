@@ -1,6 +1,10 @@
 """A checkpoint comes back exactly, or is refused; there is always a whole one."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -118,3 +122,30 @@ def test_damaged_newest_falls_back_to_the_previous_and_says_so(tmp_path, gone):
     previous.write_bytes(b"")
     with pytest.raises(RunError, match=r"The one before it.*damaged.*restore a checkpoint from a"):
         load_newest(tmp_path)
+
+
+_SAVE_FOR_EVER = """
+import sys
+from pathlib import Path
+import numpy as np
+from serp.runs.checkpoint import save_rotating
+for episode in range(10**9):
+    save_rotating(Path(sys.argv[1]), {"x": np.full(20_000, float(episode))}, {"episode": episode})
+    if episode == 1:
+        print(flush=True)
+"""
+
+
+def test_killed_at_any_moment_a_whole_checkpoint_is_there(tmp_path):
+    rng = np.random.default_rng(1)
+    for _ in range(4):
+        child = subprocess.Popen(
+            [sys.executable, "-c", _SAVE_FOR_EVER, str(tmp_path)], stdout=subprocess.PIPE
+        )
+        with child:
+            child.stdout.readline()
+            time.sleep(rng.uniform(0, 0.05))
+            child.send_signal(signal.SIGKILL)
+        found = load_newest(tmp_path)
+        assert found.fallback is None
+        assert (found.arrays["x"] == found.meta["episode"]).all()

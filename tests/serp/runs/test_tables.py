@@ -1,6 +1,8 @@
 """Tables: what is written is read back, row by row, wherever the file or the process ended."""
 
 import csv
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from serp.runs.tables import (
 
 COLUMNS = ("a", "b", "c")
 ROW = MetricsRow(
-    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 2, 0, 5, 1, 2, 54, 3,
+    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 2, 0, 5, 1, 2, 4, 54, 3,
     None, 0.25,
 )  # fmt: skip
 
@@ -52,6 +54,40 @@ def test_floats_come_back_exactly_and_every_line_is_a_row(tmp_path_factory, rows
 
 
 # Continuing --------------------------------------------------------------------------------------
+
+
+_FILL_THE_DISK = """
+import resource, sys
+from pathlib import Path
+from serp.errors import RunError
+from serp.runs.tables import Table
+soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+table = Table(Path(sys.argv[1]), ("a", "b", "c"))
+table.append((1, 2, 3))
+table.flush()
+for step in range(500):
+    table.append(("x" * 10, step, step))
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+try:
+    table.flush()
+except RunError as error:
+    print(error)
+with open(sys.argv[1]) as file:
+    print(file.read().count("x"))
+resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+table.close()
+"""
+
+
+def test_write_that_fails_half_way_leaves_whole_rows_and_can_be_done_again(tmp_path):
+    path = tmp_path / "t"
+    done = subprocess.run(
+        [sys.executable, "-c", _FILL_THE_DISK, str(path)], capture_output=True, text=True
+    )
+    message, rows_then = done.stdout.splitlines()
+    assert "File too large. Its rows up to byte" in message
+    assert rows_then == "0"  # not half of the rows
+    assert len(cells(path)) == 501  # nothing was lost once there was room again
 
 
 def test_a_table_that_was_changed_since_is_refused(tmp_path):
