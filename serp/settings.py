@@ -223,9 +223,6 @@ class LearnerSettings(Section):
     """Neurons of each hidden layer; none makes Q linear in the input."""
     layer_norm: bool = False
     """LayerNorm (arXiv 1607.06450) in every hidden layer, before its ReLU."""
-    symmetry: bool = False
-    """Use the reflection that the task declares, if it does (`Task.symmetry`): half of the samples
-    drawn are mirrored, and Q is the mean over an input and its mirror image."""
     members: Size = 1
     """Networks of the ensemble. Each learns from separate batches; Q is their mean."""
     learning_rate: Positive = 0.001
@@ -394,7 +391,6 @@ PRESETS: Final[Mapping[str, Changes]] = {
         "learner": {
             "members": 3,
             "layer_norm": True,
-            "symmetry": True,
             "batch_size": 32,
             # The learner begins with what the planner does.
             "epsilon_start": 0.1,

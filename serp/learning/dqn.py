@@ -24,7 +24,6 @@ from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
-from serp.learning.reflection import Reflection
 from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
 from serp.settings import LearnerSettings
 
@@ -86,7 +85,6 @@ class DQN:
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
         imitates: Whether samples hold actions to be imitated.
-        reflection: A reflection that the task has; None for none.
 
     Attributes:
         imitates: As given.
@@ -103,7 +101,6 @@ class DQN:
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         imitates: bool = False,
-        reflection: Reflection | None = None,
     ) -> None:
         self.imitates = imitates
         self.imitation_weight = 0.0
@@ -113,8 +110,7 @@ class DQN:
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng, reflection)
-        self._reflection = reflection
+        self.replay = ReplayBuffer(spec, settings, sample_rng)
         self._bounds = ReturnBounds(settings.discount)
         self._explore_rng = explore_rng
         self.env_steps = 0
@@ -146,18 +142,12 @@ class DQN:
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
         """Return Q ``[A]`` of an input ``[F]``, or ``[B, A]`` of a batch.
 
-        It is the mean of the members, and of the input's mirror image if there is a reflection.
+        It is the mean of the members.
 
         Raises:
             ValueError: The input has another shape.
         """
-        q, reflection = self.learning.online.q, self._reflection
-        if reflection is None or x.ndim not in (1, 2) or x.shape[-1] != self.input_size:
-            return q(x)
-        both = q(np.concatenate((np.atleast_2d(x), np.atleast_2d(reflection.of_inputs(x)))))
-        count = len(both) // 2
-        mean: type_F32 = (both[:count] + reflection.of_actions(both[count:])) * np.float32(0.5)
-        return mean if x.ndim == 2 else mean[0]
+        return self.learning.online.q(x)
 
     def propose(
         self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
@@ -249,7 +239,7 @@ class DQN:
 
     def as_onnx(self) -> bytes:
         """Return the network as ONNX; see `network_as_onnx`."""
-        return network_as_onnx(self.learning.online, self._reflection)
+        return network_as_onnx(self.learning.online)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

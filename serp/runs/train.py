@@ -236,8 +236,9 @@ def train(
                 in_file=task.model.rewarding,
                 world=task.task.world is not None,
             )
-            for note in (f"The learner learns from {source}.", *trainer.agent.notices):
-                progress.note(note)
+            progress.note(f"The learner learns from {source}.")
+            if trainer.agent.adaptation.notice is not None:
+                progress.note(trainer.agent.adaptation.notice)
             if budget.spent_by(trainer):
                 progress.note(
                     f"Nothing is left to do after {trainer.env_steps} env steps; to train on, give "

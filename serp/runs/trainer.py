@@ -23,7 +23,6 @@ from serp.runs.run_log import RunLog
 from serp.runs.tables import MetricsRow, metrics_row
 from serp.settings import Section, Settings
 from serp.tasks.remote_task import RemoteTask
-from serp.tasks.symmetry import check_grounding
 from serp.tasks.task import BoundTask, Judge
 
 Limit = Annotated[int, Field(ge=1)] | None
@@ -97,8 +96,6 @@ class Callbacks:
                 self.failure = error
 
 
-_MIRRORED = 256
-"""Observations with which a declared symmetry is checked."""
 _TOGETHER = 100
 """Env steps for each of several environments after which no episode begins until all have ended.
 More of them keep more environments busy, fewer make a run end nearer to its budget."""
@@ -152,7 +149,6 @@ class Trainer(Closing):
         self.recent: deque[float] = deque(maxlen=20)
         self.log: RunLog | None = None
         self.on_step: OnStep | None = None
-        self._unchecked = _MIRRORED
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, time.monotonic()
         self._open = contextlib.ExitStack()
@@ -284,9 +280,6 @@ class Trainer(Closing):
                 observation, state = task.perceived
             else:
                 observation, state = task.observation(raw), task.ground(raw, info, env)
-                if self._unchecked and self.agent.reflection is not None:
-                    self._unchecked -= 1
-                    check_grounding(task, self.agent.reflection, observation, state)
             return self.agent.take_in(observation, state)
 
         return perceive

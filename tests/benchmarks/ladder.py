@@ -122,7 +122,6 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     # The learner
     "ensemble": ["learner.members=1"],
     "layer-norm": ["learner.layer_norm=false"],
-    "symmetry": ["learner.symmetry=false"],
     "n-step": ["learner.n_step=1"],
     "target-network": ["learner.target_polyak=none"],
     "guarded-targets": ["learner.guarded_targets=false"],

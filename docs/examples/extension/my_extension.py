@@ -54,7 +54,6 @@ class Table:
         settings: The learner's settings; it uses discount, ε and the scale of rewards.
         seed: Seed of its exploration.
         imitates: Whether steps come with an action to imitate; it does not imitate.
-        reflection: A reflection of the task; it uses none.
     """
 
     def __init__(
@@ -64,7 +63,6 @@ class Table:
         settings: Any,
         seed: Any,
         imitates: bool = False,
-        reflection: Any = None,
     ) -> None:
         self.input_size, self.action_count, self.settings = input_size, action_count, settings
         self.imitates = imitates

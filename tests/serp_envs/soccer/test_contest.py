@@ -10,11 +10,13 @@ from serp_envs.soccer import actions
 from serp_envs.soccer.contest import Contest
 from serp_envs.soccer.corner_kick import CornerKick
 from serp_envs.soccer.fields import FIELDS, SPL_2020, Field
-from serp_envs.soccer.observation import MIRROR
 from serp_envs.soccer.opponents.attacker import Attacker
 from serp_envs.soccer.physics.robot import NAO
 from serp_envs.soccer.physics.world import Pose, World
 from serp_envs.soccer.referee import Referee
+
+# The signs that an observation takes in the mirror image of the world, left for right.
+MIRROR = (1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, 1, 1, 1)
 
 
 def placed(
