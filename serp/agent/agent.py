@@ -117,6 +117,7 @@ class Agent:
             settings.learner,
             learner_seed,
             imitates=strategy.imitates,
+            discount=settings.planner.discount,
         )
         self._random = np.random.default_rng(random_seed)
         self._waiting: dict[int, list[tuple[Vector, int, Vector, int, float]]] = {}

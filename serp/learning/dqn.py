@@ -85,6 +85,7 @@ class DQN:
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
         imitates: Whether samples hold actions to be imitated.
+        discount: γ, weight of the reward of the next step.
 
     Attributes:
         imitates: As given.
@@ -101,8 +102,10 @@ class DQN:
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         imitates: bool = False,
+        discount: float = 0.99,
     ) -> None:
         self.imitates = imitates
+        self._discount = discount
         self.imitation_weight = 0.0
         self.input_size = input_size
         self.action_count = action_count
@@ -110,8 +113,8 @@ class DQN:
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng)
-        self._bounds = ReturnBounds(settings.discount)
+        self.replay = ReplayBuffer(spec, settings, sample_rng, discount)
+        self._bounds = ReturnBounds(discount)
         self._explore_rng = explore_rng
         self.env_steps = 0
         self._learn_calls = 0
@@ -136,8 +139,8 @@ class DQN:
         settings = self.settings
         if self.env_steps >= settings.epsilon_steps:
             return settings.epsilon_end
-        done = self.env_steps / settings.epsilon_steps
-        return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * done
+        start, done = 0.1 if self.imitates else 1.0, self.env_steps / settings.epsilon_steps
+        return start + (settings.epsilon_end - start) * done
 
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
         """Return Q ``[A]`` of an input ``[F]``, or ``[B, A]`` of a batch.
@@ -193,7 +196,7 @@ class DQN:
             LearningFailure: The return of such rewards may exceed float32.
         """
         reward = float(reward)
-        largest = abs(reward) / (1.0 - self.settings.discount)
+        largest = abs(reward) / (1.0 - self._discount)
         if not largest <= FLOAT32_MAX:
             raise LearningFailure(
                 f"learner: rewards such as {reward:g} add up to a return of {largest:g}, more "

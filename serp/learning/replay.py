@@ -102,6 +102,7 @@ class ReplayBuffer:
         spec: The shape of the samples.
         settings: The learner's settings.
         rng: Draws the samples; used exclusively by the buffer.
+        discount: γ.
 
     Attributes:
         size: Samples in the ring. A step becomes a sample when its n rewards are complete.
@@ -113,6 +114,7 @@ class ReplayBuffer:
         spec: SampleSpec,
         settings: LearnerSettings,
         rng: np.random.Generator,
+        discount: float,
     ) -> None:
         self._spec = spec
         self._settings = settings
@@ -122,7 +124,7 @@ class ReplayBuffer:
         self.env_index = 0
         self._pending = defaultdict[int, deque[PendingStep]](deque)
         """Environment → its pending steps, at most n, the oldest first."""
-        self._powers = [settings.discount**k for k in range(settings.n_step + 1)]
+        self._powers = [discount**k for k in range(settings.n_step + 1)]
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
         self._rng = rng
         self._batch = Samples.zeros((settings.members, settings.batch_size), spec)

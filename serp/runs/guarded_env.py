@@ -28,7 +28,7 @@ from serp.errors import Notice, SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.folder import RunFolder
-from serp.runs.rollout import Rollout, UnitCounter, evaluation_seed, training_seed
+from serp.runs.rollout import Rollout, evaluation_seed, training_seed
 from serp.runs.run import begin_run
 from serp.runs.run_log import RunLog
 from serp.runs.tables import metrics_row
@@ -300,7 +300,6 @@ class GuardedEnv(ArbitratedEnv):
         except BaseException:
             bound.close()
             raise
-        self._unit = UnitCounter(resolved.arbiter.rho_unit)
         self._evaluation: contextlib.ExitStack | None = None
         self.env_steps = self.episode = 0
         self._tally = DecisionCounts()
@@ -311,9 +310,7 @@ class GuardedEnv(ArbitratedEnv):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin the next episode; one that is running is truncated."""
         self._cut_off()
-        x, info = super().reset(seed=seed, options=options)
-        self._notice_unit(info, reset=True)
-        return x, info
+        return super().reset(seed=seed, options=options)
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
         """Return the decision in a state, as in training."""
@@ -332,9 +329,6 @@ class GuardedEnv(ArbitratedEnv):
         with blas_on_one_thread():
             agent.observe(step)
         self.env_steps += 1
-        if not self._initial:
-            agent.strategy.end_unit("step")
-        self._notice_unit(step.info)
         if step.last:
             self._end_episode(step.episode)
         return super().after_step(step)
@@ -347,17 +341,12 @@ class GuardedEnv(ArbitratedEnv):
             self._agent.cut_off()
             self._end_episode(rollout.totals)
 
-    def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
-        if self._unit.changed(info, reset=reset) and not self._initial:
-            self._agent.strategy.end_unit(self._agent.settings.arbiter.rho_unit)
-
     def _end_episode(self, totals: EpisodeTotals) -> None:
         self.episode += 1
         agent = self._agent
         if self._initial:
             self._initial = self.env_steps < agent.settings.training.random_steps
         else:
-            agent.strategy.end_unit("episode")
             agent.strategy.end_episode(totals.return_, totals.length)
         if self._log is not None:
             self._log.episode(

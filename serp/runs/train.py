@@ -196,9 +196,7 @@ def train(
     """Train until the budget is spent, a signal is received or a callback fails."""
     settings = trainer.settings.training
     if not budget.limits:
-        # A number of units, if the task or the user sets one, replaces the number of steps.
-        units = settings.units
-        budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
+        budget = Budget(env_steps=settings.env_steps)
     before = trainer.env_steps
     digests = content_digests(folder)
     progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
@@ -295,7 +293,7 @@ def plan_and_learn(
         episodes: Number of episodes since the run began after which it ends.
         env_steps: Number of env steps since the run began after which it ends; the episode that
             reaches it is finished. With neither, a resumed run continues to its own budget, and a
-            new run ends after `training.units` or `training.env_steps` of the settings.
+            new run ends after `training.env_steps` of the settings.
         seed: Seed of everything random.
         out: Folder of the run; by default `runs/<domain>-<time>`.
         resume: Continue the run in `out` with its own domain, settings and seed; the continued

@@ -35,8 +35,6 @@ class Budget(Section):
     """Number of complete episodes; None for no limit."""
     env_steps: Limit = None
     """Number of env steps; the episode that reaches it is finished. None for no limit."""
-    units: Limit = None
-    """Number of complete units of `arbiter.rho_unit`, such as games; None for no limit."""
 
     @property
     def limits(self) -> dict[str, int]:
@@ -46,11 +44,7 @@ class Budget(Section):
     @staticmethod
     def counts(trainer: Trainer) -> dict[str, int]:
         """Return the counts of a training by the names of their limits."""
-        return {
-            "episodes": trainer.episode,
-            "env_steps": trainer.env_steps,
-            "units": trainer.units,
-        }
+        return {"episodes": trainer.episode, "env_steps": trainer.env_steps}
 
     def spent_by(self, trainer: Trainer) -> bool:
         """Return whether a limit is reached."""
@@ -116,7 +110,6 @@ class Trainer(Closing):
         log: Where steps are written; None for nowhere.
         episode, env_steps: Numbers of complete episodes and of env steps.
         under_way: Number of the current env step, from 1.
-        units: Number of complete units of `arbiter.rho_unit`.
         tally: Counts over all steps.
         recent: Returns of the last 20 episodes.
         on_step: If set, called with every env step, after learning from it.
@@ -143,7 +136,6 @@ class Trainer(Closing):
             ) from None
         self.episode = 0
         self.env_steps = 0
-        self.units = 0
         self.under_way = 1
         self.tally = DecisionCounts()
         self.recent: deque[float] = deque(maxlen=20)
@@ -152,9 +144,7 @@ class Trainer(Closing):
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, time.monotonic()
         self._open = contextlib.ExitStack()
-        self.environments = self._open.enter_context(
-            rollout_envs(task, settings.training.num_envs, settings.arbiter.rho_unit)
-        )
+        self.environments = self._open.enter_context(rollout_envs(task, settings.training.num_envs))
 
     def close(self) -> None:
         """Close the environments that the trainer has made; that of the task stays open."""
@@ -195,7 +185,6 @@ class Trainer(Closing):
             TaskError: The grounding failed.
             EnvironmentFailure: An environment raised or gave NaN.
             LearningFailure: A number of the learner is not finite.
-            SettingsError: The environment's info has no entry for `arbiter.rho_unit`.
         """
         running = self.environments[: self.episode + 1]
         enough = self.env_steps + (_TOGETHER * len(running) if len(running) > 1 else 0)
@@ -257,8 +246,6 @@ class Trainer(Closing):
                 loss = agent.learn()
                 if loss is not None:
                     env.losses.append(loss)
-                self._end_unit("step")
-            self._notice_unit(env, step.info)
             if self.on_step is not None:
                 self.on_step(step)
         return ended
@@ -272,7 +259,6 @@ class Trainer(Closing):
             judge=self.judge,
         )
         self.agent.arbiter.begin_episode()
-        self._notice_unit(env, env.rollout.info, reset=True)
 
     def _perceive_of(self, task: BoundTask | RemoteTask) -> Perceive:
         def perceive(raw: Any, info: Mapping[str, Any], env: Any) -> tuple[Vector, Vector]:
@@ -302,7 +288,6 @@ class Trainer(Closing):
         agent, totals, losses = self.agent, env.rollout.totals, env.losses
         agent.turn_to(env.index)
         if not env.random:
-            self._end_unit("episode")
             agent.strategy.end_episode(totals.return_, totals.length)
         elif not self._pretrained and self.env_steps >= self.settings.training.random_steps:
             agent.learner.pretrain(self.settings.training.random_steps)
@@ -318,17 +303,6 @@ class Trainer(Closing):
             wall_time=self.wall_time,
         )
 
-    def _notice_unit(
-        self, env: RolloutEnv, info: Mapping[str, Any], *, reset: bool = False
-    ) -> None:
-        """End a unit of ρ when the counter that `arbiter.rho_unit` names has changed."""
-        if env.unit.changed(info, reset=reset) and self._pretrained:
-            self._end_unit(self.settings.arbiter.rho_unit)
-
-    def _end_unit(self, unit: str) -> None:
-        self.units += unit == self.settings.arbiter.rho_unit
-        self.agent.strategy.end_unit(unit)
-
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return the complete state while no episode is running: arrays and JSON values."""
         arrays, agent = self.agent.state_dict()
@@ -336,7 +310,6 @@ class Trainer(Closing):
             "agent": agent,
             "episode": self.episode,
             "env_steps": self.env_steps,
-            "units": self.units,
             "tally": self.tally.state_dict(),
             "recent": list(self.recent),
             "pretrained": self._pretrained,
@@ -353,7 +326,7 @@ class Trainer(Closing):
         """
         saved = Saved("training", arrays, meta)
         self.agent.load_state_dict(arrays, saved.part("agent")[1])
-        for name in ("episode", "env_steps", "units"):
+        for name in ("episode", "env_steps"):
             setattr(self, name, saved.whole(name))
         self.tally.load_state_dict(saved.part("tally")[1])
         self.recent.clear()

@@ -126,7 +126,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "target-network": ["learner.target_polyak=none"],
     "guarded-targets": ["learner.guarded_targets=false"],
     "gradient-clip": ["learner.gradient_clip=none"],
-    "epsilon": ["learner.epsilon_start=0", "learner.epsilon_end=0"],
+    "epsilon": ["learner.epsilon_steps=0", "learner.epsilon_end=0"],
 }
 # fmt: on
 """Mechanism → how it is switched off: settings, and replacements in the code of a worker."""

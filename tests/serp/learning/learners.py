@@ -17,9 +17,14 @@ TARGETS: dict[str, dict[str, Any]] = {
 }
 
 
-def learner(seed: int | np.random.SeedSequence = 0, imitates: bool = False, **settings: Any) -> DQN:
+def learner(
+    seed: int | np.random.SeedSequence = 0,
+    imitates: bool = False,
+    discount: float = 0.99,
+    **settings: Any,
+) -> DQN:
     small = {"hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1}
-    made = DQN(F, A, LearnerSettings(**{**small, **settings}), seed, imitates)
+    made = DQN(F, A, LearnerSettings(**{**small, **settings}), seed, imitates, discount)
     made.imitation_weight = 0.7
     return made
 

@@ -58,8 +58,8 @@ RECIPES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_learns_the_optimal_q(recipe: str) -> None:
-    given = {"hidden": (32, 32), "discount": DISCOUNT, "learning_rate": 0.003}
-    agent = DQN(STATES, ACTIONS, LearnerSettings(**{**given, **RECIPES[recipe]}), seed=1)
+    given = {"hidden": (32, 32), "learning_rate": 0.003}
+    agent = DQN(STATES, ACTIONS, LearnerSettings(**given, **RECIPES[recipe]), 1, discount=DISCOUNT)
     experience(agent, 300, np.random.default_rng(0))
     agent.pretrain(1500)
     np.testing.assert_allclose(agent.q_values(INPUTS), optimal_q(), atol=0.08)
@@ -75,7 +75,6 @@ def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
             STATES,
             ACTIONS,
             LearnerSettings(
-                discount=0.99,
                 target_polyak=None,
                 guarded_targets=clip,
                 n_step=1,

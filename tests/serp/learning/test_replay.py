@@ -68,10 +68,10 @@ def buffer(
     **changes: Any,
 ) -> ReplayBuffer:
     usual: dict[str, Any] = {
-        "buffer_size": 50, "batch_size": 8, "discount": DISCOUNT, "n_step": 1,
+        "buffer_size": 50, "batch_size": 8, "n_step": 1,
     }  # fmt: skip
     settings = LearnerSettings(**{**usual, **changes})
-    return ReplayBuffer(spec, settings, np.random.default_rng(0))
+    return ReplayBuffer(spec, settings, np.random.default_rng(0), DISCOUNT)
 
 
 def episodes(steps: list[Step]) -> list[list[Step]]:

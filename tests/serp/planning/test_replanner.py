@@ -56,8 +56,8 @@ def test_a_domain_without_actions_or_fluents_is_planned_too() -> None:
         "(define (domain constant) (:functions (reward))"
         " (:action wait :parameters () :precondition (and) :effect (and (increase (reward) 1))))"
     )
-    decided = MonitorReplanner(constant, depth=3, discount=1.0).plan([])
-    assert decided.reward == 3.0
+    decided = MonitorReplanner(constant, depth=3, discount=0.5).plan([])
+    assert decided.reward == 1.75
     assert decided.graph.number_of_nodes() == 4
 
 

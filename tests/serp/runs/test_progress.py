@@ -23,8 +23,8 @@ class Training(SimpleNamespace):
 
     now = 100.0
 
-    def to(self, episode: int, env_steps: int, wall_time: float = 0.0, units: int = 0) -> None:
-        self.episode, self.env_steps, self.units = episode, env_steps, units
+    def to(self, episode: int, env_steps: int, wall_time: float = 0.0) -> None:
+        self.episode, self.env_steps = episode, env_steps
         self.wall_time = wall_time
         self.tally.executed["planner"] = env_steps // 4
         self.recent = [19.0, 20.0, 21.0, 25.0, 26.0, 27.0] if episode else []
@@ -34,7 +34,6 @@ class Training(SimpleNamespace):
 def training() -> Training:
     training = Training(
         tally=SimpleNamespace(executed={"planner": 0}, unsafe_executed=0),
-        settings=SimpleNamespace(arbiter=SimpleNamespace(rho_unit="game")),
     )
     training.to(0, 0)
     return training

@@ -167,7 +167,7 @@ def metadata_run(folder: Path, **changes: Any) -> RunFolder:
         "reward": "domain",
         "control_period": 0.1,
         "max_ground_schemas": 50_000,
-        "budget": {"episodes": None, "env_steps": 30, "units": None},
+        "budget": {"episodes": None, "env_steps": 30},
         "settings": resolve("default", None, {"training": {"random_steps": 1}}).as_dict(),
     }
     with RunFolder.create(
@@ -182,7 +182,7 @@ def metadata_run(folder: Path, **changes: Any) -> RunFolder:
         {"seed": 1.5},
         {"control_period": 0},
         {"max_ground_schemas": 0},
-        {"budget": {"episodes": 1.5, "env_steps": None, "units": None}},
+        {"budget": {"episodes": 1.5, "env_steps": None}},
         {"budget": None},
         {"settings": {"planner": 3}},
     ],

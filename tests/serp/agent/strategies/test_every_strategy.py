@@ -13,7 +13,7 @@ from tests.serp.agent.scene import learner_acts
 
 
 def made(strategy: str, seed: int = 0, **arbiter: Any) -> Strategy:
-    given = {"rho": 0.2, "rho_increment": 0.1, "rho_unit": "episode", **arbiter}
+    given = {"rho": 0.2, "rho_increment": 0.1, **arbiter}
     changes = {"guide": {"strategy": strategy}, "arbiter": given}
     return find_strategy(strategy)(resolve("default", None, changes), seed)
 
@@ -28,9 +28,7 @@ def test_rho_is_the_probability_that_the_learner_acts(name: str) -> None:
                 rho, acts = strategy.rho, learner_acts(strategy)
                 assert 0.0 <= rho <= 1.0
                 assert rho not in (0.0, 1.0) or acts == bool(rho)  # else it is drawn
-                strategy.end_unit("step")
             strategy.end_episode(random.gauss(0.0, 1.0), length)
-            strategy.end_unit("episode")
         # By evidence the learner need not be the better one in the end.
         assert strategy.rho == 1.0 or name == "evidence"
 
@@ -41,10 +39,10 @@ def test_rho_is_the_learners_share_of_a_mixture() -> None:
     assert abs(share - 0.3) < 4 * np.sqrt(0.3 * 0.7 / 5_000)
 
 
-def test_rho_of_a_mixture_grows_by_its_unit_to_one() -> None:
-    strategy = made("mixture", rho=0.1, rho_increment=0.25, rho_unit="game")
+def test_rho_of_a_mixture_grows_to_one() -> None:
+    strategy = made("mixture", rho=0.1, rho_increment=0.25)
     grown = []
-    for unit in ("step", "episode", "game", "game", "game", "game"):
-        strategy.end_unit(unit)
+    for _ in range(5):
+        strategy.end_episode(0.0, 1)
         grown.append(strategy.rho)
-    assert grown == [0.1, 0.1, 0.35, 0.6, 0.85, 1.0]
+    assert grown == [0.35, 0.6, 0.85, 1.0, 1.0]

@@ -93,7 +93,7 @@ def test_settings_are_the_same_when_it_is_continued(tmp_path: Path) -> None:
     """Infinite and listed ones, and those of one algorithm alone, too."""
     changes = {"learner": {"hidden": [8, 8]}}
     asked: dict[str, Any] = {
-        "settings": changes, "algorithms": ["dqn", "dqn:learner.epsilon_start=0.0"]
+        "settings": changes, "algorithms": ["dqn", "dqn:learner.epsilon_end=0.0"]
     }  # fmt: skip
     small(walk(tmp_path), tmp_path / "c", seeds=1, **asked)
     before = everything(tmp_path / "c")
@@ -260,9 +260,9 @@ def test_the_algorithms_of_serp_have_settings_that_exist() -> None:
 
 
 def test_settings_are_changed_by_the_name() -> None:
-    found = find_algorithm("dqn:learner.hidden=[8,8];learner.epsilon_start=0.5; arbiter.r_min=none")
+    found = find_algorithm("dqn:learner.hidden=[8,8];learner.epsilon_end=0.5; arbiter.r_min=none")
     assert found.changes == OWN["dqn"].changes | {
-        "learner": {"epsilon_start": 0.5, "hidden": (8, 8)}, "arbiter": {"r_min": None}
+        "learner": {"epsilon_end": 0.5, "hidden": (8, 8)}, "arbiter": {"r_min": None}
     }  # fmt: skip
     for name in ("serp:", "serp:members=1", "serp:learner.members"):
         with pytest.raises(SettingsError, match=r"expected section.name=value"):
