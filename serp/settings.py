@@ -230,15 +230,11 @@ class LearnerSettings(Section):
     """Gradient updates per env step; 0.5 is one in every second step."""
     target_polyak: Annotated[float, Field(gt=0, le=1)] | None = 0.005
     """Fraction by which the target network moves towards the network after every gradient update.
-    The network chooses the next action, the target network estimates its value (double DQN, arXiv
-    1509.06461). None: there is no target network, as in the paper's equation 3."""
+    The network chooses the next action among the admissible ones, the target network estimates its
+    value (double DQN, arXiv 1509.06461), which is clipped to the range of possible returns, and so
+    is the norm of a gradient, to 10. None: the paper's equation 3, without all of this."""
     n_step: Annotated[int, Field(ge=1, le=10_000)] = 3
     """n of n-step returns: rewards summed before the estimated value of a later state."""
-    guarded_targets: bool = True
-    """The value of the next state is that of its best admissible action, clipped to the range of
-    possible returns. False: of its best action, as in the paper's equation 3."""
-    gradient_clip: Positive | None = 10.0
-    """Largest Euclidean norm of the gradient of one network. None: unlimited."""
     epsilon_end: Probability = 0.05
     """Probability of exploring from env step `epsilon_steps` on."""
     epsilon_steps: Count = 4000
@@ -360,9 +356,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
             "epsilon_end": 0.3,
             "epsilon_steps": 0,
             "n_step": 1,
-            "guarded_targets": False,
             "target_polyak": None,
-            "gradient_clip": None,
             # D keeps every sample: up to 1,000 episodes of 500 steps.
             "buffer_size": 500_000,
         },

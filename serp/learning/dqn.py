@@ -106,6 +106,7 @@ class DQN:
     ) -> None:
         self.imitates = imitates
         self._discount = discount
+        self._guarded = settings.target_polyak is not None
         self.imitation_weight = 0.0
         self.input_size = input_size
         self.action_count = action_count
@@ -202,7 +203,7 @@ class DQN:
                 f"learner: rewards such as {reward:g} add up to a return of {largest:g}, more "
                 f"than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards."
             )
-        allowed = next_allowed if self.settings.guarded_targets else None
+        allowed = next_allowed if self._guarded else None
         self.replay.add(
             observation, action, reward, next_observation, terminated, truncated,
             allowed, imitated,
@@ -235,7 +236,7 @@ class DQN:
 
     def _update(self) -> float:
         bounds = (-math.inf, math.inf)
-        if self.settings.guarded_targets:
+        if self._guarded:
             bounds = (self._bounds.lower, self._bounds.upper)
         batch = self.replay.sample()
         return self.learning.update(batch, bounds, self.imitation_weight, self.env_steps)

@@ -17,8 +17,8 @@ from serp.tasks.environment import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
 
-Perceive = Callable[[Any, Mapping[str, Any], Any], tuple[Vector, Vector]]
-"""(observation, info, environment that gave them) → (state, input of the learner)."""
+TakeIn = Callable[[Vector, Vector], tuple[Vector, Vector]]
+"""(flat observation, state) → (state, input of the learner)."""
 Decide = Callable[[Vector, Vector], Decision]
 """(state, input of the learner) → decision."""
 
@@ -54,19 +54,19 @@ class Rollout:
     def __init__(
         self,
         task: BoundTask | RemoteTask,
-        perceive: Perceive,
+        take_in: TakeIn,
         *,
         seed: int,
         limit: int,
         judge: Judge,
     ) -> None:
         self._task = task
-        self._perceive = perceive
+        self._take_in = take_in
         self._limit = limit
         self._judge = judge
         self.totals = EpisodeTotals()
         self._observation, self.info = task.reset(seed=seed)
-        self.state, self.x = perceive(self._observation, self.info, task.env)
+        self.state, self.x = take_in(*task.perceived(self._observation, self.info))
 
     @property
     def over(self) -> bool:
@@ -82,7 +82,7 @@ class Rollout:
             StateError: The domain file cannot judge the step, and its reward is learned from.
         """
         observation, env_reward, terminated, truncated, info = self._task.step(decision.action)
-        next_state, next_x = self._perceive(observation, info, self._task.env)
+        next_state, next_x = self._take_in(*self._task.perceived(observation, info))
         ground = int(decision.forecast.ground[decision.action])
         judged = self._judge(self.state, ground, next_state, env_reward)
         number = self.totals.length + 1

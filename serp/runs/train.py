@@ -247,7 +247,6 @@ def train(
                 due = save()
             while not (budget.spent_by(trainer) or stopping.requested or callbacks.failure):
                 for row in trainer.run():
-                    log.episode(row)
                     callbacks.episode(row)
                 if trainer.wall_time >= due:
                     due = save()

@@ -15,14 +15,13 @@ from pydantic import Field
 from serp._util.files import Closing
 from serp._util.saved_state import Saved
 from serp.agent.agent import Agent
-from serp.agent.step_record import DecisionCounts, OnStep, StepRecord
+from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
-from serp.model.transition_model import StateError, Vector
-from serp.runs.rollout import Perceive, Rollout, RolloutEnv, rollout_envs, training_seed
-from serp.runs.run_log import RunLog
-from serp.runs.tables import MetricsRow, metrics_row
+from serp.model.transition_model import StateError
+from serp.runs.rollout import Rollout, RolloutEnv, rollout_envs, training_seed
+from serp.runs.run_log import Bookkeeping
+from serp.runs.tables import MetricsRow
 from serp.settings import Section, Settings
-from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
 
 Limit = Annotated[int, Field(ge=1)] | None
@@ -95,7 +94,7 @@ _TOGETHER = 100
 More of them keep more environments busy, fewer make a run end nearer to its budget."""
 
 
-class Trainer(Closing):
+class Trainer(Bookkeeping, Closing):
     """Trains an agent on a task, in one environment or in several that are stepped together.
 
     Every episode begins with `env.reset(seed=...)`, its seed derived from the run's seed and the
@@ -107,10 +106,7 @@ class Trainer(Closing):
     Attributes:
         environments: The environments.
         judge: Judges the steps.
-        log: Where steps are written; None for nowhere.
-        episode, env_steps: Numbers of complete episodes and of env steps.
         under_way: Number of the current env step, from 1.
-        tally: Counts over all steps.
         recent: Returns of the last 20 episodes.
         on_step: If set, called with every env step, after learning from it.
     """
@@ -123,6 +119,7 @@ class Trainer(Closing):
         *,
         baseline: bool = False,
     ) -> None:
+        super().__init__()
         self.task = task
         self.settings = settings
         self.seed = seed
@@ -134,35 +131,16 @@ class Trainer(Closing):
                 "learner: its networks and its replay memory do not fit into memory; make "
                 f"`hidden`, `members` or `buffer_size` smaller ({error})"
             ) from None
-        self.episode = 0
-        self.env_steps = 0
         self.under_way = 1
-        self.tally = DecisionCounts()
         self.recent: deque[float] = deque(maxlen=20)
-        self.log: RunLog | None = None
         self.on_step: OnStep | None = None
         self._pretrained = settings.training.random_steps == 0
-        self._wall_before, self._clock = 0.0, time.monotonic()
         self._open = contextlib.ExitStack()
         self.environments = self._open.enter_context(rollout_envs(task, settings.training.num_envs))
 
     def close(self) -> None:
         """Close the environments that the trainer has made; that of the task stays open."""
         self._open.close()
-
-    @property
-    def wall_time(self) -> float:
-        """Seconds of training, without pauses between resumptions."""
-        return self._wall_before + time.monotonic() - self._clock
-
-    @contextlib.contextmanager
-    def paused(self) -> Iterator[None]:
-        """Exclude the body from `wall_time`."""
-        begun = time.monotonic()
-        try:
-            yield
-        finally:
-            self._clock += time.monotonic() - begun
 
     def run_episode(self) -> MetricsRow:
         """Train for one episode with one environment, and return its row of the metrics.
@@ -231,10 +209,7 @@ class Trainer(Closing):
             self.under_way = self.env_steps + 1
             step = env.rollout.step(env.decision)
             agent.observe(step, env.episode)
-            if self.log is not None:
-                self.log.step(step, env_step=self.env_steps, episode=env.episode + 1)
-            self.tally.count(step.decision)
-            self.env_steps += 1
+            self.count_step(step, env.episode + 1)
             made.append((env, step))
         ended = [env for env, step in made if step.last]
         self._decide([env for env in running if env not in ended])
@@ -253,22 +228,12 @@ class Trainer(Closing):
     def _reset(self, env: RolloutEnv) -> None:
         env.rollout = Rollout(
             env.task,
-            self._perceive_of(env.task),
+            self.agent.take_in,
             seed=env.seed,
             limit=self.settings.training.episode_steps,
             judge=self.judge,
         )
         self.agent.arbiter.begin_episode()
-
-    def _perceive_of(self, task: BoundTask | RemoteTask) -> Perceive:
-        def perceive(raw: Any, info: Mapping[str, Any], env: Any) -> tuple[Vector, Vector]:
-            if isinstance(task, RemoteTask):
-                observation, state = task.perceived
-            else:
-                observation, state = task.observation(raw), task.ground(raw, info, env)
-            return self.agent.take_in(observation, state)
-
-        return perceive
 
     def _decide(self, environments: list[RolloutEnv]) -> None:
         """Decide in environments whose episode goes on, and begin to execute the decisions."""
@@ -284,8 +249,7 @@ class Trainer(Closing):
 
     def _end_episode(self, env: RolloutEnv) -> MetricsRow:
         assert env.rollout is not None
-        self.episode += 1
-        agent, totals, losses = self.agent, env.rollout.totals, env.losses
+        agent, totals = self.agent, env.rollout.totals
         agent.turn_to(env.index)
         if not env.random:
             agent.strategy.end_episode(totals.return_, totals.length)
@@ -293,15 +257,7 @@ class Trainer(Closing):
             agent.learner.pretrain(self.settings.training.random_steps)
             self._pretrained = True
         self.recent.append(totals.return_)
-        return metrics_row(
-            totals,
-            episode=self.episode,
-            env_steps=self.env_steps,
-            rho=agent.strategy.rho,
-            epsilon=agent.learner.epsilon,
-            losses=losses,
-            wall_time=self.wall_time,
-        )
+        return self.count_episode(totals, agent.strategy.rho, agent.learner.epsilon, env.losses)
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return the complete state while no episode is running: arrays and JSON values."""

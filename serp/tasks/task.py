@@ -382,6 +382,10 @@ class BoundTask(Closing):
         except (StateError, TypeError, ValueError) as error:
             raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
 
+    def perceived(self, raw: Any, info: Mapping[str, Any]) -> tuple[Vector, Vector]:
+        """Return the flat observation and the state of what the environment has just returned."""
+        return self.observation(raw), self.ground(raw, info, self.env)
+
     def _grounded(
         self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None
     ) -> Any:

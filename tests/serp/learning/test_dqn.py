@@ -146,8 +146,6 @@ VARIANTS = st.fixed_dictionaries(
         "layer_norm": st.booleans(),
         "members": st.integers(1, 2),
         "n_step": st.integers(1, 4),
-        "guarded_targets": st.booleans(),
-        "gradient_clip": st.sampled_from([None, 0.1]),
         "updates_per_step": st.sampled_from([0.3, 1, 2]),
         "learning_starts": st.sampled_from([1, 20]),
     }

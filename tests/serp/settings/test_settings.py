@@ -20,7 +20,7 @@ OUTSIDE: dict[str, list[Any]] = {
     "arbiter.rho": [-0.1, 1.1, "high", None, True, math.nan],
     "arbiter.r_min": ["low", math.nan, math.inf, True],
     "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
-    "learner.guarded_targets": [1, "yes"],
+    "learner.layer_norm": [1, "yes"],
     "training.reward": ["pixels", ["sum"], np.array(["sum", "task"])],
 }
 CHANGES = st.fixed_dictionaries(
