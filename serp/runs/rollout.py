@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from serp._util.saved_state import Saved
 from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
@@ -154,15 +152,6 @@ class RolloutEnv:
         self.decision = decision
         if isinstance(self.task, RemoteTask):
             self.task.begin_step(decision.action)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"environment": self.task.environment_state()}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
-        saved = Saved("environment", {}, meta)
-        self.task.restore_environment(saved.part("environment")[1])
 
 
 @contextlib.contextmanager

@@ -73,16 +73,14 @@ class Callbacks:
 
     def step(self, record: StepRecord) -> None:
         """Call `on_step`."""
-        if self._on_step is not None:
-            self._call(self._on_step, record)
+        self._call(self._on_step, record)
 
     def episode(self, row: MetricsRow) -> None:
         """Call `on_episode`."""
-        if self._on_episode is not None:
-            self._call(self._on_episode, row)
+        self._call(self._on_episode, row)
 
-    def _call(self, function: Callable[[Any], None], record: Any) -> None:
-        if self.failure is None:
+    def _call(self, function: Callable[[Any], None] | None, record: Any) -> None:
+        if function is not None and self.failure is None:
             try:
                 function(record)
             except Exception as error:
@@ -270,7 +268,9 @@ class Trainer(Bookkeeping, Closing):
             "recent": list(self.recent),
             "pretrained": self._pretrained,
             "wall_time": self.wall_time,
-            "environments": {str(env.index): env.state_dict() for env in self.environments},
+            "environments": {
+                str(env.index): env.task.environment_state() for env in self.environments
+            },
         }
         return arrays, meta
 
@@ -291,4 +291,4 @@ class Trainer(Bookkeeping, Closing):
         self._wall_before, self._clock = saved.real("wall_time", 0.0), time.monotonic()
         environments = Saved("environments", {}, saved.part("environments")[1])
         for env in self.environments:
-            env.load_state_dict(environments.part(str(env.index))[1])
+            env.task.restore_environment(environments.part(str(env.index))[1])
