@@ -145,8 +145,7 @@ class PlannerSettings(Section):
 
     name: str = "lookahead"
     """The planner, by the name of its entry point in the group `serp.planners`, or of
-    `Task.planners`. `a+b` names several; the strategy `evidence` finds the better one. What follows
-    a colon is for the planner itself."""
+    `Task.planners`. What follows a colon is for the planner itself."""
     depth: Periods = 5
     """Lookahead in control periods, each with an action."""
     discount: Annotated[float, Field(gt=0, lt=1)] = 0.99

@@ -35,6 +35,9 @@ def logged(task: Task, episodes: int) -> tuple[Trainer, list[MetricsRow], Any]:
             row = decision_row(step.decision, name, step=env_step, episode=episode)
             lines.append(row._asdict())
 
+        def episode(self, row: MetricsRow) -> None:
+            assert row.env_steps == len(lines)
+
     trainer.log = Log()  # type: ignore[assignment]
     rows = [trainer.run_episode() for _ in range(episodes)]
     return trainer, rows, (recorder.seen, lines)
