@@ -28,7 +28,6 @@ _HOMES = {
     "Settings": "serp.settings",
     "SettingsError": "serp.errors",
     "Strategy": "serp.agent.strategy",
-    "Symmetry": "serp.tasks.symmetry",
     "Task": "serp.tasks.task",
     "TaskError": "serp.errors",
     "TransitionModel": "serp.model.transition_model",
@@ -76,7 +75,6 @@ if TYPE_CHECKING:
     from serp.settings import Settings as Settings
     from serp.tasks.file_world import file_task as file_task
     from serp.tasks.registry import load_task as load_task
-    from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
 
 

@@ -145,12 +145,11 @@ class PlannerSettings(Section):
 
     name: str = "lookahead"
     """The planner, by the name of its entry point in the group `serp.planners`, or of
-    `Task.planners`. `a+b` names several; the strategy `evidence` finds the better one. What follows
-    a colon is for the planner itself."""
+    `Task.planners`. What follows a colon is for the planner itself."""
     depth: Periods = 5
     """Lookahead in control periods, each with an action."""
-    discount: Annotated[float, Field(gt=0, le=1)] = 0.99
-    """Weight of a reward one control period later."""
+    discount: Annotated[float, Field(gt=0, lt=1)] = 0.99
+    """γ: weight of a reward one control period later, for planner and learner."""
     max_nodes: PositiveCount = 10_000
     """Most nodes that are expanded. A layer that would exceed the budget is not expanded, and the
     plan ends at the deepest complete layer. The first layer is always expanded."""
@@ -188,10 +187,7 @@ class ArbiterSettings(Section):
     rho: Probability = 0.0
     """Initial learner probability ρ."""
     rho_increment: Probability = 0.01
-    """Δρ: increase of ρ at the end of each unit."""
-    rho_unit: str = "episode"
-    """`step`, `episode`, or the name of a counter in the environment's `info`, such as `game`:
-    ρ grows whenever it changes."""
+    """Δρ: increase of ρ at the end of each episode."""
     r_min: Finite | None = None
     """R_min: a proposal with a smaller predicted reward is vetoed. None: no proposal is."""
     veto_horizon: Literal["step", "lookahead"] = "lookahead"
@@ -223,36 +219,26 @@ class LearnerSettings(Section):
     """Neurons of each hidden layer; none makes Q linear in the input."""
     layer_norm: bool = False
     """LayerNorm (arXiv 1607.06450) in every hidden layer, before its ReLU."""
-    symmetry: bool = False
-    """Use the reflection that the task declares, if it does (`Task.symmetry`): half of the samples
-    drawn are mirrored, and Q is the mean over an input and its mirror image."""
     members: Size = 1
     """Networks of the ensemble. Each learns from separate batches; Q is their mean."""
     learning_rate: Positive = 0.001
     """Step size of Adam."""
-    discount: Annotated[float, Field(ge=0, lt=1)] = 0.99
-    """γ: weight of the reward of the next step."""
     batch_size: Size = 64
     """Samples in one gradient update of one network."""
     updates_per_step: Nonnegative = 1.0
     """Gradient updates per env step; 0.5 is one in every second step."""
     target_polyak: Annotated[float, Field(gt=0, le=1)] | None = 0.005
     """Fraction by which the target network moves towards the network after every gradient update.
-    The network chooses the next action, the target network estimates its value (double DQN, arXiv
-    1509.06461). None: there is no target network, as in the paper's equation 3."""
+    The network chooses the next action among the admissible ones, the target network estimates its
+    value (double DQN, arXiv 1509.06461), which is clipped to the range of possible returns, and so
+    is the norm of a gradient, to 10. None: the paper's equation 3, without all of this."""
     n_step: Annotated[int, Field(ge=1, le=10_000)] = 3
     """n of n-step returns: rewards summed before the estimated value of a later state."""
-    guarded_targets: bool = True
-    """The value of the next state is that of its best admissible action, clipped to the range of
-    possible returns. False: of its best action, as in the paper's equation 3."""
-    gradient_clip: Positive | None = 10.0
-    """Largest Euclidean norm of the gradient of one network. None: unlimited."""
-    epsilon_start: Probability = 1.0
-    """Probability of exploring in the first env step."""
     epsilon_end: Probability = 0.05
     """Probability of exploring from env step `epsilon_steps` on."""
     epsilon_steps: Count = 4000
-    """Env steps over which the probability changes linearly between the two."""
+    """Env steps over which the probability falls linearly: from 1, or from 0.1 for a learner that
+    imitates the planner (strategy `evidence`), which begins with what the planner does."""
     buffer_size: Annotated[int, Field(ge=1, le=10**14)] = 50_000
     """Samples in the replay buffer; the oldest is overwritten."""
     learning_starts: Count = 200
@@ -275,9 +261,6 @@ class TrainingSettings(Section):
     pretrained on them, by as many gradient updates, before Algorithm 1 starts."""
     env_steps: PositiveCount = 20_000
     """Default budget of a training in env steps."""
-    units: PositiveCount | None = None
-    """Default budget in units of `arbiter.rho_unit`, such as games, instead of env steps. None: in
-    env steps."""
     episode_steps: PositiveCount = 10_000
     """Steps after which an episode is truncated that the environment does not end. Runs are saved
     and stopped only between episodes."""
@@ -366,21 +349,13 @@ PRESETS: Final[Mapping[str, Changes]] = {
     # one: vetoes by the next step, no filter, no target network.
     "paper": {
         "planner": {"discount": 0.9},
-        "arbiter": {
-            "rho": 0.0,
-            "rho_increment": 0.01,
-            "rho_unit": "episode",
-            "veto_horizon": "step",
-        },
+        "arbiter": {"rho": 0.0, "rho_increment": 0.01, "veto_horizon": "step"},
         "learner": {
             "learning_rate": 1e-3,
-            "discount": 0.9,
-            "epsilon_start": 0.3,
             "epsilon_end": 0.3,
+            "epsilon_steps": 0,
             "n_step": 1,
-            "guarded_targets": False,
             "target_polyak": None,
-            "gradient_clip": None,
             # D keeps every sample: up to 1,000 episodes of 500 steps.
             "buffer_size": 500_000,
         },
@@ -394,10 +369,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
         "learner": {
             "members": 3,
             "layer_norm": True,
-            "symmetry": True,
             "batch_size": 32,
-            # The learner begins with what the planner does.
-            "epsilon_start": 0.1,
             "epsilon_end": 0.02,
             "epsilon_steps": 3000,
         },

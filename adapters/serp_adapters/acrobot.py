@@ -23,10 +23,5 @@ def task() -> serp.Task:
         ground=as_observed,
         actions={"turn-left": 0, "let-go": 1, "turn-right": 2},
         dt=CONTROL_PERIOD,
-        symmetry=serp.Symmetry(
-            flip=("upper-sine", "lower-sine", "upper-velocity", "lower-velocity"),
-            actions={"turn-left": "turn-right"},
-            observation_signs=(1, -1, 1, -1, -1, -1),
-        ),
         description="swing up two links by the joint between them, from rewards alone",
     )

@@ -43,10 +43,5 @@ def task() -> serp.Task:
         # A fall costs more than any step can gain, so this threshold refuses falls alone.
         settings={"*": {"arbiter": {"r_min": -0.5}}},
         draw=draw,
-        symmetry=serp.Symmetry(
-            flip=("cart-position", "cart-velocity", "pole-angle", "pole-velocity"),
-            actions={"push-left": "push-right"},
-            observation_signs=(-1, -1, -1, -1),
-        ),
         description="keep a pole upright on a cart that can be pushed left or right",
     )

@@ -24,10 +24,5 @@ def task() -> serp.Task:
         # No step costs half as much as a crash, so this threshold refuses crashes alone.
         settings={"*": {"arbiter": {"r_min": -5.0}}},
         counters=("landed", "crashed", "lost"),
-        symmetry=serp.Symmetry(
-            flip=("offset", "sideways"),
-            actions={"push-left": "push-right"},
-            observation_signs=(-1, 1, -1, 1),
-        ),
         description="land softly on a pad, after a fall through thick air",
     )

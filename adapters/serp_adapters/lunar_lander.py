@@ -47,12 +47,5 @@ def task() -> serp.Task:
         dt=CONTROL_PERIOD,
         # The file's hints are for the planner.
         reward="environment",
-        symmetry=serp.Symmetry(
-            objects={"left-leg": "right-leg"},
-            flip=("offset", "sideways", "lean", "spin"),
-            actions={"push-left": "push-right"},
-            observation_order=(0, 1, 2, 3, 4, 5, 7, 6),
-            observation_signs=(-1, 1, -1, 1, -1, -1, 1, 1),
-        ),
         description="land a craft with three engines softly on a pad between hills",
     )

@@ -20,10 +20,5 @@ def task() -> serp.Task:
         ground=as_observed,  # Height and side (m) and velocity (rad/s) of the pendulum.
         actions={"turn-left": 0, "let-go": 1, "turn-right": 2},
         dt=CONTROL_PERIOD,
-        symmetry=serp.Symmetry(
-            flip=("side", "velocity"),
-            actions={"turn-left": "turn-right"},
-            observation_signs=(1, -1, -1),
-        ),
         description="swing up a pendulum that its motor is too weak to lift, and hold it",
     )

@@ -216,6 +216,16 @@ def probability(saved: Saved, name: str, own: Any) -> float:
     return saved.real(name, 0.0, 1.0)
 
 
+def truths(saved: Saved, name: str, own: list[bool]) -> list[bool]:
+    """Read as many truth values as there are."""
+    return saved.truths(name, len(own))
+
+
+def within(low: float, high: float = LARGEST) -> Reader:
+    """Return the reader of a number from `low` to `high`."""
+    return lambda saved, name, own: saved.real(name, low, high)
+
+
 def counts_of(names: Iterable[str]) -> Reader:
     """Return the reader of a `Counter` with some of the names."""
     known = {str(name): name for name in names}

@@ -22,14 +22,12 @@ from serp.agent.strategy import Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
 from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import Proposal
-from serp.learning.reflection import Reflection
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
-from serp.tasks.symmetry import resolved
 from serp.tasks.task import BoundTask, reward_source
 
 MIN_VISITS = 4
@@ -69,14 +67,11 @@ class Agent:
         settings: All settings.
         seed: Seed of everything random in the agent.
         baseline: Whether the learner always acts, and nothing is refused.
-        reflection: That of an exported policy; None: the one that the task declares.
 
     Attributes:
         arbiter: The arbiter used in training.
         guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
         adaptation: The adaptation of the model.
-        reflection: The reflection of inputs and actions that the learner uses; None for none.
-        notices: Messages for the user: a model that cannot adapt, a symmetry that does not fit.
     """
 
     def __init__(
@@ -86,7 +81,6 @@ class Agent:
         seed: int,
         *,
         baseline: bool = False,
-        reflection: Reflection | None = None,
     ) -> None:
         self.task = task
         self.settings = settings
@@ -120,19 +114,13 @@ class Agent:
             self.arbiter = Arbiter(
                 planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
             )
-        unfit = None
-        if reflection is None and settings.learner.symmetry:
-            reflection, unfit = resolved(task)
-        self.reflection = reflection
-        notices = (unfit, self.adaptation.notice)
-        self.notices = tuple(notice for notice in notices if notice is not None)
         self.learner = make_learner(
             task.observation_size + len(task.model.fluents),
             task.actions.size,
             settings.learner,
             learner_seed,
             imitates=strategy.imitates,
-            reflection=reflection,
+            discount=settings.planner.discount,
         )
         self._random = np.random.default_rng(random_seed)
         self._waiting: dict[int, list[tuple[Vector, int, Vector, int, float]]] = {}

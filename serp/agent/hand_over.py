@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import ClassVar, Final
 
-from serp._util.saved_state import Saved
+from serp._util.saved_state import (
+    Declared,
+    Reader,
+    count,
+    part,
+    probability,
+    random,
+    truths,
+    within,
+)
 from serp.agent.protocols import Proposer
 from serp.agent.strategy import PolicyEvidence, Seed, Situation, Strategy, Worth
 from serp.learning.dqn import Proposal
@@ -20,11 +29,18 @@ Belief = tuple[float, float]
 """Mean and variance of an expected return."""
 
 
-class Returns:
+class Returns(Declared):
     """The returns of the episodes of one acting policy, the newest with the most weight.
 
     `count` is the sum of the weights, `squares` that of squared deviations from the `mean`.
     """
+
+    STATE: ClassVar[Mapping[str, Reader]] = {
+        "episodes": count,
+        "count": within(0.0),
+        "mean": within(-_LARGEST, _LARGEST),
+        "squares": within(0.0),
+    }
 
     def __init__(self) -> None:
         self.count = self.mean = self.squares = 0.0
@@ -43,15 +59,6 @@ class Returns:
         self.mean += off / self.count
         self.squares = max(0.0, self.squares + off * (value - self.mean))
 
-    def load(self, saved: Saved, low: float, high: float) -> None:
-        """Restore the attributes, of returns from `low` to `high`."""
-        self.episodes = saved.whole("episodes")
-        self.count = saved.real("count", 0.0, self.episodes)
-        slack = 1e-9 * max(abs(low), abs(high))
-        mean = (low - slack, high + slack) if self.episodes else (0.0, 0.0)
-        self.mean = saved.real("mean", *mean)
-        self.squares = saved.real("squares", 0.0)
-
 
 class Evidence(Strategy):
     """Planner or learner is the acting policy of a whole episode, by discounted Thompson sampling.
@@ -65,6 +72,16 @@ class Evidence(Strategy):
     """
 
     imitates = True
+    STATE: ClassVar[Mapping[str, Reader]] = {
+        "planner": part,
+        "learner": part,
+        "_leads": truths,
+        "_worst": within(-_LARGEST, math.inf),
+        "_best": within(-math.inf, _LARGEST),
+        "_steps": count,
+        "_rho": probability,
+        "_random": random,
+    }
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
@@ -148,7 +165,8 @@ class Evidence(Strategy):
         from scipy.special import stdtr  # takes a while to load, and a decision needs it rarely
 
         (mean, variance), (other, more) = self._beliefs()
-        return float(stdtr(self._freedom, (other - mean) / math.sqrt(variance + more)))
+        spread = math.sqrt(max(variance + more, 1e-300))  # 0 where a count is far too large
+        return float(stdtr(self._freedom, (other - mean) / spread))
 
     def _draw(self) -> None:
         """Draw who leads the next episode."""
@@ -183,35 +201,3 @@ class Evidence(Strategy):
             (self.learner if self._leads[self.env_index] else self.planner).add(return_)
             self._rho = self._probability()
         self._draw()
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {
-            "planner": vars(self.planner).copy(),
-            "learner": vars(self.learner).copy(),
-            "range": [self._worst, self._best] if self._worst <= self._best else None,
-            "steps": self._steps,
-            "leads": self._leads.copy(),
-            "random": self._random.bit_generator.state,
-        }
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
-        saved = Saved("strategy", {}, meta)
-        self._worst, self._best = math.inf, -math.inf
-        if meta.get("range") is not None:
-            self._worst, self._best = saved.reals("range", 2, -_LARGEST, _LARGEST)
-            if self._worst > self._best:
-                raise saved.wrong("range is empty")
-        self._steps = saved.whole("steps")
-        for name, led in (("planner", self.planner), ("learner", self.learner)):
-            led.load(Saved(name, {}, saved.part(name)[1]), self._worst, self._best)
-        self._leads = saved.truths("leads", len(self._leads))
-        if (self._episodes > 0) != (meta.get("range") is not None):
-            raise saved.wrong("range is that of no episode, or of none")
-        self._random.bit_generator.state = saved.generator_state("random", self._random)
-        self._rho = self._probability()

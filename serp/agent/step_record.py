@@ -126,7 +126,6 @@ class EpisodeTotals:
     length: int = 0
     return_: float = 0.0
     domain_return: float = 0.0
-    learner_return: float = 0.0
     terminated: bool = False
     truncated: bool = False
     unsafe_observed: int = 0
@@ -138,7 +137,6 @@ class EpisodeTotals:
         self.length = step.number
         self.return_ += step.env_reward
         self.domain_return += step.domain_reward
-        self.learner_return += step.reward
         self.terminated, self.truncated = step.terminated, step.truncated
         self.unsafe_observed += step.unsafe_observed
         self.avoidable_unsafe += step.decision.avoidable_unsafe

@@ -159,9 +159,6 @@ class Strategy(Declared):
         """Return the planner's action that the learner is to imitate in a state; -1: none."""
         return -1
 
-    def end_unit(self, unit: str) -> None:
-        """Handle the end of a unit: `step`, `episode` or a counter of the environment."""
-
     def end_episode(self, return_: float, length: int) -> None:
         """Handle the end of an episode of training."""
 
@@ -191,7 +188,6 @@ class Mixture(Strategy):
         """Draw whose turn it is; return the learner's proposal, or None."""
         return None if self._random.random() > self._rho else learner.propose(None)
 
-    def end_unit(self, unit: str) -> None:
-        """Increase ρ if this is the unit by which it grows."""
-        if unit == self._settings.arbiter.rho_unit:
-            self._rho = min(1.0, self._rho + self._settings.arbiter.rho_increment)
+    def end_episode(self, return_: float, length: int) -> None:
+        """Increase ρ."""
+        self._rho = min(1.0, self._rho + self._settings.arbiter.rho_increment)

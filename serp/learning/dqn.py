@@ -24,7 +24,6 @@ from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
-from serp.learning.reflection import Reflection
 from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
 from serp.settings import LearnerSettings
 
@@ -86,7 +85,7 @@ class DQN:
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
         imitates: Whether samples hold actions to be imitated.
-        reflection: A reflection that the task has; None for none.
+        discount: γ, weight of the reward of the next step.
 
     Attributes:
         imitates: As given.
@@ -103,9 +102,11 @@ class DQN:
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         imitates: bool = False,
-        reflection: Reflection | None = None,
+        discount: float = 0.99,
     ) -> None:
         self.imitates = imitates
+        self._discount = discount
+        self._guarded = settings.target_polyak is not None
         self.imitation_weight = 0.0
         self.input_size = input_size
         self.action_count = action_count
@@ -113,9 +114,8 @@ class DQN:
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng, reflection)
-        self._reflection = reflection
-        self._bounds = ReturnBounds(settings.discount)
+        self.replay = ReplayBuffer(spec, settings, sample_rng, discount)
+        self._bounds = ReturnBounds(discount)
         self._explore_rng = explore_rng
         self.env_steps = 0
         self._learn_calls = 0
@@ -140,24 +140,18 @@ class DQN:
         settings = self.settings
         if self.env_steps >= settings.epsilon_steps:
             return settings.epsilon_end
-        done = self.env_steps / settings.epsilon_steps
-        return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * done
+        start, done = 0.1 if self.imitates else 1.0, self.env_steps / settings.epsilon_steps
+        return start + (settings.epsilon_end - start) * done
 
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
         """Return Q ``[A]`` of an input ``[F]``, or ``[B, A]`` of a batch.
 
-        It is the mean of the members, and of the input's mirror image if there is a reflection.
+        It is the mean of the members.
 
         Raises:
             ValueError: The input has another shape.
         """
-        q, reflection = self.learning.online.q, self._reflection
-        if reflection is None or x.ndim not in (1, 2) or x.shape[-1] != self.input_size:
-            return q(x)
-        both = q(np.concatenate((np.atleast_2d(x), np.atleast_2d(reflection.of_inputs(x)))))
-        count = len(both) // 2
-        mean: type_F32 = (both[:count] + reflection.of_actions(both[count:])) * np.float32(0.5)
-        return mean if x.ndim == 2 else mean[0]
+        return self.learning.online.q(x)
 
     def propose(
         self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
@@ -203,13 +197,13 @@ class DQN:
             LearningFailure: The return of such rewards may exceed float32.
         """
         reward = float(reward)
-        largest = abs(reward) / (1.0 - self.settings.discount)
+        largest = abs(reward) / (1.0 - self._discount)
         if not largest <= FLOAT32_MAX:
             raise LearningFailure(
                 f"learner: rewards such as {reward:g} add up to a return of {largest:g}, more "
                 f"than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards."
             )
-        allowed = next_allowed if self.settings.guarded_targets else None
+        allowed = next_allowed if self._guarded else None
         self.replay.add(
             observation, action, reward, next_observation, terminated, truncated,
             allowed, imitated,
@@ -242,14 +236,14 @@ class DQN:
 
     def _update(self) -> float:
         bounds = (-math.inf, math.inf)
-        if self.settings.guarded_targets:
+        if self._guarded:
             bounds = (self._bounds.lower, self._bounds.upper)
         batch = self.replay.sample()
         return self.learning.update(batch, bounds, self.imitation_weight, self.env_steps)
 
     def as_onnx(self) -> bytes:
         """Return the network as ONNX; see `network_as_onnx`."""
-        return network_as_onnx(self.learning.online, self._reflection)
+        return network_as_onnx(self.learning.online)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

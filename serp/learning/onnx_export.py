@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from serp import _core
 from serp.errors import needs_extra
-from serp.learning.reflection import Reflection
 
 _OPSET: Final = 17
 """The first with LayerNormalization."""
@@ -17,11 +16,11 @@ _IR_VERSION: Final = 8
 """The version of the format that belongs to it, which older onnxruntimes read, too."""
 
 
-def network_as_onnx(network: _core.QNetwork, reflection: Reflection | None = None) -> bytes:
+def network_as_onnx(network: _core.QNetwork) -> bytes:
     """Return a network as ONNX: `x` float32 ``[F]`` → `q` float32 ``[A]``.
 
-    Q is the mean over members and mirror images, as of `DQN.q_values`. Both agree to float32
-    accuracy: sums are added in another order.
+    Q is the mean over members, as of `DQN.q_values`, to float32 accuracy: sums are added in another
+    order.
 
     Raises:
         MissingExtra: onnx is not installed.
@@ -40,13 +39,9 @@ def network_as_onnx(network: _core.QNetwork, reflection: Reflection | None = Non
         constants.append(onnx.numpy_helper.from_array(np.ascontiguousarray(array), name))
         return name
 
-    flat, inputs = network.parameters, network.sizes[0]
-    images = [Reflection(range(inputs), [1.0] * inputs, range(network.sizes[-1]))]  # the same
-    images += [reflection] if reflection else []
-    columns = constant("columns", np.array([image.columns for image in images]))
-    signs = constant("signs", np.array([image.signs for image in images]))
-    h = node("Mul", node("Gather", "x", columns), signs)  # [images, F]
-    for k, layer in enumerate(network.layers):  # [E, images, outputs]
+    flat = network.parameters
+    h = node("Unsqueeze", "x", constant("axes", np.array([0])))  # [1, F]
+    for k, layer in enumerate(network.layers):  # [E, 1, outputs]
         weight = flat[:, layer.start : layer.bias].reshape(-1, layer.inputs, layer.outputs)
         vectors = flat[:, layer.bias : layer.end].reshape(len(flat), -1, 1, layer.outputs)
         h = node("MatMul", h, constant(f"weight{k}", weight))
@@ -58,16 +53,14 @@ def network_as_onnx(network: _core.QNetwork, reflection: Reflection | None = Non
             h = node("Add", h, constant(f"shift{k}", vectors[:, 2]))
         if k + 1 < len(network.layers):
             h = node("Relu", h)
-    actions = np.array([[image.actions for image in images]] * network.members)
-    of_images = node("GatherElements", h, constant("actions", actions), axis=2)
-    node("ReduceMean", of_images, axes=[0, 1], keepdims=0, output="q")
+    node("ReduceMean", h, axes=[0, 1], keepdims=0, output="q")
 
     def numbers(name: str, count: int) -> Any:
         return onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [count])
 
     model = onnx.helper.make_model(
         onnx.helper.make_graph(
-            nodes, "learner", [numbers("x", inputs)], [numbers("q", network.sizes[-1])],
+            nodes, "learner", [numbers("x", network.sizes[0])], [numbers("q", network.sizes[-1])],
             constants,
         ),
         opset_imports=[onnx.helper.make_opsetid("", _OPSET)], ir_version=_IR_VERSION,

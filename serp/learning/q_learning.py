@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from serp import _core
 from serp.errors import LearningFailure
 from serp.learning.replay import Samples, type_F32
 from serp.settings import LearnerSettings
+
+_LARGEST_NORM: Final = 10.0
+"""Largest Euclidean norm of the gradient of one network that has a target network."""
 
 
 class QLearning:
@@ -37,7 +41,7 @@ class QLearning:
         self.compiled = _core.QLearning(
             (input_size, *settings.hidden, action_count), settings.layer_norm, settings.members,
             settings.batch_size, settings.learning_rate,
-            math.inf if settings.gradient_clip is None else settings.gradient_clip,
+            math.inf if settings.target_polyak is None else _LARGEST_NORM,
             settings.target_polyak,
         )  # fmt: skip
         self.online = self.compiled.online
@@ -92,7 +96,7 @@ class QLearning:
         return LearningFailure(
             f"learner: {what} in gradient update {self.updates + 1}, env step {env_step}. "
             f"The first number that is not finite is {first}. Smaller inputs or rewards, or a "
-            "smaller learner.learning_rate or learner.gradient_clip, keep the numbers small"
+            "smaller learner.learning_rate, keep the numbers small"
         )
 
 

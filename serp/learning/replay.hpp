@@ -5,13 +5,6 @@
 
 namespace serp {
 
-/// A reflection as `serp.learning.reflection.Reflection` has it: F columns and signs, A actions.
-struct Mirror {
-    In<std::int64_t, nb::ndim<1>> columns;
-    In<float, nb::ndim<1>> signs;
-    In<std::int64_t, nb::ndim<1>> actions;
-};
-
 /// N samples; `serp.learning.replay.Samples` describes the fields. `imitated` may have no rows.
 class ReplaySamples {
 public:
@@ -27,10 +20,8 @@ public:
     size_t actions() const { return forbidden.shape(1); }
 
     /// Replaces all samples by samples of `store`, for each a number in [0, 1) that chooses one of
-    /// its first `size`. Where the second number of a sample, if there are any, is 1/2 or more, the
-    /// sample is replaced by its mirror image.
-    void draw(const ReplaySamples& store, size_t size, const In<double, nb::ndim<2>>& uniform,
-              const Mirror* mirror);
+    /// its first `size`.
+    void draw(const ReplaySamples& store, size_t size, const In<double, nb::ndim<1>>& uniform);
 
     Rows observation;
     Actions action;

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from serp import _core
 from serp._util.saved_state import LARGEST, Saved
 from serp.errors import RunError
-from serp.learning.reflection import Reflection
 from serp.settings import LearnerSettings
 
 type_F32 = npt.NDArray[np.float32]
@@ -103,7 +102,7 @@ class ReplayBuffer:
         spec: The shape of the samples.
         settings: The learner's settings.
         rng: Draws the samples; used exclusively by the buffer.
-        reflection: Half of the samples drawn are replaced by their mirror images; None for none.
+        discount: γ.
 
     Attributes:
         size: Samples in the ring. A step becomes a sample when its n rewards are complete.
@@ -115,11 +114,8 @@ class ReplayBuffer:
         spec: SampleSpec,
         settings: LearnerSettings,
         rng: np.random.Generator,
-        reflection: Reflection | None = None,
+        discount: float,
     ) -> None:
-        self._mirror = None
-        if reflection is not None:
-            self._mirror = _core.Mirror(reflection.columns, reflection.signs, reflection.actions)
         self._spec = spec
         self._settings = settings
         self.size = self._head = 0
@@ -128,11 +124,11 @@ class ReplayBuffer:
         self.env_index = 0
         self._pending = defaultdict[int, deque[PendingStep]](deque)
         """Environment → its pending steps, at most n, the oldest first."""
-        self._powers = [settings.discount**k for k in range(settings.n_step + 1)]
+        self._powers = [discount**k for k in range(settings.n_step + 1)]
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
         self._rng = rng
         self._batch = Samples.zeros((settings.members, settings.batch_size), spec)
-        self._uniform = np.zeros((1 if reflection is None else 2, self._batch.action.size))
+        self._uniform = np.zeros(self._batch.action.size)
 
     def add(
         self,
@@ -201,7 +197,7 @@ class ReplayBuffer:
             Samples with leading axes ``[members, batch]``, valid until the next draw.
         """
         self._rng.random(out=self._uniform)
-        self._batch.compiled.draw(self._store.compiled, self.size, self._uniform, self._mirror)
+        self._batch.compiled.draw(self._store.compiled, self.size, self._uniform)
         return self._batch
 
     def _shapes(self) -> dict[str, int]:

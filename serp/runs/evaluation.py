@@ -147,7 +147,7 @@ def play(
     with agent.undisturbed():
         for episode in range(count):
             begun = evaluation_seed(seed, episode)
-            rollout = Rollout(task, agent.perceive, seed=begun, limit=limit, judge=judge)
+            rollout = Rollout(task, agent.take_in, seed=begun, limit=limit, judge=judge)
             agent.arbiter.begin_episode()
             steps = rollout.steps(_decisions(agent, policy))
             if recorder is not None:

@@ -102,7 +102,7 @@ class RunLock:
         return "another process"
 
 
-FORMAT = 4
+FORMAT = 5
 """Raised where a run of before cannot be read any more."""
 CONFIG = "config.json"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import time
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -23,15 +22,14 @@ from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
 from serp.agent.protocols import Mask, Proposer
 from serp.agent.registry import refuse_unknown_names
-from serp.agent.step_record import DecisionCounts, EpisodeTotals, StepRecord
+from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import Notice, SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.folder import RunFolder
-from serp.runs.rollout import Rollout, UnitCounter, evaluation_seed, training_seed
+from serp.runs.rollout import Rollout, evaluation_seed, training_seed
 from serp.runs.run import begin_run
-from serp.runs.run_log import RunLog
-from serp.runs.tables import metrics_row
+from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.trainer import Budget
 from serp.settings import resolve
 from serp.tasks.registry import find_task
@@ -81,7 +79,7 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
         super().reset(seed=seed)
         self._rollout = rollout = Rollout(
             self._task,
-            self._agent.perceive,
+            self._agent.take_in,
             seed=self.next_seed(seed),
             limit=self._agent.settings.training.episode_steps,
             judge=self.judge,
@@ -229,7 +227,7 @@ class ArbitratedEnv(TaskEnv):
         }
 
 
-class GuardedEnv(ArbitratedEnv):
+class GuardedEnv(Bookkeeping, ArbitratedEnv):
     """A task for the training loop of any library, with planner, strategy and vetoes inside.
 
     An action is the learner's *proposal*. What is executed, the arbiter decides as in
@@ -287,23 +285,19 @@ class GuardedEnv(ArbitratedEnv):
             agent = Agent(bound, resolved, seed)
             if agent.adaptation.notice is not None:
                 bound.on_notice(agent.adaptation.notice)
-            super().__init__(bound, agent, seed, training_seed)
-            self._clock = time.monotonic()
+            Bookkeeping.__init__(self)
+            ArbitratedEnv.__init__(self, bound, agent, seed, training_seed)
             self._folder: RunFolder | None = None
-            self._log: RunLog | None = None
             if out is not None:
                 self._folder = begin_run(
                     Path(out), bound, resolved,
                     preset=preset, seed=seed, budget=Budget(), begun=begun,
                 )  # fmt: skip
-                self._log = RunLog(self._folder, bound)
+                self.log = RunLog(self._folder, bound)
         except BaseException:
             bound.close()
             raise
-        self._unit = UnitCounter(resolved.arbiter.rho_unit)
         self._evaluation: contextlib.ExitStack | None = None
-        self.env_steps = self.episode = 0
-        self._tally = DecisionCounts()
         self._initial = resolved.training.random_steps > 0
 
     def reset(
@@ -311,9 +305,7 @@ class GuardedEnv(ArbitratedEnv):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin the next episode; one that is running is truncated."""
         self._cut_off()
-        x, info = super().reset(seed=seed, options=options)
-        self._notice_unit(info, reset=True)
-        return x, info
+        return super().reset(seed=seed, options=options)
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
         """Return the decision in a state, as in training."""
@@ -326,15 +318,9 @@ class GuardedEnv(ArbitratedEnv):
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Adapt the model, count, log, and return the task's info with the decision."""
         agent = self._agent
-        self._tally.count(step.decision)
-        if self._log is not None:
-            self._log.step(step, env_step=self.env_steps, episode=self.episode + 1)
+        self.count_step(step, self.episode + 1)
         with blas_on_one_thread():
             agent.observe(step)
-        self.env_steps += 1
-        if not self._initial:
-            agent.strategy.end_unit("step")
-        self._notice_unit(step.info)
         if step.last:
             self._end_episode(step.episode)
         return super().after_step(step)
@@ -347,30 +333,13 @@ class GuardedEnv(ArbitratedEnv):
             self._agent.cut_off()
             self._end_episode(rollout.totals)
 
-    def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
-        if self._unit.changed(info, reset=reset) and not self._initial:
-            self._agent.strategy.end_unit(self._agent.settings.arbiter.rho_unit)
-
     def _end_episode(self, totals: EpisodeTotals) -> None:
-        self.episode += 1
         agent = self._agent
         if self._initial:
             self._initial = self.env_steps < agent.settings.training.random_steps
         else:
-            agent.strategy.end_unit("episode")
             agent.strategy.end_episode(totals.return_, totals.length)
-        if self._log is not None:
-            self._log.episode(
-                metrics_row(
-                    totals,
-                    episode=self.episode,
-                    env_steps=self.env_steps,
-                    rho=agent.strategy.rho,
-                    epsilon=None,
-                    losses=(),
-                    wall_time=time.monotonic() - self._clock,
-                )
-            )
+        self.count_episode(totals, agent.strategy.rho)
 
     def evaluation(self, seed: int = 0, *, render_mode: str | None = None) -> EvaluationEnv:
         """Return an environment in which the trained policy is evaluated while training goes on.
@@ -395,14 +364,14 @@ class GuardedEnv(ArbitratedEnv):
 
     def close(self) -> None:
         """Close the environment, and write the results of the run."""
-        if self._folder is not None and self._log is not None:
+        if self._folder is not None and self.log is not None:
             from serp.runs.results import write_results
 
-            with self._folder, self._log:
-                self._log.flush()
+            with self._folder, self.log:
+                self.log.flush()
                 account = account_of(self._agent)
-                write_results(self._folder, self._tally.vetoes_by_reason(), account)
-            self._folder = self._log = None
+                write_results(self._folder, self.tally.vetoes_by_reason(), account)
+            self._folder = self.log = None
         super().close()
 
 

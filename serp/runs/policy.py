@@ -25,7 +25,6 @@ from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
-from serp.learning.reflection import Reflection
 from serp.model.domain import load_domain
 from serp.runs import checkpoint
 from serp.runs.evaluation import Episode, play
@@ -34,7 +33,7 @@ from serp.settings import Settings
 from serp.tasks.file_world import WorldOptions
 from serp.tasks.task import BoundTask, Task
 
-FORMAT: Final = 3
+FORMAT: Final = 4
 MANIFEST, DOMAIN, PROBLEM = "manifest.json", "domain.pddl", "problem.pddl"
 AGENT: Final = "agent.safetensors"
 NETWORK: Final = "learner.onnx"
@@ -79,9 +78,6 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
         arrays, meta = _state(agent, task)
         about = _about(agent, task)
         domain = task.domain
-    meta = {"agent": meta, "reflection": None}
-    if agent.reflection is not None:
-        meta["reflection"] = agent.reflection.as_lists()
     files: dict[str, bytes] = {
         AGENT: checkpoint.encoded(arrays, meta),
         DOMAIN: domain.source.text.encode(),
@@ -174,10 +170,8 @@ class Policy:
                 if self.fluents != [each["name"] for each in self.manifest["fluents"]]:
                     raise RunError(f"the fluents are not those of its {MANIFEST}; {_AGAIN}")
                 saved = Saved("policy", arrays, meta)
-                lists = meta["reflection"]
-                reflection = None if lists is None else Reflection(*lists)
-                self.agent = Agent(bound, settings, 0, reflection=reflection)
-                self.agent.load_state_dict(arrays, saved.part("agent")[1])
+                self.agent = Agent(bound, settings, 0)
+                self.agent.load_state_dict(arrays, meta)
             width, size = len(self.fluents), len(self.manifest["observation"])
             observations = saved.array("grounding.observation", np.float64, (-1, size))
             states = saved.array("grounding.state", np.float64, (len(observations), width))

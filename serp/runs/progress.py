@@ -114,8 +114,7 @@ class Progress:
     def _figures(self) -> str:
         trainer, limits = self._trainer, self._budget.limits
         (begin, before, planner), (end, now, planner_now) = self._samples[0], self._samples[-1]
-        unit = trainer.settings.arbiter.rho_unit
-        names = {"episodes": "episode", "env_steps": "step", "units": unit}
+        names = {"episodes": "episode", "env_steps": "step"}
         figures = [
             f"{names[name]} {now[name]:,}" + (f"/{limits[name]:,}" if name in limits else "")
             for name in limits or ("env_steps",)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from serp._util.saved_state import Saved
 from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
@@ -17,8 +15,8 @@ from serp.tasks.environment import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
 
-Perceive = Callable[[Any, Mapping[str, Any], Any], tuple[Vector, Vector]]
-"""(observation, info, environment that gave them) → (state, input of the learner)."""
+TakeIn = Callable[[Vector, Vector], tuple[Vector, Vector]]
+"""(flat observation, state) → (state, input of the learner)."""
 Decide = Callable[[Vector, Vector], Decision]
 """(state, input of the learner) → decision."""
 
@@ -54,19 +52,19 @@ class Rollout:
     def __init__(
         self,
         task: BoundTask | RemoteTask,
-        perceive: Perceive,
+        take_in: TakeIn,
         *,
         seed: int,
         limit: int,
         judge: Judge,
     ) -> None:
         self._task = task
-        self._perceive = perceive
+        self._take_in = take_in
         self._limit = limit
         self._judge = judge
         self.totals = EpisodeTotals()
         self._observation, self.info = task.reset(seed=seed)
-        self.state, self.x = perceive(self._observation, self.info, task.env)
+        self.state, self.x = take_in(*task.perceived(self._observation, self.info))
 
     @property
     def over(self) -> bool:
@@ -82,7 +80,7 @@ class Rollout:
             StateError: The domain file cannot judge the step, and its reward is learned from.
         """
         observation, env_reward, terminated, truncated, info = self._task.step(decision.action)
-        next_state, next_x = self._perceive(observation, info, self._task.env)
+        next_state, next_x = self._take_in(*self._task.perceived(observation, info))
         ground = int(decision.forecast.ground[decision.action])
         judged = self._judge(self.state, ground, next_state, env_reward)
         number = self.totals.length + 1
@@ -118,54 +116,15 @@ class Rollout:
             yield self.step(decide(self.state, self.x))
 
 
-class UnitCounter:
-    """Notices when the counter that `arbiter.rho_unit` names changes in the environment's info.
-
-    Attributes:
-        value: The newest value of the counter; None before the first one.
-    """
-
-    def __init__(self, unit: str) -> None:
-        self._unit = unit
-        self.value: Any = None
-
-    def changed(self, info: Mapping[str, Any], *, reset: bool = False) -> bool:
-        """Return whether the counter has changed; never for `step` and `episode`.
-
-        Raises:
-            SettingsError: There is no such counter in `info`.
-        """
-        unit = self._unit
-        if unit in ("step", "episode"):
-            return False
-        if unit not in info:
-            if reset:  # many environments give more entries in `step` than in `reset`
-                return False
-            raise SettingsError(
-                f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
-                "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
-            )
-        value = single(info[unit])
-        if not isinstance(value, str | int | float) or value != value:  # NaN is never equal
-            raise SettingsError(
-                f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
-                "or a text is needed"
-            )
-        before, self.value = self.value, value
-        return before is not None and value != before
-
-
 class RolloutEnv:
     """One of the environments of a training, and the episode that runs in it.
 
     Args:
         index: Its index, from 0.
         task: The task with this environment.
-        unit: The setting `arbiter.rho_unit`.
 
     Attributes:
         index, task: As given.
-        unit: Its counter.
         seed: The environment's seed in the episode.
         episode: Number of the episode, from 0, in the order in which episodes begin.
         random: Whether the episode is a part of the initial data D₀.
@@ -174,8 +133,8 @@ class RolloutEnv:
         losses: Losses of the learner after steps of the episode.
     """
 
-    def __init__(self, index: int, task: BoundTask | RemoteTask, unit: str) -> None:
-        self.index, self.task, self.unit = index, task, UnitCounter(unit)
+    def __init__(self, index: int, task: BoundTask | RemoteTask) -> None:
+        self.index, self.task = index, task
         self.episode, self.seed, self.random = 0, 0, False
         self.rollout: Rollout | None = None
         self.decision: Decision | None = None
@@ -194,31 +153,19 @@ class RolloutEnv:
         if isinstance(self.task, RemoteTask):
             self.task.begin_step(decision.action)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"unit_value": self.unit.value, "environment": self.task.environment_state()}
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
-        saved = Saved("environment", {}, meta)
-        self.unit.value = saved.part("unit_value")[1]
-        if not isinstance(self.unit.value, str | int | float | None):
-            raise saved.wrong("unit_value is neither a number nor a text")
-        self.task.restore_environment(saved.part("environment")[1])
-
 
 @contextlib.contextmanager
-def rollout_envs(task: BoundTask, count: int, unit: str) -> Iterator[list[RolloutEnv]]:
+def rollout_envs(task: BoundTask, count: int) -> Iterator[list[RolloutEnv]]:
     """Yield the environments of a training: that of the task, or `count` in their own processes.
 
-    Those are closed at the end. `unit` is the setting `arbiter.rho_unit`.
+    Those are closed at the end.
 
     Raises:
         SettingsError: The environments would normalise differently.
         EnvironmentFailure: An environment cannot be made.
     """
     if count == 1:
-        yield [RolloutEnv(0, task, unit)]
+        yield [RolloutEnv(0, task)]
         return
     if task.has_statistics:
         raise SettingsError(
@@ -230,4 +177,4 @@ def rollout_envs(task: BoundTask, count: int, unit: str) -> Iterator[list[Rollou
         tasks = [stack.enter_context(RemoteTask(task, k + 1)) for k in range(count)]
         for remote in tasks:
             remote.wait_until_made()
-        yield [RolloutEnv(k, remote, unit) for k, remote in enumerate(tasks)]
+        yield [RolloutEnv(k, remote) for k, remote in enumerate(tasks)]

@@ -356,8 +356,7 @@ class Run:
         with self.task.bind(render_mode=render_mode) as task:
             with reading(self._checkpoint) as saved:
                 environments = Saved("run", {}, saved.part("environments")[1])
-                first = Saved("run", {}, environments.part("0")[1])
-                task.restore_environment(first.part("environment")[1], statistics_only=True)
+                task.restore_environment(environments.part("0")[1], statistics_only=True)
             yield task
 
 

@@ -1,9 +1,16 @@
-"""What a training writes into its run folder while it goes on: steps and episodes."""
+"""What a training counts and writes into its run folder while it goes on: steps and episodes."""
 
 from __future__ import annotations
 
+import contextlib
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
 from serp._util.files import Closing
-from serp.agent.step_record import StepRecord
+from serp.agent.step_record import DecisionCounts, EpisodeTotals, StepRecord
 from serp.runs.folder import RunFolder
 from serp.runs.recording import RECORDING, Layout, Recorder
 from serp.runs.tables import MetricsRow, decision_row
@@ -45,3 +52,65 @@ class RunLog(Closing):
     def close(self) -> None:
         """Write what is left; a second call does nothing."""
         self._recorder.close()
+
+
+class Bookkeeping:
+    """The steps, the episodes and the time of a training.
+
+    Attributes:
+        episode, env_steps: Numbers of complete episodes and of env steps.
+        tally: Counts over all steps.
+        log: Where steps and episodes are written; None for nowhere.
+    """
+
+    def __init__(self) -> None:
+        self.episode = self.env_steps = 0
+        self.tally = DecisionCounts()
+        self.log: RunLog | None = None
+        self._wall_before, self._clock = 0.0, time.monotonic()
+
+    @property
+    def wall_time(self) -> float:
+        """Seconds of training, without pauses between resumptions."""
+        return self._wall_before + time.monotonic() - self._clock
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """Exclude the body from `wall_time`."""
+        begun = time.monotonic()
+        try:
+            yield
+        finally:
+            self._clock += time.monotonic() - begun
+
+    def count_step(self, step: StepRecord, episode: int) -> None:
+        """Count and write a step of an episode, whose number counts from 1."""
+        if self.log is not None:
+            self.log.step(step, env_step=self.env_steps, episode=episode)
+        self.tally.count(step.decision)
+        self.env_steps += 1
+
+    def count_episode(
+        self,
+        totals: EpisodeTotals,
+        rho: float,
+        epsilon: float | None = None,
+        losses: Sequence[float] = (),
+    ) -> MetricsRow:
+        """Count and write an episode; return its row of the metrics."""
+        self.episode += 1
+        own = {name: getattr(totals, name) for name in MetricsRow._fields if hasattr(totals, name)}
+        counts: dict[str, Any] = totals.decisions.numbers()
+        row = MetricsRow(
+            episode=self.episode,
+            env_steps=self.env_steps,
+            rho=rho,
+            epsilon=epsilon,
+            loss=float(np.mean(losses)) if losses else None,
+            wall_time=self.wall_time,
+            **own,
+            **counts,
+        )
+        if self.log is not None:
+            self.log.episode(row)
+        return row

@@ -196,9 +196,7 @@ def train(
     """Train until the budget is spent, a signal is received or a callback fails."""
     settings = trainer.settings.training
     if not budget.limits:
-        # A number of units, if the task or the user sets one, replaces the number of steps.
-        units = settings.units
-        budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
+        budget = Budget(env_steps=settings.env_steps)
     before = trainer.env_steps
     digests = content_digests(folder)
     progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
@@ -236,8 +234,9 @@ def train(
                 in_file=task.model.rewarding,
                 world=task.task.world is not None,
             )
-            for note in (f"The learner learns from {source}.", *trainer.agent.notices):
-                progress.note(note)
+            progress.note(f"The learner learns from {source}.")
+            if trainer.agent.adaptation.notice is not None:
+                progress.note(trainer.agent.adaptation.notice)
             if budget.spent_by(trainer):
                 progress.note(
                     f"Nothing is left to do after {trainer.env_steps} env steps; to train on, give "
@@ -248,7 +247,6 @@ def train(
                 due = save()
             while not (budget.spent_by(trainer) or stopping.requested or callbacks.failure):
                 for row in trainer.run():
-                    log.episode(row)
                     callbacks.episode(row)
                 if trainer.wall_time >= due:
                     due = save()
@@ -294,7 +292,7 @@ def plan_and_learn(
         episodes: Number of episodes since the run began after which it ends.
         env_steps: Number of env steps since the run began after which it ends; the episode that
             reaches it is finished. With neither, a resumed run continues to its own budget, and a
-            new run ends after `training.units` or `training.env_steps` of the settings.
+            new run ends after `training.env_steps` of the settings.
         seed: Seed of everything random.
         out: Folder of the run; by default `runs/<domain>-<time>`.
         resume: Continue the run in `out` with its own domain, settings and seed; the continued

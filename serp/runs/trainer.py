@@ -15,15 +15,13 @@ from pydantic import Field
 from serp._util.files import Closing
 from serp._util.saved_state import Saved
 from serp.agent.agent import Agent
-from serp.agent.step_record import DecisionCounts, OnStep, StepRecord
+from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
-from serp.model.transition_model import StateError, Vector
-from serp.runs.rollout import Perceive, Rollout, RolloutEnv, rollout_envs, training_seed
-from serp.runs.run_log import RunLog
-from serp.runs.tables import MetricsRow, metrics_row
+from serp.model.transition_model import StateError
+from serp.runs.rollout import Rollout, RolloutEnv, rollout_envs, training_seed
+from serp.runs.run_log import Bookkeeping
+from serp.runs.tables import MetricsRow
 from serp.settings import Section, Settings
-from serp.tasks.remote_task import RemoteTask
-from serp.tasks.symmetry import check_grounding
 from serp.tasks.task import BoundTask, Judge
 
 Limit = Annotated[int, Field(ge=1)] | None
@@ -36,8 +34,6 @@ class Budget(Section):
     """Number of complete episodes; None for no limit."""
     env_steps: Limit = None
     """Number of env steps; the episode that reaches it is finished. None for no limit."""
-    units: Limit = None
-    """Number of complete units of `arbiter.rho_unit`, such as games; None for no limit."""
 
     @property
     def limits(self) -> dict[str, int]:
@@ -47,11 +43,7 @@ class Budget(Section):
     @staticmethod
     def counts(trainer: Trainer) -> dict[str, int]:
         """Return the counts of a training by the names of their limits."""
-        return {
-            "episodes": trainer.episode,
-            "env_steps": trainer.env_steps,
-            "units": trainer.units,
-        }
+        return {"episodes": trainer.episode, "env_steps": trainer.env_steps}
 
     def spent_by(self, trainer: Trainer) -> bool:
         """Return whether a limit is reached."""
@@ -81,30 +73,26 @@ class Callbacks:
 
     def step(self, record: StepRecord) -> None:
         """Call `on_step`."""
-        if self._on_step is not None:
-            self._call(self._on_step, record)
+        self._call(self._on_step, record)
 
     def episode(self, row: MetricsRow) -> None:
         """Call `on_episode`."""
-        if self._on_episode is not None:
-            self._call(self._on_episode, row)
+        self._call(self._on_episode, row)
 
-    def _call(self, function: Callable[[Any], None], record: Any) -> None:
-        if self.failure is None:
+    def _call(self, function: Callable[[Any], None] | None, record: Any) -> None:
+        if function is not None and self.failure is None:
             try:
                 function(record)
             except Exception as error:
                 self.failure = error
 
 
-_MIRRORED = 256
-"""Observations with which a declared symmetry is checked."""
 _TOGETHER = 100
 """Env steps for each of several environments after which no episode begins until all have ended.
 More of them keep more environments busy, fewer make a run end nearer to its budget."""
 
 
-class Trainer(Closing):
+class Trainer(Bookkeeping, Closing):
     """Trains an agent on a task, in one environment or in several that are stepped together.
 
     Every episode begins with `env.reset(seed=...)`, its seed derived from the run's seed and the
@@ -116,11 +104,7 @@ class Trainer(Closing):
     Attributes:
         environments: The environments.
         judge: Judges the steps.
-        log: Where steps are written; None for nowhere.
-        episode, env_steps: Numbers of complete episodes and of env steps.
         under_way: Number of the current env step, from 1.
-        units: Number of complete units of `arbiter.rho_unit`.
-        tally: Counts over all steps.
         recent: Returns of the last 20 episodes.
         on_step: If set, called with every env step, after learning from it.
     """
@@ -133,6 +117,7 @@ class Trainer(Closing):
         *,
         baseline: bool = False,
     ) -> None:
+        super().__init__()
         self.task = task
         self.settings = settings
         self.seed = seed
@@ -144,39 +129,16 @@ class Trainer(Closing):
                 "learner: its networks and its replay memory do not fit into memory; make "
                 f"`hidden`, `members` or `buffer_size` smaller ({error})"
             ) from None
-        self.episode = 0
-        self.env_steps = 0
-        self.units = 0
         self.under_way = 1
-        self.tally = DecisionCounts()
         self.recent: deque[float] = deque(maxlen=20)
-        self.log: RunLog | None = None
         self.on_step: OnStep | None = None
-        self._unchecked = _MIRRORED
         self._pretrained = settings.training.random_steps == 0
-        self._wall_before, self._clock = 0.0, time.monotonic()
         self._open = contextlib.ExitStack()
-        self.environments = self._open.enter_context(
-            rollout_envs(task, settings.training.num_envs, settings.arbiter.rho_unit)
-        )
+        self.environments = self._open.enter_context(rollout_envs(task, settings.training.num_envs))
 
     def close(self) -> None:
         """Close the environments that the trainer has made; that of the task stays open."""
         self._open.close()
-
-    @property
-    def wall_time(self) -> float:
-        """Seconds of training, without pauses between resumptions."""
-        return self._wall_before + time.monotonic() - self._clock
-
-    @contextlib.contextmanager
-    def paused(self) -> Iterator[None]:
-        """Exclude the body from `wall_time`."""
-        begun = time.monotonic()
-        try:
-            yield
-        finally:
-            self._clock += time.monotonic() - begun
 
     def run_episode(self) -> MetricsRow:
         """Train for one episode with one environment, and return its row of the metrics.
@@ -199,7 +161,6 @@ class Trainer(Closing):
             TaskError: The grounding failed.
             EnvironmentFailure: An environment raised or gave NaN.
             LearningFailure: A number of the learner is not finite.
-            SettingsError: The environment's info has no entry for `arbiter.rho_unit`.
         """
         running = self.environments[: self.episode + 1]
         enough = self.env_steps + (_TOGETHER * len(running) if len(running) > 1 else 0)
@@ -246,10 +207,7 @@ class Trainer(Closing):
             self.under_way = self.env_steps + 1
             step = env.rollout.step(env.decision)
             agent.observe(step, env.episode)
-            if self.log is not None:
-                self.log.step(step, env_step=self.env_steps, episode=env.episode + 1)
-            self.tally.count(step.decision)
-            self.env_steps += 1
+            self.count_step(step, env.episode + 1)
             made.append((env, step))
         ended = [env for env, step in made if step.last]
         self._decide([env for env in running if env not in ended])
@@ -261,8 +219,6 @@ class Trainer(Closing):
                 loss = agent.learn()
                 if loss is not None:
                     env.losses.append(loss)
-                self._end_unit("step")
-            self._notice_unit(env, step.info)
             if self.on_step is not None:
                 self.on_step(step)
         return ended
@@ -270,26 +226,12 @@ class Trainer(Closing):
     def _reset(self, env: RolloutEnv) -> None:
         env.rollout = Rollout(
             env.task,
-            self._perceive_of(env.task),
+            self.agent.take_in,
             seed=env.seed,
             limit=self.settings.training.episode_steps,
             judge=self.judge,
         )
         self.agent.arbiter.begin_episode()
-        self._notice_unit(env, env.rollout.info, reset=True)
-
-    def _perceive_of(self, task: BoundTask | RemoteTask) -> Perceive:
-        def perceive(raw: Any, info: Mapping[str, Any], env: Any) -> tuple[Vector, Vector]:
-            if isinstance(task, RemoteTask):
-                observation, state = task.perceived
-            else:
-                observation, state = task.observation(raw), task.ground(raw, info, env)
-                if self._unchecked and self.agent.reflection is not None:
-                    self._unchecked -= 1
-                    check_grounding(task, self.agent.reflection, observation, state)
-            return self.agent.take_in(observation, state)
-
-        return perceive
 
     def _decide(self, environments: list[RolloutEnv]) -> None:
         """Decide in environments whose episode goes on, and begin to execute the decisions."""
@@ -306,36 +248,15 @@ class Trainer(Closing):
 
     def _end_episode(self, env: RolloutEnv) -> MetricsRow:
         assert env.rollout is not None
-        self.episode += 1
-        agent, totals, losses = self.agent, env.rollout.totals, env.losses
+        agent, totals = self.agent, env.rollout.totals
         agent.turn_to(env.index)
         if not env.random:
-            self._end_unit("episode")
             agent.strategy.end_episode(totals.return_, totals.length)
         elif not self._pretrained and self.env_steps >= self.settings.training.random_steps:
             agent.learner.pretrain(self.settings.training.random_steps)
             self._pretrained = True
         self.recent.append(totals.return_)
-        return metrics_row(
-            totals,
-            episode=self.episode,
-            env_steps=self.env_steps,
-            rho=agent.strategy.rho,
-            epsilon=agent.learner.epsilon,
-            losses=losses,
-            wall_time=self.wall_time,
-        )
-
-    def _notice_unit(
-        self, env: RolloutEnv, info: Mapping[str, Any], *, reset: bool = False
-    ) -> None:
-        """End a unit of ρ when the counter that `arbiter.rho_unit` names has changed."""
-        if env.unit.changed(info, reset=reset) and self._pretrained:
-            self._end_unit(self.settings.arbiter.rho_unit)
-
-    def _end_unit(self, unit: str) -> None:
-        self.units += unit == self.settings.arbiter.rho_unit
-        self.agent.strategy.end_unit(unit)
+        return self.count_episode(totals, agent.strategy.rho, agent.learner.epsilon, env.losses)
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return the complete state while no episode is running: arrays and JSON values."""
@@ -344,12 +265,13 @@ class Trainer(Closing):
             "agent": agent,
             "episode": self.episode,
             "env_steps": self.env_steps,
-            "units": self.units,
             "tally": self.tally.state_dict(),
             "recent": list(self.recent),
             "pretrained": self._pretrained,
             "wall_time": self.wall_time,
-            "environments": {str(env.index): env.state_dict() for env in self.environments},
+            "environments": {
+                str(env.index): env.task.environment_state() for env in self.environments
+            },
         }
         return arrays, meta
 
@@ -361,7 +283,7 @@ class Trainer(Closing):
         """
         saved = Saved("training", arrays, meta)
         self.agent.load_state_dict(arrays, saved.part("agent")[1])
-        for name in ("episode", "env_steps", "units"):
+        for name in ("episode", "env_steps"):
             setattr(self, name, saved.whole(name))
         self.tally.load_state_dict(saved.part("tally")[1])
         self.recent.clear()
@@ -370,4 +292,4 @@ class Trainer(Closing):
         self._wall_before, self._clock = saved.real("wall_time", 0.0), time.monotonic()
         environments = Saved("environments", {}, saved.part("environments")[1])
         for env in self.environments:
-            env.load_state_dict(environments.part(str(env.index))[1])
+            env.task.restore_environment(environments.part(str(env.index))[1])

@@ -33,7 +33,7 @@ from serp.tasks.registry import find_task
 from serp.tasks.task import Task
 
 
-class TuningRequest(TrialsRequest):
+class TuneSettings(TrialsRequest):
     """The options of `serp.tune`, which describes them; None stands for the default."""
 
     first_seed: ClassVar[int] = 1_000  # seeds from 0 on are for the results that are reported
@@ -44,11 +44,6 @@ class TuningRequest(TrialsRequest):
     trials: PositiveInt = 50
     env_steps: PositiveInt | None = None
     seed: NonNegativeInt = 0
-
-    @classmethod
-    def section(cls) -> str:
-        """Return the first part of the names in messages."""
-        return "tune"
 
     @field_validator("vary", mode="before")
     @classmethod
@@ -82,7 +77,7 @@ class Tuned:
 class _Search:
     """What the trials of a study are."""
 
-    def __init__(self, task: Task, request: TuningRequest) -> None:
+    def __init__(self, task: Task, request: TuneSettings) -> None:
         from serp.runs.tuning_space import parameters_of, space_of
 
         self.request, self.space = request, space_of(request.vary)
@@ -170,7 +165,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
 
     if "vary" not in options:
         raise SettingsError("tune: say what to `vary`, such as {'planner.depth': '2..7'}")
-    request = TuningRequest(**options)
+    request = TuneSettings(**options)
     if not isinstance(task, Task | str):
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     search = _Search(find_task(task) if isinstance(task, str) else task, request)

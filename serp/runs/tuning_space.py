@@ -3,7 +3,7 @@
 learner.learning_rate=log:1e-4..1e-2    a range, here on a logarithmic scale
 planner.depth=2..7                      whole numbers, if the setting is one
 learner.hidden=[64,64],[128,128]        values
-learner.guarded_targets                 all values, of a truth value or a choice of words
+learner.layer_norm                      all values, of a truth value or a choice of words
 """
 
 from __future__ import annotations

@@ -28,17 +28,11 @@ class RemoteTask(Closing):
     Args:
         task: The task; its own environment is not used.
         number: Number of this environment, from 1, for messages.
-
-    Attributes:
-        perceived: Observation as a flat vector, and state `[F]`, of the newest answer.
-        env: None: the environment is in another process.
     """
-
-    env: None = None
 
     def __init__(self, task: BoundTask, number: int) -> None:
         self._task, self._number = task, number
-        self.perceived: tuple[Vector, Vector]
+        self._perceived: tuple[Vector, Vector]
         # `fork` needs no import and no `__main__` guard in a user's script.
         context: Any = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
         self._pipe, other = context.Pipe()
@@ -71,16 +65,20 @@ class RemoteTask(Closing):
             EnvironmentFailure: The environment raised, or its process died.
             TaskError: The grounding failed.
         """
-        answer, self.perceived = self._do("reset", seed, doing="reset")
+        answer, self._perceived = self._do("reset", seed, doing="reset")
         raw, info = answer
         return raw, info
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Execute an action, or wait for a step that was begun; see `reset`."""
         name = self._task.actions.name(action)
-        answer, self.perceived = self._do("step", action, doing=f"step with action {name}")
+        answer, self._perceived = self._do("step", action, doing=f"step with action {name}")
         raw, reward, terminated, truncated, info = answer
         return raw, reward, terminated, truncated, info
+
+    def perceived(self, raw: Any, info: Mapping[str, Any]) -> tuple[Vector, Vector]:
+        """Return flat observation and state of the newest answer; see `BoundTask.perceived`."""
+        return self._perceived
 
     def environment_state(self) -> dict[str, Any]:
         """Return what `BoundTask.environment_state` returns."""
@@ -152,7 +150,7 @@ def _serve(pipe: Connection, bind: Callable[[], BoundTask]) -> None:
             answer = getattr(task, method)(*arguments)
             if method in ("reset", "step"):
                 raw, info = answer[0], answer[-1]
-                answer = answer, (task.observation(raw), task.ground(raw, info, task.env))
+                answer = answer, task.perceived(raw, info)
         except Exception as error:
             answer = error
             if not isinstance(error, SerpError):

@@ -25,7 +25,6 @@ from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.tasks import wrapper_state
 from serp.tasks.environment import ActionSpace, Observations, reset_answer, step_answer
 from serp.tasks.grounding import Grounding
-from serp.tasks.symmetry import Symmetry
 
 if TYPE_CHECKING:
     from serp.planning.plan_follower import Advise
@@ -150,8 +149,6 @@ class Task:
         draw: Draws a state, for `serp studio`: fluent → value, and returned an `svg` element as
             text. Colours may be the page's, such as `var(--ink)`, which is light in the dark.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
-        symmetry: The reflection that leaves the task unchanged, such as left for right; the learner
-            uses it if `learner.symmetry` is set.
         description: One line for `serp list`.
     """
 
@@ -168,7 +165,6 @@ class Task:
     planners: Mapping[str, Advise] = field(default_factory=dict)
     draw: Draw | None = None
     counters: Sequence[str] = ()
-    symmetry: Symmetry | None = None
     description: str = ""
 
     def __post_init__(self) -> None:
@@ -385,6 +381,10 @@ class BoundTask(Closing):
             return np.array(self.model.check_state(grounded))
         except (StateError, TypeError, ValueError) as error:
             raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
+
+    def perceived(self, raw: Any, info: Mapping[str, Any]) -> tuple[Vector, Vector]:
+        """Return the flat observation and the state of what the environment has just returned."""
+        return self.observation(raw), self.ground(raw, info, self.env)
 
     def _grounded(
         self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None

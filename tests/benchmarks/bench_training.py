@@ -33,7 +33,7 @@ from serp.tasks.registry import custom_task, load_task
 
 ROOT = Path(__file__).parents[2]
 SAME: dict[str, Any] = {
-    "hidden": (64, 64), "members": 1, "layer_norm": False, "symmetry": False, "batch_size": 64,
+    "hidden": (64, 64), "members": 1, "layer_norm": False, "batch_size": 64,
     "updates_per_step": 1.0, "learning_starts": 200,
 }  # fmt: skip
 SAME_SB3: dict[str, Any] = {

@@ -122,12 +122,12 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     # The learner
     "ensemble": ["learner.members=1"],
     "layer-norm": ["learner.layer_norm=false"],
-    "symmetry": ["learner.symmetry=false"],
     "n-step": ["learner.n_step=1"],
+    # Without a target network there are no guarded targets and no clipped gradient, either.
     "target-network": ["learner.target_polyak=none"],
-    "guarded-targets": ["learner.guarded_targets=false"],
-    "gradient-clip": ["learner.gradient_clip=none"],
-    "epsilon": ["learner.epsilon_start=0", "learner.epsilon_end=0"],
+    "guarded-targets": [("learning.dqn:DQN._guarded", always(False))],
+    "gradient-clip": [("learning.q_learning:_LARGEST_NORM", np.inf)],
+    "epsilon": ["learner.epsilon_steps=0", "learner.epsilon_end=0"],
 }
 # fmt: on
 """Mechanism → how it is switched off: settings, and replacements in the code of a worker."""

@@ -14,7 +14,7 @@ from serp_adapters.domains import domain_file
 from serp_adapters.soccer.drawing import draw
 from serp_adapters.soccer.shared import PROTOCOL, open_share
 from serp_envs.soccer.fields import SPL_2020
-from serp_envs.soccer.observation import FAR, MIRROR, NEAR
+from serp_envs.soccer.observation import FAR, NEAR
 from serp_envs.soccer.physics.periods import DECISION
 
 FREE_ANGLE: Final = 0.2
@@ -105,6 +105,5 @@ def task() -> serp.Task:
         settings=PROTOCOL,
         draw=draw,
         counters=("unsafe_choices", "damaging_hits"),
-        symmetry=serp.Symmetry(objects={"left": "right"}, observation_signs=MIRROR),
         description="defend the goal against an attacker who comes with the ball",
     )

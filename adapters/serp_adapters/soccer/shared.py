@@ -20,11 +20,12 @@ robot at a smaller distance, so this is also half the width of the robot's shado
 
 
 PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
-    # The paper's iteration is a game; 28 games make a cycle (section 4.2). R_min refuses what the
-    # domain expects to end with a goal or a collision, and allows what loses the ball.
+    # The paper's iteration is a game, of about 33 episodes; 28 games make a cycle (section 4.2).
+    # R_min refuses what the domain expects to end with a goal or a collision, and allows what loses
+    # the ball.
     "paper": {
-        "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
-        "training": {"units": 28},
+        "arbiter": {"rho_increment": 0.003, "r_min": -5.0},
+        "training": {"env_steps": 24_000},
     },
 }
 """Settings of both tasks for preset `paper`."""

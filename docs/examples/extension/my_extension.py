@@ -26,10 +26,9 @@ class PlannerFirst(serp.Strategy):
         """Return the learner's proposal, or None where it is the planner's turn."""
         return None if self._left else learner.propose(situation.admissible)
 
-    def end_unit(self, unit: str) -> None:
+    def end_episode(self, return_: float, length: int) -> None:
         """Count the env steps."""
-        if unit == "step":
-            self._left = max(0, self._left - 1)
+        self._left = max(0, self._left - length)
 
     def state_dict(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
@@ -51,10 +50,10 @@ class Table:
     Args:
         input_size: Numbers in an input, F.
         action_count: Number of actions, A.
-        settings: The learner's settings; it uses discount, ε and the scale of rewards.
+        settings: The learner's settings; it uses those of ε.
         seed: Seed of its exploration.
         imitates: Whether steps come with an action to imitate; it does not imitate.
-        reflection: A reflection of the task; it uses none.
+        discount: Weight of the reward of the next step.
     """
 
     def __init__(
@@ -64,10 +63,10 @@ class Table:
         settings: Any,
         seed: Any,
         imitates: bool = False,
-        reflection: Any = None,
+        discount: float = 0.99,
     ) -> None:
         self.input_size, self.action_count, self.settings = input_size, action_count, settings
-        self.imitates = imitates
+        self.imitates, self._discount = imitates, discount
         self.imitation_weight, self.env_index, self.updates = 0.0, 0, 0
         self._q: dict[tuple[float, ...], Any] = {}
         self._random = np.random.default_rng(seed)
@@ -80,8 +79,8 @@ class Table:
     @property
     def epsilon(self) -> float:
         """The probability that the next proposal explores."""
-        start, end = self.settings.epsilon_start, self.settings.epsilon_end
-        return start + (end - start) * min(1.0, self.updates / max(1, self.settings.epsilon_steps))
+        end, steps = self.settings.epsilon_end, self.settings.epsilon_steps
+        return 1.0 + (end - 1.0) * min(1.0, self.updates / max(1, steps))
 
     def propose(self, x: Any, explorable: Any = None) -> serp.Proposal:
         """Propose the best action, or with probability ε any explorable one."""
@@ -107,7 +106,7 @@ class Table:
             following = following[next_allowed]
         target = reward
         if not terminated:
-            target += self.settings.discount * following.max()
+            target += self._discount * following.max()
         self._error = float(target - self._values(x)[action])
         self._values(x)[action] += 0.2 * self._error
         self.updates += 1

@@ -40,9 +40,6 @@ SPACE: Final[spaces.Space[NDArray[np.float32]]] = cast(
 )
 """The space of the observations."""
 
-MIRROR: Final = (1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, 1, 1, 1)
-"""The signs that an observation takes in the world's mirror image, left for right."""
-
 
 def observe(world: World, wind_up: float, secure_timer: float) -> NDArray[np.float32]:
     """Return the defender's observation.

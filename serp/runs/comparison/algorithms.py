@@ -105,7 +105,7 @@ OWN: Final[Mapping[str, Algorithm]] = {
             DQN,
             "the learner of preset default alone, more exploration: no planner, no veto",
             "baseline",
-            changes={**_BASELINE, "learner": {"epsilon_start": 1.0}},
+            changes=_BASELINE,
         ),
         Algorithm(
             "dqn-paper",

@@ -55,7 +55,7 @@ from serp.tasks.task import BoundTask, Task
 _PLAN: Final = "plan.json"
 
 
-class ComparisonRequest(TrialsRequest):
+class CompareSettings(TrialsRequest):
     """The options of `serp.compare`, which describes them; None stands for the default."""
 
     algorithms: tuple[str, ...] = ()
@@ -64,11 +64,6 @@ class ComparisonRequest(TrialsRequest):
     evaluate_every: PositiveInt | None = None
     evaluation_episodes: PositiveInt | None = None
     final_episodes: PositiveInt | None = None
-
-    @classmethod
-    def section(cls) -> str:
-        """Return the first part of the names in messages."""
-        return "compare"
 
     @field_validator("algorithms", mode="before")
     @classmethod
@@ -177,7 +172,7 @@ def _requested_task(
 
 
 def _planned(
-    folder: Path, before: ComparisonPlan | None, bound: BoundTask, request: ComparisonRequest
+    folder: Path, before: ComparisonPlan | None, bound: BoundTask, request: CompareSettings
 ) -> tuple[ComparisonPlan, dict[str, Task]]:
     """Return the existing plan extended by a request, and the task with each domain file."""
     asked = request.model_dump(include={*TrialProtocol.model_fields}, exclude_none=True)
@@ -224,7 +219,7 @@ def _refuse_contradictions(
     folder: Path,
     before: ComparisonPlan,
     bound: BoundTask,
-    request: ComparisonRequest,
+    request: CompareSettings,
     asked: Mapping[str, int],
 ) -> None:
     """Raise a SerpError for a request that differs from the existing plan."""
@@ -372,7 +367,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     """
     with needs_extra("report", "the report of a comparison"):
         from serp.runs.comparison.report import write_report
-    request = ComparisonRequest(**options)
+    request = CompareSettings(**options)
     out = request.out
     before = None if out is None else read_plan(out)
     with _requested_task(task, before, out).bind() as bound:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import trapezoid
 from scipy.stats import bootstrap, trim_mean
 
 from serp.runs.comparison.trial import Record, Trial
@@ -129,12 +130,17 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
     returns, ends = episodes["return"], episodes["env_steps"].astype(np.float64)
     steps = float(episodes["length"].sum())
     final = _final(record, "policy") or _final(record, "learner")
+    begins = np.array([0.0, *ends[:-1], env_steps])  # the return of the last episode goes on
+    at, worth = evaluation_curve(record)
+    grid = np.unique([0.0, *at, env_steps])
     values = {
-        "training_area": _training_area(ends, returns, env_steps),
+        "training_area": np.diff(begins) @ returns / env_steps if steps else np.nan,
         "first_50": _mean(returns[:50]),
         "last_20": _mean(returns[-WINDOW:]),
         "threshold_env_steps": _until(ends, returns, threshold),
-        "learner_area": _learner_area(*evaluation_curve(record), env_steps),
+        "learner_area": trapezoid(np.interp(grid, at, worth), grid) / env_steps
+        if len(at)
+        else np.nan,
         "final_learner": _final(record, "learner").get("return", np.nan),
         "final_policy": final.get("return", np.nan),
         "unsafe": episodes["unsafe_executed"].sum(),
@@ -148,22 +154,6 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
         **{name: value for name, value in final.items() if "." in name},
     }
     return {name: float(value) for name, value in values.items()}
-
-
-def _training_area(ends: Array, returns: Array, env_steps: int) -> float:
-    if not len(returns):
-        return float("nan")
-    edges = np.concatenate([[0.0], ends])
-    edges[-1] = env_steps  # the return of the last episode goes on
-    return float(np.diff(edges) @ returns) / env_steps
-
-
-def _learner_area(at: Array, returns: Array, env_steps: int) -> float:
-    if not len(at):
-        return float("nan")
-    grid = np.unique([0.0, *at, float(env_steps)])
-    heights = np.interp(grid, at, returns)
-    return float(np.diff(grid) @ (heights[1:] + heights[:-1])) / 2 / env_steps
 
 
 def _until(ends: Array, returns: Array, threshold: float | None) -> float:

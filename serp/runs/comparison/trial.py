@@ -14,7 +14,6 @@ import io
 import json
 import re
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,8 +44,8 @@ from serp.runs.rollout import (
     training_seed,
 )
 from serp.runs.run import begin_run
-from serp.runs.run_log import RunLog
-from serp.runs.tables import MetricsRow, metrics_row, read_metrics
+from serp.runs.run_log import Bookkeeping, RunLog
+from serp.runs.tables import MetricsRow, read_metrics
 from serp.runs.train import restore, train
 from serp.runs.trainer import Budget, Callbacks, Trainer
 from serp.settings import Settings
@@ -281,7 +280,7 @@ def _train_external(
 ) -> None:
     """Let an external algorithm train itself, from the beginning: it has no checkpoints."""
     seed, settings, budget = job.trial.seed, job.settings, job.protocol.env_steps
-    agent, made, episode = Agent(bound, settings, seed), 0, 1
+    agent = Agent(bound, settings, seed)
     env = ExternalEnv(bound, agent, seed)
     external = make_external(job.algorithm, env, bound.name, seed)
     shutil.rmtree(job.folder, ignore_errors=True)
@@ -294,35 +293,28 @@ def _train_external(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
         budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
     )  # fmt: skip
-    log = RunLog(folder, bound)
-    clock = time.monotonic()
+    books = Bookkeeping()
+    books.log = log = RunLog(folder, bound)
 
     def after_step(step: StepRecord) -> None:
-        nonlocal made, episode, clock
-        if made >= budget:
+        if books.env_steps >= budget:
             raise _Spent
-        log.step(step, env_step=made, episode=episode)
-        made += 1
+        books.count_step(step, books.episode + 1)
+        made = books.env_steps
         if step.last:
-            row = metrics_row(
-                step.episode, episode=episode, env_steps=made, rho=1.0, epsilon=None, losses=(),
-                wall_time=time.monotonic() - clock,
-            )  # fmt: skip
-            log.episode(row)
-            episode += 1
+            books.count_episode(step.episode, rho=1.0)
             if stopped():
                 raise Interrupted(f"stopped after {made} env steps", 0)
         # At the budget it still learns from the last steps, and then ends.
         if made in evaluations.due and made < budget:
-            begun = time.monotonic()
-            evaluations.evaluate(made)
-            clock += time.monotonic() - begun
+            with books.paused():
+                evaluations.evaluate(made)
 
     env.on_step = after_step
     with folder, log:
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
-        if made < budget:
+        if (made := books.env_steps) < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
         write_results(folder, {}, account=account_of(agent))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     "tune",
     epilog=examples(
         "serp tune --domain cartpole --vary learner.learning_rate=log:1e-4..1e-2",
-        "serp tune --domain cartpole --vary planner.depth=2..7 --vary learner.guarded_targets",
+        "serp tune --domain cartpole --vary planner.depth=2..7 --vary learner.layer_norm",
         "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --out runs/tuned",
         "serp tune --domain soccer --vary learner.n_step=1..10 --algorithm dqn",
     ),

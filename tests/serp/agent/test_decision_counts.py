@@ -17,7 +17,7 @@ SETTINGS = {
     "vetoes": {
         "arbiter": {"rho": 1.0, "r_min": 0.0},
         "guide": {"strategy": "mixture"},
-        "learner": {"epsilon_start": 0.0, "epsilon_end": 0.0},
+        "learner": {"epsilon_steps": 0, "epsilon_end": 0.0},
     },
     "unmodelled refused": {
         "arbiter": {"unmodelled": "veto", "rho": 1.0, "r_min": -1},

@@ -13,9 +13,9 @@ TARGETS = {
 }
 
 
-def learner(seed=0, imitates=False, **settings):
+def learner(seed=0, imitates=False, discount=0.99, **settings):
     small = {"hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1}
-    made = DQN(F, A, LearnerSettings(**{**small, **settings}), seed, imitates)
+    made = DQN(F, A, LearnerSettings(**{**small, **settings}), seed, imitates, discount)
     made.imitation_weight = 0.7
     return made
 

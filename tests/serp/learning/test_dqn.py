@@ -15,7 +15,7 @@ from serp.errors import RunError
 from serp.learning.dqn import ReturnBounds
 from tests.serp.learning.learners import TARGETS, A, F, assert_same_state, learner, live, set_q
 
-GREEDY = {"epsilon_start": 0.0, "epsilon_end": 0.0}
+GREEDY = {"epsilon_steps": 0, "epsilon_end": 0.0}
 HERE = np.zeros(F, np.float32)
 
 
@@ -34,7 +34,7 @@ def test_greedy_is_the_lowest_of_the_best_explorable_or_not() -> None:
 
 
 def test_exploration_is_uniform_over_what_may_be_explored() -> None:
-    agent = learner(epsilon_start=1.0, epsilon_end=1.0)
+    agent = learner(epsilon_end=1.0)
     for explorable, allowed in (
         (np.array([True, False, True]), {0, 2}),
         (np.array([False, False, False]), {0, 1, 2}),
@@ -48,17 +48,17 @@ def test_exploration_is_uniform_over_what_may_be_explored() -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "end", "steps", "expected"),
+    ("imitates", "end", "steps", "expected"),
     [
-        (1.0, 0.2, 4, [1.0, 0.8, 0.6, 0.4, 0.2, 0.2]),
-        (1.0, 0.2, 0, [0.2] * 6),
-        (0.3, 0.3, 4, [0.3] * 6),
+        (False, 0.2, 4, [1.0, 0.8, 0.6, 0.4, 0.2, 0.2]),
+        (False, 0.2, 0, [0.2] * 6),
+        (True, 0.02, 4, [0.1, 0.08, 0.06, 0.04, 0.02, 0.02]),
     ],
 )
 def test_epsilon_falls_with_the_env_steps_remembered(
-    start: float, end: float, steps: int, expected: list[float]
+    imitates: bool, end: float, steps: int, expected: list[float]
 ) -> None:
-    agent = learner(epsilon_start=start, epsilon_end=end, epsilon_steps=steps)
+    agent = learner(imitates=imitates, epsilon_end=end, epsilon_steps=steps)
     seen = []
     for _ in expected:
         seen.append(agent.epsilon)
@@ -122,8 +122,6 @@ VARIANTS = st.fixed_dictionaries(
         "layer_norm": st.booleans(),
         "members": st.integers(1, 2),
         "n_step": st.integers(1, 4),
-        "guarded_targets": st.booleans(),
-        "gradient_clip": st.sampled_from([None, 0.1]),
         "updates_per_step": st.sampled_from([0.3, 1, 2]),
         "learning_starts": st.sampled_from([1, 20]),
     }

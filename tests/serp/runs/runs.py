@@ -15,7 +15,7 @@ EPISODES = 12
 CHANGES = {
     "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
     "default": {
-        "arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0},
+        "arbiter": {"r_min": -1.0},
         "learner": {"updates_per_step": 0.7},
     },
 }

@@ -24,7 +24,7 @@ def create(path, **more):
 def about(**other):
     """A ``config.json`` in which one thing is another."""
     whole = {
-        "format": 4, "created": "2026-11-21T04:05:06+00:00", "command": ["serp"], "seed": 1,
+        "format": 5, "created": "2026-11-21T04:05:06+00:00", "command": ["serp"], "seed": 1,
         "domain_files": {"domain.pddl": "d.pddl"}, "config": {}, "versions": {}, "machine": {},
     }  # fmt: skip
     return json.dumps(whole | other)
@@ -77,7 +77,7 @@ def test_a_file_of_the_users_own_is_never_taken_for_what_a_run_left(tmp_path, na
         ("[]", "not a JSON object"),
         ('{"config": {}}', r"another version of serp \(unknown\): it has format None"),
         (about(format=99, versions={"serp": "9.1.0"}), r"another version of serp \(9\.1\.0\)"),
-        ('{"format": 4, "config": {}}', "was not written by serp"),
+        ('{"format": 5, "config": {}}', "was not written by serp"),
         (about(command=["serp", 3]), r"damaged: command\.1: Input should be a valid string"),
     ],
 )

@@ -30,8 +30,7 @@ def test_a_reader_that_goes_away_does_not_end_the_run(base, monkeypatch):
             return super().write(text)
 
     tally = SimpleNamespace(executed={"planner": 0}, unsafe_executed=0)
-    settings = SimpleNamespace(arbiter=SimpleNamespace(rho_unit="game"))
-    training = SimpleNamespace(tally=tally, settings=settings, episode=0, env_steps=0, units=0)
+    training = SimpleNamespace(tally=tally, episode=0, env_steps=0)
     training.wall_time, training.recent = 0.0, [19.0, 25.0]
     stream, closed = Broken(), io.StringIO()
     with Progress(training, Budget(), "[cart] → runs/x", stream=stream) as progress:

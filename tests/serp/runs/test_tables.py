@@ -20,8 +20,8 @@ from serp.runs.tables import (
 
 COLUMNS = ("a", "b", "c")
 ROW = MetricsRow(
-    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 2, 0, 5, 1, 2, 4, 54, 3,
-    None, 0.25,
+    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 2, 0, 5, 1, 2, 4,
+    54, 3, None, 0.25,
 )  # fmt: skip
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from serp.agent.step_record import StepRecord
-from serp.errors import SettingsError
 from serp.runs.evaluation import evaluate
 from serp.runs.tables import MetricsRow
 from serp.runs.trainer import Trainer
@@ -132,41 +131,12 @@ def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -
     assert not any(seen[4] for seen in recorder.seen)
 
 
-# The unit of rho ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("unit", ["step", "episode", "game"])
-def test_rho_grows_with_every_unit(tmp_path: Path, unit: str) -> None:
+def test_rho_of_a_mixture_grows_with_every_episode(tmp_path: Path) -> None:
     task = corridor(tmp_path)
-    changes = {
-        "arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001},
-        "guide": {"strategy": "mixture"},
-    }
+    changes = {"arbiter": {"rho_increment": 0.1}, "guide": {"strategy": "mixture"}}
     trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
-    for _ in range(25):
-        row = trainer.run_episode()
-        games = trainer.task.env.unwrapped.clock // 30  # type: ignore[attr-defined]
-        done = {"step": trainer.env_steps, "episode": trainer.episode, "game": games}
-        assert row.rho == pytest.approx(0.001 * done[unit])
-        assert trainer.units == done[unit]
-
-
-class Odd(Corridor):
-    def info(self) -> dict[str, Any]:
-        return {"game": [self.clock // 30]}
-
-
-@pytest.mark.parametrize(
-    ("env", "unit", "said"),
-    [(Corridor, "match", r"`match`.*step, episode, game"), (Odd, "game", r"\[0\] under `game`")],
-)
-def test_a_unit_that_the_environment_does_not_count_is_refused(
-    tmp_path: Path, env: Any, unit: str, said: str
-) -> None:
-    task = corridor(tmp_path, env)
-    settings = resolve("default", task.settings, {"arbiter": {"rho_unit": unit}})
-    with pytest.raises(SettingsError, match=said):
-        Trainer(task.bind(), settings, 1).run_episode()
+    for grown in range(1, 12):
+        assert trainer.run_episode().rho == pytest.approx(min(1.0, 0.1 * grown))
 
 
 def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path: Path) -> None:

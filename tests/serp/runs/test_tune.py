@@ -88,9 +88,9 @@ def test_trials_that_fail_are_reported_and_others_go_on(tmp_path, capsys):
     ("name", "given", "expected"),
     [
         ("planner.depth", "2..7", IntDistribution(2, 7)),
-        ("planner.discount", "0.5..1", FloatDistribution(0.5, 1.0)),
+        ("planner.discount", "0.5..0.99", FloatDistribution(0.5, 0.99)),
         ("learner.learning_rate", " log:1e-4 .. 1e-2", FloatDistribution(1e-4, 1e-2, log=True)),
-        ("learner.gradient_clip", "none,10", CategoricalDistribution(["null", "10.0"])),
+        ("learner.target_polyak", "none,1", CategoricalDistribution(["null", "1.0"])),
         ("learner.hidden", "[64,64],[8]", CategoricalDistribution(["[64, 64]", "[8]"])),
         ("arbiter.veto_horizon", None, CategoricalDistribution(['"step"', '"lookahead"'])),
         ("learner.layer_norm", "", CategoricalDistribution(["false", "true"])),

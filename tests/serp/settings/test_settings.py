@@ -16,26 +16,22 @@ from tests.generated.profile import examples
 OUTSIDE: dict[str, list[Any]] = {
     "planner.name": [3],
     "planner.depth": [0, 2.0, True, "5", 10_001, 10**30],
-    "planner.discount": [0.0, 1.01, math.nan, "high"],
+    "planner.discount": [0.0, 1.0, -0.1, math.nan, "high", False],
     "arbiter.rho": [-0.1, 1.1, "high", None, True, math.nan],
     "arbiter.r_min": ["low", math.nan, math.inf, True],
     "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
-    "learner.discount": [1.0, -0.1, "0.9", False],
-    "learner.guarded_targets": [1, "yes"],
+    "learner.layer_norm": [1, "yes"],
     "training.reward": ["pixels", ["sum"], np.array(["sum", "task"])],
 }
 CHANGES = st.fixed_dictionaries(
     {},
     optional={
         "planner": st.fixed_dictionaries(
-            {}, optional={"depth": st.integers(1, 9), "discount": st.floats(0.01, 1.0)}
+            {}, optional={"depth": st.integers(1, 9), "discount": st.floats(0.01, 0.99)}
         ),
         "arbiter": st.fixed_dictionaries(
             {},
-            optional={
-                "r_min": st.none() | st.floats(-5, 5),
-                "rho_unit": st.text(max_size=5),
-            },
+            optional={"r_min": st.none() | st.floats(-5, 5)},
         ),
         "learner": st.fixed_dictionaries(
             {}, optional={"hidden": st.lists(st.integers(1, 99), max_size=3)}
@@ -113,8 +109,8 @@ def test_changes_go_over_the_task_and_the_task_over_the_preset() -> None:
 def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
     paper = resolve("paper")
     assert (paper.arbiter.rho, paper.arbiter.rho_increment) == (0.0, 0.01)
-    assert (paper.arbiter.rho_unit, paper.arbiter.veto_horizon) == ("episode", "step")
-    assert (paper.learner.learning_rate, paper.learner.discount) == (0.001, 0.9)
-    assert paper.learner.epsilon_start == paper.learner.epsilon_end == 0.3
+    assert paper.arbiter.veto_horizon == "step"
+    assert (paper.learner.learning_rate, paper.planner.discount) == (0.001, 0.9)
+    assert (paper.learner.epsilon_steps, paper.learner.epsilon_end) == (0, 0.3)
     assert (paper.learner.n_step, paper.learner.target_polyak) == (1, None)
     assert paper.training.random_steps > 0  # D_0

@@ -11,7 +11,7 @@ from tests.serp.agent.scene import learner_acts
 
 
 def made(strategy, seed=0, **arbiter):
-    given = {"rho": 0.2, "rho_increment": 0.1, "rho_unit": "episode", **arbiter}
+    given = {"rho": 0.2, "rho_increment": 0.1, **arbiter}
     changes = {"guide": {"strategy": strategy}, "arbiter": given}
     return find_strategy(strategy)(resolve("default", None, changes), seed)
 
@@ -26,9 +26,7 @@ def test_rho_is_the_probability_that_the_learner_acts(name):
                 rho, acts = strategy.rho, learner_acts(strategy)
                 assert 0.0 <= rho <= 1.0
                 assert rho not in (0.0, 1.0) or acts == bool(rho)  # else it is drawn
-                strategy.end_unit("step")
             strategy.end_episode(random.gauss(0.0, 1.0), length)
-            strategy.end_unit("episode")
         # By evidence the learner need not be the better one in the end.
         assert strategy.rho == 1.0 or name == "evidence"
 

@@ -87,7 +87,7 @@ def test_settings_are_the_same_when_it_is_continued(tmp_path):
     """Infinite and listed ones, and those of one algorithm alone, too."""
     changes = {"learner": {"hidden": [8, 8]}}
     asked = {
-        "settings": changes, "algorithms": ["dqn", "dqn:learner.epsilon_start=0.0"]
+        "settings": changes, "algorithms": ["dqn", "dqn:learner.epsilon_end=0.0"]
     }  # fmt: skip
     small(walk(tmp_path), tmp_path / "c", seeds=1, **asked)
     before = everything(tmp_path / "c")

@@ -19,6 +19,8 @@ QUICK = [
         "guide.strategy=mixture",
         "planner.depth=1",
         "learner.members=1",
+        "learner.epsilon_steps=0",
+        "learner.epsilon_end=0.1",
     )
 ]
 

@@ -25,8 +25,8 @@ def test_options_reach_the_run(run):
     made = config("r")
     assert (made["preset"], made["seed"]) == ("paper", 7)
     assert made["settings"]["learner"]["hidden"] == [8, 8]
-    assert made["settings"]["learner"]["discount"] == 0.9
-    assert made["budget"] == {"episodes": None, "env_steps": 20, "units": None}
+    assert made["settings"]["planner"]["discount"] == 0.9
+    assert made["budget"] == {"episodes": None, "env_steps": 20}
 
 
 def signals_in(monkeypatch, number, *steps):
