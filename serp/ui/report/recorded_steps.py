@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.text import plural
 from serp.agent.decision import Reason
-from serp.errors import RunError
-from serp.runs.evaluation import interval_of
-from serp.runs.recording import (
-    REASONS,
-    VETO_COLUMNS,
-    Recording,
-    evaluations_of,
-    open_recording,
-    vetoed,
-)
-from serp.runs.run import Run
+from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, vetoed
 from serp.runs.summary import Metrics, binned_shares, moving_interval, moving_mean
 
 _NO_SAFE: Final = [REASONS.index(each) for each in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)]
@@ -39,7 +28,6 @@ class RecordedEpisode:
         no_safe_action: Number of steps without an action predicted safe.
         end: How it ended: `terminated`, `truncated`, or `unfinished` where the recording ends
             before the episode.
-        omitted: Number of its last steps that the report leaves out.
     """
 
     number: int
@@ -48,7 +36,6 @@ class RecordedEpisode:
     vetoes: int
     no_safe_action: int
     end: str
-    omitted: int = 0
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -130,17 +117,14 @@ def by_interest(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
 def chosen_steps(
     recording: Recording, episodes: Sequence[RecordedEpisode], most: int
 ) -> RecordedSteps:
-    """Return the steps of as many episodes as fit into a number of steps, see `by_interest`.
+    """Return the steps of as many episodes as fit into a number of steps, but of one at least.
 
-    If not even one fits, its last steps are omitted.
+    The most interesting ones come first, see `by_interest`.
     """
     chosen: list[RecordedEpisode] = []
     room = most
     for episode in by_interest(episodes):
-        if not chosen and len(episode) > room:
-            shown = episode.positions[:most]
-            episode = replace(episode, positions=shown, omitted=len(episode) - most)
-        if len(episode) <= room:
+        if not chosen or len(episode) <= room:
             chosen.append(episode)
             room -= len(episode)
     chosen.sort(key=lambda each: each.number)
@@ -196,28 +180,3 @@ def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[
 def _spread(count: int, most: int) -> NDArray[np.int64]:
     """Return evenly spread positions, the first and the last among them."""
     return np.unique(np.linspace(0, max(0, count - 1), min(count, most)).astype(np.int64))
-
-
-def planner_baseline(run: Run) -> tuple[dict[str, Any] | None, list[str]]:
-    """Return the planner's return in its longest recorded evaluation, and what cannot be read.
-
-    It has `mean`, `low`, `high` (95 % interval) and a `label`; None without such an evaluation.
-    """
-    returns: dict[str, list[float]] = {}
-    notes: list[str] = []
-    for name in evaluations_of(run.path):
-        try:
-            recording = open_recording(run.path, name)
-            if recording.layout.policy == "planner" and recording.episodes:
-                rewards = recording.columns("env_reward")["env_reward"]
-                returns[name] = [float(rewards[own].sum()) for own in recording.episodes.values()]
-        except RunError as error:
-            notes.append(f"The evaluation {name} was left out: {error}")
-    if not returns:
-        return None, notes
-    best = max(returns, key=lambda name: len(returns[name]))
-    mean = float(np.mean(returns[best]))
-    low, high = interval_of(returns[best]) or (mean, mean)
-    count = plural(len(returns[best]), "episode")
-    label = f"the planner alone, mean of {count} with its 95 % interval (evaluation {best})"
-    return {"mean": mean, "low": low, "high": high, "label": label}, notes

@@ -6,7 +6,6 @@ where the two differ, another episode would be drawn, so the pictures end there.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,11 +16,10 @@ from numpy.typing import NDArray
 from serp.errors import RunError, SerpError, needs_extra
 from serp.runs.run import Run
 from serp.tasks.task import BoundTask
-from serp.ui.pictures.film import Camera
 from serp.ui.report.recorded_steps import RecordedSteps, by_interest
 
 with needs_extra("report", "a report of a run"):
-    from PIL import Image
+    from serp.ui.pictures.camera import Camera, webp
 
 
 @dataclass
@@ -53,7 +51,7 @@ def drawn_scenes(
     seed_of: Callable[[int], int] | None,
     *,
     most: int,
-    on_picture: Callable[[], None] = lambda: None,
+    on_picture: Callable[[], None],
 ) -> DrawnScenes:
     """Draw episodes, the most interesting ones first, see `by_interest`.
 
@@ -83,7 +81,7 @@ def drawn_scenes(
                     number, first = episode.number, len(pictures)
                     states, actions = (steps[name][rows[number]] for name in ("state", "action"))
                     for picture in _pictures(task, seed_of(number - 1), states, actions):
-                        pictures.append(_webp(picture))
+                        pictures.append(webp(picture, 320))
                         room -= len(pictures[-1])
                         on_picture()
                         if len(pictures) >= most or room <= 0:
@@ -101,17 +99,6 @@ def drawn_scenes(
         if episode.number not in scenes.frames:
             scenes.notes.setdefault(episode.number, why)
     return scenes
-
-
-def _webp(picture: NDArray[np.uint8]) -> bytes:
-    width = 320
-    image = Image.fromarray(picture)
-    if image.width > width:
-        size = (width, max(1, round(image.height * width / image.width)))
-        image = image.resize(size, Image.Resampling.HAMMING)
-    buffer = io.BytesIO()
-    image.save(buffer, "WEBP", quality=60, method=2)
-    return buffer.getvalue()
 
 
 def _pictures(

@@ -36,7 +36,7 @@ COMMANDS = {
     "play": "play walk.pddl --set planner.name=lookahead",
     "why": "why RUN --episode 1 --step 2",
     "evaluate": "evaluate RUN --episodes 3 --seed 4",
-    "watch": "watch RUN --episodes 1 --out film.gif",
+    "watch": "watch RUN --episodes 1 --out film.mp4",
     "report": "report RUN --pictures 3 --out page.html",
     "export": "export RUN -o policy",
     "diagnose": "diagnose RUN",

@@ -12,7 +12,7 @@ from serp._util import figures
 from serp.agent.agent import Agent
 from serp.agent.step_record import StepRecord
 from serp.runs.evaluation import evaluate, play
-from serp.ui.pictures.film import END, HOLD, FilmSettings, Mark, film, marks_of
+from serp.ui.pictures.film import END, HOLD, Mark, film, marks_of
 from tests.serp.ui.pictures.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent
 
 RED = ImageColor.getrgb(figures.REFUSED)
@@ -28,9 +28,8 @@ def steps(agent: Agent, folder: Path, policy: Any = "serp") -> list[StepRecord]:
     return [step for episode in played for step in episode.steps]
 
 
-@pytest.mark.parametrize("fps", [1, 50])
-def test_every_veto_is_shown_until_it_can_be_read(agent: Agent, tmp_path: Path, fps: float) -> None:
-    frames = list(film(agent, bound(tmp_path), FilmSettings(fps=fps)))
+def test_every_veto_is_shown_until_it_can_be_read(agent: Agent, tmp_path: Path) -> None:
+    frames = list(film(agent, bound(tmp_path)))
     shown = {mark for frame in frames for mark in frame.caption.marks}
     vetoed = [step for step in steps(agent, tmp_path) if step.decision.vetoed]
     assert len(vetoed) > 3
@@ -53,8 +52,8 @@ def test_every_step_that_an_evaluation_measures_has_a_frame_that_says_who_acts(
     agent: Agent, tmp_path: Path, policy: Any
 ) -> None:
     results: dict[int, StepRecord] = {}
-    settings = FilmSettings(policy=policy, episodes=4, seed=3)
-    frames = list(film(agent, bound(tmp_path), settings, results.__setitem__))
+    shown_by = film(agent, bound(tmp_path), policy, 4, 3, on_episode=results.__setitem__)
+    frames = list(shown_by)
     shown = [frame.caption for frame in frames if frame.caption.actor is not None]
     assert len(frames) == len(shown) + 4  # each episode's beginning
     played = [step for episode in play(agent, bound(tmp_path), policy, episodes=4, seed=3)
@@ -88,9 +87,8 @@ def test_an_unsafe_action_executed_is_marked(agent: Agent, tmp_path: Path) -> No
 def test_time_is_real_time(
     agent: Agent, tmp_path: Path, make_env: Any, each: int, step: float
 ) -> None:
-    settings = FilmSettings(fps=1e6, policy="planner")
     lasting: dict[tuple[str, ...], list[float]] = defaultdict(list)
-    for frame in film(agent, bound(tmp_path, make_env), settings):
+    for frame in film(agent, bound(tmp_path, make_env), "planner"):
         if frame.caption.actor is not None:
             lasting[frame.caption.facts[:2]].append(frame.seconds)
     lasts = {episode: key for key in lasting for episode in key[:1]}.values()
