@@ -94,13 +94,9 @@ def _print_state(console: Console, account: Explanation) -> None:
 
 
 def _print_alternatives(console: Console, account: Explanation, refused: str) -> None:
-    # The best first where there are too many to show; else as in the file.
-    actions_shown = 30
-    order = list(account.alternatives)
-    if len(order) > actions_shown:
-        order.sort(key=_score, reverse=True)
+    shown = best_of(account, 30)
     rows, styles = [], []
-    for each in order[:actions_shown]:
+    for each in shown:
         numbers, style, taken = ("–", "–"), "dim", each.action == account.chosen
         if each.applicable:
             numbers = readable(each.reward), readable(each.best_return)
@@ -111,14 +107,20 @@ def _print_alternatives(console: Console, account: Explanation, refused: str) ->
         styles.append(style)
     head = ("", "action", "reward", kind_of_return(account.partial), "remarks")
     print_table(console, head, rows, styles=styles, right=(2, 3))
-    if len(order) > actions_shown:
-        rest = plural(len(order) - actions_shown, "more action")
-        console.print(f"  … and {rest}, no better than these (--json has all)")
+    if rest := len(account.alternatives) - len(shown):
+        more = plural(rest, "more action")
+        console.print(f"  … and {more}, no better than these (--json has all)")
 
 
-def _score(of: Alternative) -> tuple[float, ...]:
-    steps = math.inf if of.safe_steps is None else of.safe_steps
-    return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
+def best_of(account: Explanation, most: int) -> list[Alternative]:
+    """Return the actions as in the file or, where there are too many, the best ones first."""
+
+    def score(of: Alternative) -> tuple[float, ...]:
+        steps = math.inf if of.safe_steps is None else of.safe_steps
+        return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
+
+    shown = list(account.alternatives)
+    return sorted(shown, key=score, reverse=True)[:most] if len(shown) > most else shown
 
 
 def _print_causes(console: Console, alternative: Alternative) -> None:

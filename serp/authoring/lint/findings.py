@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-from serp._util.text import closest
 from serp.authoring.lint import ground_rules, syntax_rules
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
@@ -18,12 +16,10 @@ from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import (
     DomainError,
     DomainWarning,
-    Edit,
     Fix,
     Place,
     Recovery,
     Source,
-    line_start,
 )
 
 RULES = [
@@ -47,81 +43,31 @@ CODES = frozenset(
     (
         *(rule.code for rule in RULES),
         *("declared-twice", "missing-value", "needless", "other-domain", "out-of-range"),
-        *("task-mismatch", "unbounded-goal", "unknown-requirement", "useless-silence"),
+        *("task-mismatch", "unbounded-goal", "unknown-requirement"),
         *(*ERRORS, *NOTES),
     )
 )
 """All codes; docs/reference/checks.md has the meaning of each, and an example."""
-_COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*(ignore(?:-file)?)\b(?:\[([^\]\r\n]*)\])?")
-_CODE = re.compile(r"[^\s,]+")
-_BLANK_OR_COMMENT = re.compile(r"\s*(;.*)?\Z")
-
-
-class _Silence(NamedTuple):
-    """A code in a comment, and the line where it silences a warning; None for the whole file."""
-
-    code: str
-    place: Place
-    line: int | None
+_COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*ignore(-file)?\[([^\]\r\n]*)\]")
 
 
 def _unsilenced(
-    warnings: Iterable[DomainWarning], sources: Sequence[Source], *, partial: bool
+    warnings: Iterable[DomainWarning], sources: Sequence[Source]
 ) -> Iterator[DomainWarning]:
-    """Yield the warnings that no comment silences, and warnings of comments that silence nothing.
-
-    With `partial`, some rules were not applied, so that unused comments are no mistake.
-    """
-    silences = [silence for source in sources for silence in _silences(source)]
-    used: set[_Silence] = set()
+    """Yield the warnings that no comment silences: in the file, on its line or on the next one."""
+    silent = set()
+    for source in sources:
+        for match in _COMMENT.finditer(source.text):
+            line = source.place(match.start(), match.end()).line
+            alone = not source.line_text(line).partition(";")[0].strip()
+            of = None if match[1] else line + alone
+            silent |= {(source.name, code, of) for code in re.findall(r"[\w-]+", match[2])}
     for warning in warnings:
-        file, line = sources[0].name, -1
-        if warning.place is not None:
-            file, line = warning.place.source.name, warning.place.line
-        matching = {
-            silence
-            for silence in silences
-            if silence.code == warning.code
-            and silence.place.source.name == file
-            and silence.line in (None, line)
-        }
-        used |= matching
-        if not matching:
+        place = warning.place
+        file = place.source.name if place is not None else sources[0].name
+        lines = {None} if place is None else {None, place.line}
+        if not silent & {(file, warning.code, line) for line in lines}:
             yield warning
-    for silence in silences:
-        if silence.code not in CODES or not (silence in used or partial):
-            yield _useless(silence)
-
-
-def _useless(silence: _Silence) -> DomainWarning:
-    code, advice, fix = silence.code, "write the code of a warning in brackets", None
-    if code in CODES:
-        kind = "an error, which no comment silences" if code in ERRORS else "not found here"
-        text, advice = f"`{code}` is {kind}; this comment silences nothing", "leave the comment out"
-    else:
-        problem = f"there is no code `{code}`" if code else "no code in brackets"
-        text = f"{problem}; nothing is silenced"
-        if close := closest(code, CODES):
-            advice = f"did you mean `{close}`?"
-            fix = Fix((Edit(silence.place.start, silence.place.end, close),), sure=False)
-    return DomainWarning(text, silence.place, "useless-silence", advice, fix)
-
-
-def _silences(source: Source) -> Iterator[_Silence]:
-    for match in _COMMENT.finditer(source.text):
-        place = source.place(match.start(1), match.end())
-        line: int | None = None
-        if match[1] == "ignore":
-            line = place.line
-            if not source.text[line_start(source.text, match.start()) : match.start()].strip():
-                following = range(line + 1, len(source.line_starts) + 1)
-                rest = (n for n in following if not _BLANK_OR_COMMENT.match(source.line_text(n)))
-                line = next(rest, line)
-        for code in _CODE.finditer(match[2] or ""):
-            start = match.start(2) + code.start()
-            yield _Silence(code[0], source.place(start, start + len(code[0])), line)
-        if not _CODE.search(match[2] or ""):
-            yield _Silence("", place, line)
 
 
 Severity = Literal["error", "warning", "note"]
@@ -238,8 +184,7 @@ def examine(
         warnings = [*_warnings(result, sources, partial=bool(errors))]
         if look is not None and result is not None and not errors:
             warnings += look(result)
-        warnings = [*_unsilenced(warnings, sources, partial=bool(errors))]
-        problems = [*_once(errors, "unsupported"), *_once(warnings, "not-portable")]
+        problems = [*_once([*errors, *_unsilenced(warnings, sources)])]
     order = {source.name: number for number, source in enumerate(sources)}
 
     def position(finding: Finding) -> tuple[int, int]:
@@ -252,26 +197,16 @@ def examine(
 
 
 def _once(
-    problems: Iterable[DomainError | DomainWarning], code: str
+    problems: Iterable[DomainError | DomainWarning],
 ) -> Iterator[DomainError | DomainWarning]:
-    """Yield errors or warnings; of a code, one for all places of a file with the same message."""
-    places: dict[tuple[object, ...], list[DomainError | DomainWarning]] = {}
-    for number, problem in enumerate(problems):
-        source = problem.place.source if problem.place is not None else None
-        key = (_text(problem), source) if problem.code == code else (number,)
-        places.setdefault(key, []).append(problem)
-    for first, *others in places.values():
-        text = f"{_text(first)} ({1 + len(others)} places)"
-        if not others:
-            yield first
-        elif isinstance(first, DomainError):
-            yield DomainError(text, first.place, first.advice, code=code)
-        else:
-            yield dataclasses.replace(first, text=text)
-
-
-def _text(problem: DomainError | DomainWarning) -> str:
-    return problem.problem if isinstance(problem, DomainError) else problem.text
+    """Yield errors or warnings; of a form that may be everywhere, one for a message and a file."""
+    seen = set()
+    for problem in problems:
+        text = problem.problem if isinstance(problem, DomainError) else problem.text
+        key = (text, problem.place.source if problem.place is not None else None)
+        if key not in seen or problem.code not in ("unsupported", "not-portable"):
+            yield problem
+        seen.add(key)
 
 
 def _read(

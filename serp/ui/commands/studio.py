@@ -8,7 +8,7 @@ import click
 
 from serp.ui.asked import asked_own_task
 from serp.ui.options import own_task_option
-from serp.ui.output import examples, print_result
+from serp.ui.output import examples
 from serp.ui.root import say
 
 
@@ -44,4 +44,4 @@ def command(name: str, port: int, no_browser: bool) -> None:
 
     session = open_session(name, Path.cwd(), asked_own_task())
     say("serp studio runs at this address; Ctrl-C ends it.")
-    serve(session, port, browser=not no_browser, announce=print_result, warn=say)
+    serve(session, port, browser=not no_browser)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import dataclasses
-import io
-import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from serp.errors import MissingExtra, TaskError, needs_extra
+from serp.errors import EnvironmentFailure, MissingExtra, TaskError, needs_extra
 from serp.model.domain import Domain
 from serp.pddl.source import DomainError
 from serp.planning.replanner import MonitorReplanner
@@ -30,7 +28,7 @@ class EpisodeStep:
         values: Fluent → value.
         action: Who does what there; empty at the end.
         indifferent: Whether all actions promise the same there.
-        picture: The environment's picture as a data URL of a PNG; empty where there is none.
+        picture: The environment's picture as a data URL; empty where there is none.
     """
 
     values: dict[str, float | bool]
@@ -92,10 +90,9 @@ def play(
 
 def _drawable(task: Task) -> tuple[BoundTask, str]:
     """Return the task with an environment that can be drawn, else with one that cannot, and why."""
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
     try:
         with needs_extra("watch", "a picture of the environment"):
-            import PIL  # noqa: F401
+            import serp.ui.pictures.camera  # noqa: F401
         return task.bind(render_mode="rgb_array"), ""
     except (MissingExtra, TaskError) as error:
         return task.bind(), f"There is no picture of the environment: {error}"
@@ -110,30 +107,24 @@ def _played(
         state = bound.ground(raw, info, bound.env)
         plan = planner.plan(state)
         over = over or plan.action is None or number == 100
-        picture = _picture(bound.env) if pictures else ""
         action = "" if over else f"planner: {plan.name}"
+        picture = _picture(bound) if pictures else ""
         yield EpisodeStep(bound.model.values(state), action, plan.indifferent, picture)
         if over or plan.action is None:
             return
-        action_of = bound.actions.environment_action
-        raw, _, terminated, truncated, info = bound.step(action_of[plan.action])
+        number = bound.actions.environment_action[plan.action]
+        raw, _, terminated, truncated, info = bound.step(number)
         over = terminated or truncated
 
 
-def _picture(env: Any) -> str:
+def _picture(bound: BoundTask) -> str:
     """Return what an environment draws as a data URL; empty where it draws nothing."""
-    from PIL import Image
+    from serp.ui.pictures.camera import Camera, webp
 
-    try:
-        drawn = env.render()
-    except Exception:  # a picture is not worth a failure
-        return ""
-    if not isinstance(drawn, np.ndarray) or drawn.ndim != 3 or drawn.dtype != np.uint8:
-        return ""
-    image, buffer = Image.fromarray(drawn), io.BytesIO()
-    image.thumbnail((640, 640))
-    image.save(buffer, "PNG")
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+    with contextlib.suppress(EnvironmentFailure):  # a picture is not worth a failure
+        drawn = webp(Camera(bound).take()[-1], 640)
+        return f"data:image/webp;base64,{base64.b64encode(drawn).decode()}"
+    return ""
 
 
 class RecordedRun:
@@ -153,10 +144,8 @@ class RecordedRun:
         recording.check()
         self.ranges: Ranges = {}
         if len(recording):
-            low, high = recording.ranges
-            names = recording.layout.fluents
-            limits = zip(low.tolist(), high.tolist(), strict=True)
-            self.ranges = dict(zip(names, limits, strict=True))
+            limits = np.stack(recording.ranges, axis=1).tolist()
+            self.ranges = dict(zip(recording.layout.fluents, map(tuple, limits), strict=True))
         self.vetoes: list[int] = np.flatnonzero(vetoed(recording.columns(*VETO_COLUMNS))).tolist()
 
     def episode(self, number: int) -> ShownEpisode:
@@ -166,9 +155,8 @@ class RecordedRun:
             RunError: There is none of that number.
         """
         self._recording.find(number, 1)
-        steps = self._recording.episodes[number]
-        name = f"episode {number} of {self._name}"
-        return ShownEpisode(tuple(self._step(int(step)) for step in steps), name)
+        steps = self._recording.episodes[number].tolist()
+        return ShownEpisode(tuple(map(self._step, steps)), f"episode {number} of {self._name}")
 
     def place_of(self, step: int) -> tuple[int, int]:
         """Return episode, from 1, and number in it, from 0, of a step."""

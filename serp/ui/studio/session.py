@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 from serp.authoring.lint.findings import Finding
-from serp.authoring.scenarios.syntax import SUFFIX
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
 from serp.pddl.source import Place, Source, edited
@@ -22,14 +21,13 @@ from serp.ui.studio.document import Document
 from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
-DOMAIN, PROBLEM, SCENARIOS = "domain", "problem", "scenarios"
+DOMAIN, PROBLEM = "domain", "problem"
 
 
 class Session:
     """The files that are open, and the state that decisions are shown for.
 
     Args:
-        folder: The working folder: nothing outside of it is written.
         domain: The domain file.
         problem: The problem file; None where there is none.
         surroundings: Control period and planner.
@@ -37,7 +35,7 @@ class Session:
         recorded: The run whose steps can be looked at; None for none.
 
     Attributes:
-        documents: `domain`, `problem` where there is one, and `scenarios`, which need not exist.
+        documents: `domain`, and `problem` where there is one.
         shown: The state that decisions are shown for.
         played: The episode that was played last, if any.
         step: The step of it that is shown, from 0; None for none.
@@ -46,18 +44,13 @@ class Session:
 
     def __init__(
         self,
-        folder: Path,
         domain: Document,
         problem: Document | None,
         surroundings: Surroundings,
         task: Task | None = None,
         recorded: RecordedRun | None = None,
     ) -> None:
-        self.folder = folder
         self.documents = {DOMAIN: domain} | ({} if problem is None else {PROBLEM: problem})
-        beside = [path.with_suffix(SUFFIX) for path in (domain.target, domain.path)]
-        scenarios = next((path for path in beside if path.exists()), beside[0])
-        self.documents[SCENARIOS] = Document(scenarios, folder)
         self.surroundings = surroundings
         self.task = task
         self.shown = ShownState(
@@ -83,7 +76,8 @@ class Session:
         self.owner += 1
         with suppress(SerpError):  # a file that cannot be read is reported when it is saved
             if not self.changed and any(each.outdated for each in self.documents.values()):
-                self.reload()
+                for document in self.documents.values():
+                    document.reload()
         return self.owner
 
     # Editing -----------------------------------------------------------------------------------
@@ -112,28 +106,22 @@ class Session:
     @property
     def version(self) -> Version:
         """The texts as they are edited."""
-        domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
-        if problem is None:
-            return Version(str(domain.path), domain.text, str(domain.path), None)
-        return Version(str(domain.path), domain.text, str(problem.path), problem.text)
+        domain, *problem = ((str(each.path), each.text) for each in self.documents.values())
+        return Version(domain, problem[0] if problem else None)
 
     @property
     def changed(self) -> bool:
         """Whether a text is not saved."""
         return any(document.changed for document in self.documents.values())
 
-    def save(self, *, anyway: bool = False) -> list[Path]:
+    def save(self) -> list[Path]:
         """Save the documents that were changed; return their files.
 
         Domain and problem move into the working folder together: commands look for the problem
         beside the domain.
 
-        Args:
-            anyway: Whether to replace what other programs have written.
-
         Raises:
-            ChangedOnDisk: Another program changed one of the files; those before it are saved.
-            SerpError: A file cannot be written.
+            SerpError: A file cannot be written, see `Document.save`; those before it are saved.
         """
         domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
         beside = problem_beside(domain.path).resolve()
@@ -141,20 +129,10 @@ class Session:
             problem is not None and (problem.changed or problem.path.resolve() != beside)
         )
         return [
-            document.save(anyway=anyway)
-            for which, document in self.documents.items()
-            if document.changed or (moving and document.elsewhere and which != SCENARIOS)
+            document.save()
+            for document in self.documents.values()
+            if document.changed or (moving and document.elsewhere)
         ]
-
-    def reload(self) -> None:
-        """Take the texts that are on the disk; what was edited is lost."""
-        for document in self.documents.values():
-            document.reload()
-
-    def set_depth(self, depth: int) -> None:
-        """Change the depth of the planner's lookahead."""
-        planner = self.surroundings.planner.replace(depth=depth)
-        self.surroundings = replace(self.surroundings, planner=planner)
 
     # The state ---------------------------------------------------------------------------------
 
@@ -163,9 +141,7 @@ class Session:
         seen = {} if self.played is None else self.played.ranges()
         if self.recorded is not None:
             seen = self.recorded.ranges
-        document = self.documents[SCENARIOS]
-        scenarios = Source(str(document.path), document.text)
-        return Request(self.version, self.surroundings, self.shown, seen, self.task, scenarios)
+        return Request(self.version, self.surroundings, self.shown, seen, self.task)
 
     def set_fluent(self, name: str, value: float | bool) -> None:
         """Change one fluent of the state."""
@@ -234,7 +210,7 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
     Args:
-        name: A domain file, its scenarios, the name of an installed task, or the folder of a run.
+        name: A domain file, the name of an installed task, or the folder of a run.
         folder: The working folder.
         own: The task of `--task`.
 
@@ -243,8 +219,6 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     """
     if (Path(name) / CONFIG).is_file():
         return _open_run(Path(name), folder, own)
-    if Path(name).suffix == SUFFIX:
-        name = str(Path(name).with_suffix(".pddl"))
     file, task, problem = find_domain_file(name), own, None
     if file is None:
         task = own or load_task(name)
@@ -260,26 +234,19 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     if task is not None:
         planner = resolve("default", task.settings).planner
         surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
-    return Session(folder, *documents, surroundings, task)
+    return Session(*documents, surroundings, task)
 
 
 def _open_run(path: Path, folder: Path, own: Task | None) -> Session:
-    """Open the steps of a run, and the file of its name in the working folder.
-
-    Where there is none, the run's copies are opened, and saved elsewhere: they stay as they are.
-    """
+    """Open the steps of a run, and its copies of the files, which are saved elsewhere."""
     run = RunFolder.open(path)
     metadata = read_run_metadata(run)
     domain, problem = run.copies()
     name = Domain.parse(Source.read(domain)).name
-    file = find_domain_file(name)
-    if file is not None and file.is_file() and Domain.parse(Source.read(file)).name == name:
-        documents = _documents(file, problem_beside(file), folder)
-    else:
-        documents = (
-            Document(domain, folder, f"{name}.pddl"),
-            None if problem is None else Document(problem, folder, f"{name}-problem.pddl"),
-        )
+    documents = (
+        Document(domain, folder, f"{name}.pddl"),
+        None if problem is None else Document(problem, folder, f"{name}-problem.pddl"),
+    )
     surroundings = Surroundings(
         dt=metadata.control_period,
         planner=metadata.settings.planner,
@@ -289,7 +256,7 @@ def _open_run(path: Path, folder: Path, own: Task | None) -> Session:
     task = None
     if metadata.world is None:
         task = own or load_task(metadata.task)
-    return Session(folder, *documents, surroundings, task, RecordedRun(path))
+    return Session(*documents, surroundings, task, RecordedRun(path))
 
 
 def _documents(file: Path, problem: Path, folder: Path) -> tuple[Document, Document | None]:

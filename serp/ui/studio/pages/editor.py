@@ -12,7 +12,6 @@ import asyncio
 import functools
 import json
 from collections import Counter
-from collections.abc import Callable
 from html import escape
 from typing import Any, Final
 
@@ -21,9 +20,8 @@ from nicegui import ui
 from serp._util.text import plural
 from serp.authoring.lint.findings import Finding
 from serp.errors import SerpError
-from serp.ui.studio.document import ChangedOnDisk
 from serp.ui.studio.pages.live import Live
-from serp.ui.studio.session import DOMAIN, SCENARIOS, Session
+from serp.ui.studio.session import DOMAIN, Session
 from serp.ui.studio.view import Request, Version, View
 
 _REPLACE: Final = """((id, known, text) => {
@@ -61,7 +59,7 @@ class EditorPane:
                 with ui.element("div").classes("serp-document") as panel:
                     self._editors[which] = ui.codemirror(
                         documents[which].text,
-                        language=None if which == SCENARIOS else "Common Lisp",
+                        language="Common Lisp",
                         indent="  ",
                         on_change=functools.partial(self._edited, which),
                         keymap={"Mod-s": lambda: self.save()},
@@ -96,42 +94,15 @@ class EditorPane:
 
     # Saving ------------------------------------------------------------------------------------
 
-    def save(self, *, anyway: bool = False) -> None:
-        """Save what was changed; ask where a file was changed by another program."""
+    def save(self) -> None:
+        """Save what was changed; where another program has changed a file, the second time."""
         try:
-            saved = self._session.save(anyway=anyway)
-        except ChangedOnDisk as conflict:
-            self._ask(str(conflict))
+            saved = self._session.save()
         except SerpError as error:
             ui.notify(str(error), type="negative", close_button=True, timeout=0)
         else:
             names = ", ".join(map(str, saved))
             ui.notify(f"Saved {names}" if saved else "Nothing to save", position="bottom-left")
-        self._live.changed()
-
-    def _ask(self, conflict: str) -> None:
-        def choose(action: Callable[[], None]) -> None:
-            dialog.close()
-            action()
-
-        with ui.dialog() as dialog, ui.card():
-            ui.label(conflict)
-            with ui.row():
-                for text, action in (
-                    ("Keep mine, replace the file", lambda: self.save(anyway=True)),
-                    ("Take the file's text", self.reload),
-                    ("Cancel", lambda: None),
-                ):
-                    ui.button(text, on_click=functools.partial(choose, action)).props("no-caps")
-        dialog.open()
-
-    def reload(self) -> None:
-        """Take the texts that are on the disk."""
-        try:
-            self._session.reload()
-        except SerpError as error:
-            ui.notify(str(error), type="negative")
-        self.refresh()
         self._live.changed()
 
     def refresh(self) -> None:

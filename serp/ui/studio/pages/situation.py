@@ -23,10 +23,6 @@ class StatePane:
         self._controls: tuple[Control, ...] = ()
         self._elements: dict[str, list[Any]] = {}
         with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
-            self._search = ui.input(
-                placeholder="find a fluent", on_change=lambda _: self._build()
-            ).props("dense clearable")
-            self._search.set_visibility(False)
             self._switches = ui.element("div").classes("serp-switches")
             self._grid = ui.element("div").classes("serp-controls")
             self._more = ui.label().classes("serp-faint")
@@ -48,18 +44,15 @@ class StatePane:
 
     def _build(self) -> None:
         most_fluents = 60
-        part = (self._search.value or "").lower()
-        wanted = [each for each in self._controls if part in each.name]
-        self._search.set_visibility(len(self._controls) > 12)
         self._elements = {}
         self._grid.clear()
         self._switches.clear()
-        for control in wanted[:most_fluents]:
+        for control in self._controls[:most_fluents]:
             changed = functools.partial(self._changed, control)
             make = self._slider if control.numeric else self._switch
             with self._grid if control.numeric else self._switches:
                 self._elements[control.name] = make(control, changed)
-        hidden = len(wanted) - most_fluents
+        hidden = len(self._controls) - most_fluents
         self._more.set_text(f"… and {hidden:,} more" if hidden > 0 else "")
 
     def _switch(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:

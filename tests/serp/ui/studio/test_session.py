@@ -17,7 +17,7 @@ from serp.planning.replanner import MonitorReplanner
 from serp.runs.recording import open_recording
 from serp.runs.train import plan_and_learn
 from serp.tasks.registry import load_task
-from serp.ui.studio.document import ChangedOnDisk, Document
+from serp.ui.studio.document import Document
 from serp.ui.studio.pages.page import show_page
 from serp.ui.studio.serving import Guard
 from serp.ui.studio.session import DOMAIN, Session, open_session
@@ -71,9 +71,6 @@ def test_a_mistake_is_placed_and_leaves_what_was_edited(session: Session) -> Non
     assert error.place is not None and (error.place.line, error.place.text) == (6, "heet")
     assert session.mend(error) and session.documents["domain"].text == SWITCH
     assert not session.mend(error)  # it is about another text
-    session.set_depth(2)
-    decided = session.request().view().decision
-    assert decided is not None and "2 actions" in decided.verdict
 
 
 def test_an_episode_gives_states_pictures_and_ranges(tmp_path: Path) -> None:
@@ -82,7 +79,7 @@ def test_an_episode_gives_states_pictures_and_ranges(tmp_path: Path) -> None:
     session.take(session.player(3)())
     assert session.played is not None and session.as_played and session.step is not None
     step = session.played.steps[session.step]
-    assert step.picture.startswith("data:image/png;base64,") and not step.indifferent
+    assert step.picture.startswith("data:image/webp;base64,") and not step.indifferent
     view = session.request().view()
     assert view.decision is not None and view.drawing.startswith("<svg")
     taken = view.decision.account.taken
@@ -111,9 +108,9 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path: Path) -> Non
     assert document.save() == folder / "theirs.pddl" and outside.read_text() == "theirs"
     (folder / "theirs.pddl").write_text("changed meanwhile")
     document.text = "mine again"
-    with pytest.raises(ChangedOnDisk):
+    with pytest.raises(SerpError, match="save again to replace it"):
         document.save()
-    document.save(anyway=True)
+    document.save()
     assert (folder / "theirs.pddl").read_text() == "mine again"
     document.text = "not saved"
     assert document.keep() == f"The unsaved text is kept in {folder / 'theirs.pddl.unsaved'}"
@@ -136,7 +133,7 @@ def test_a_page_that_opens_shows_what_other_programs_wrote_unless_something_is_n
 ) -> None:
     file = tmp_path / "a.pddl"
     file.write_text("one\n")
-    session = Session(tmp_path, Document(file, tmp_path), None, Surroundings())
+    session = Session(Document(file, tmp_path), None, Surroundings())
     file.write_text("two\n")
     session.take_over(lambda: None)
     assert session.documents[DOMAIN].text == "two\n"
@@ -158,13 +155,16 @@ def test_a_problem_moves_with_its_domain(tmp_path: Path, monkeypatch: pytest.Mon
     assert session.save() == [mine / "switch.pddl", mine / "switch-problem.pddl"]
 
 
-def test_each_text_that_was_not_saved_is_kept(tmp_path: Path, session: Session) -> None:
+def test_each_text_that_was_not_saved_is_kept(tmp_path: Path) -> None:
     outside = tmp_path.parent / f"{tmp_path.name}.pddl"
-    scenarios = session.documents["scenarios"]
-    earlier = scenarios.target.with_name(scenarios.target.name + ".unsaved")
+    (tmp_path / "switch.pddl").write_text(SWITCH)
+    (tmp_path / "switch-problem.pddl").write_text(PROBLEM)
+    session = open_session(str(tmp_path / "switch.pddl"), tmp_path)
+    problem = session.documents["problem"]
+    earlier = problem.target.with_name(problem.target.name + ".unsaved")
     earlier.write_text("earlier")
     session.edit("domain", "mine")
-    session.edit("scenarios", "mine, too \ud800")  # a half of a character
+    session.edit("problem", "mine, too \ud800")  # a half of a character
     session.documents["domain"].target = outside  # cannot be written
     lost, kept = session.close()
     assert "is lost" in lost and not outside.exists()
@@ -243,22 +243,10 @@ def test_a_websocket_of_another_page_is_refused(
     assert answer(guard, headers, kind="websocket")["type"] == "websocket.close"
 
 
-# Scenarios, trainings -----------------------------------------------------------------------------
+# Runs, tabs -------------------------------------------------------------------------------------
 
 
-def test_scenarios_are_run_on_the_text_as_it_is_edited(session: Session) -> None:
-    text = "scenario hot\n(heat) = 70\n(on)\nrefuses press because unsafe\n"
-    session.edit("scenarios", text)
-    (result,) = session.request().run_scenarios()
-    assert result.passed
-    session.edit("domain", SWITCH.replace("75.0", "95.0"))
-    (result,) = session.request().run_scenarios()
-    assert [failure.expected for failure in result.failures] == ["refuses press because unsafe"]
-    session.save()
-    assert session.documents["scenarios"].path.read_text() == text
-
-
-def test_the_steps_of_a_run_are_shown_with_the_file_in_the_working_folder(tmp_path: Path) -> None:
+def test_the_steps_of_a_run_are_shown_with_its_copy_of_the_file(tmp_path: Path) -> None:
     shutil.copy(DOMAINS / "cartpole.pddl", tmp_path)
     session = open_session(str(tmp_path / "cartpole.pddl"), tmp_path)
     task = session.task
