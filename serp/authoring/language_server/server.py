@@ -15,7 +15,7 @@ from pygls.workspace import PositionCodec
 
 from serp import __version__
 from serp.authoring.language_server.completion import completions, explained, word_start
-from serp.authoring.language_server.index import Index
+from serp.authoring.language_server.index import Index, word_at
 from serp.authoring.lint.domain_pairs import domain_beside, domain_not_found, title_of
 from serp.authoring.lint.findings import Finding, Severity, examine
 from serp.authoring.lint.formatting import formatted
@@ -300,8 +300,8 @@ def _hover(ls: PddlServer, params: types.HoverParams) -> types.Hover | None:
 @server.feature(types.TEXT_DOCUMENT_DEFINITION)
 def _definition(ls: PddlServer, params: types.DefinitionParams) -> types.Location | None:
     index, source, offset = ls.indexed(params.text_document.uri, params.position, word=True)
-    here = index.at(source, offset)
-    declared = index.declaration(here) if here is not None else None
+    word = word_at(source, offset)
+    declared = index.declaration(word) if word is not None else None
     if declared is None:
         return None
     return types.Location(uri_of(declared.place.source.name), ls.positions.range(declared.place))

@@ -15,7 +15,7 @@ from lsprotocol import types
 from pygls.lsp.client import LanguageClient
 
 from serp.authoring.language_server.completion import completions, explained
-from serp.authoring.language_server.index import Index
+from serp.authoring.language_server.index import Index, word_at
 from serp.authoring.language_server.server import Positions, code_actions, uri_of
 from serp.authoring.lint.findings import findings_of
 from serp.pddl.source import Source
@@ -211,8 +211,9 @@ def test_damaged_files_are_explained_as_far_as_they_can_be_read() -> None:
             assert POSITIONS.offset(source, at) == position
             explained(index, source, position)
             completions(index, source, position)
-            if (here := index.at(source, position)) is not None:
-                assert {o.place.text.lower() for o in index.same(here)} == {here.name}
+            word = word_at(source, position)
+            if word is not None and (declared := index.declaration(word)) is not None:
+                assert declared.place.text.lower() == declared.name == word.text.lower()
 
 
 @pytest.mark.parametrize(
