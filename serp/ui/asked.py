@@ -36,7 +36,7 @@ def asked_own_task() -> Task | None:
     return custom_task(name)
 
 
-def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Task | None:
+def asked_task(domain: str | None) -> Task | None:
     """Return the task that `--task` and `--domain` mean together; None where neither is given.
 
     `--domain` is an installed task or a domain file; beside `--task`, another domain file for it.
@@ -44,23 +44,17 @@ def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Tas
     from serp.tasks.registry import find_domain_file, find_task
 
     task = asked_own_task()
-    if task is None:
-        if domain is None:
-            return None
-        task = find_task(domain, max_ground_schemas)
-    elif domain is not None:
-        file = find_domain_file(domain)
-        if file is None:
-            raise SerpError(f"--domain {domain}: beside --task it is a domain file")
-        task = dataclasses.replace(task, domain=file, problem=None)
-    if max_ground_schemas is None:
+    if domain is None:
         return task
-    return _with_domain(task, _domain_of(task, None, max_ground_schemas))
+    if task is None:
+        return find_task(domain)
+    file = find_domain_file(domain)
+    if file is None:
+        raise SerpError(f"--domain {domain}: beside --task it is a domain file")
+    return dataclasses.replace(task, domain=file, problem=None)
 
 
-def asked_domain(
-    name: str | None, problem: Path | None = None, max_ground_schemas: int | None = None
-) -> tuple[Domain, Task | None]:
+def asked_domain(name: str | None, problem: Path | None = None) -> tuple[Domain, Task | None]:
     """Return a domain and the task that it belongs to, with that domain; None for no task.
 
     `name` is a domain file, or that of an installed task, for which the task of `--task` stands.
@@ -75,27 +69,13 @@ def asked_domain(
     file = find_domain_file(name) if name else None
     if file is None:
         task = own or load_task(str(name))
-        domain = _domain_of(task, problem, max_ground_schemas)
+        domain = task.load()
+        if problem is not None:
+            domain = load_domain(domain.source.name, problem, observed=not task.closed)
         return domain, _with_domain(task, domain)
-    domain = load_domain(file, problem, max_ground_schemas=max_ground_schemas)
+    domain = load_domain(file, problem)
     belonging = task_of(domain, file) if own is None else _with_domain(own, domain)
     return domain if belonging is None else belonging.load(), belonging
-
-
-def _domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) -> Domain:
-    """Return the domain of a task, with another problem file or limit if these are given."""
-    from serp.model.domain import Domain, load_domain
-
-    if problem is None and max_ground_schemas is None:
-        return task.load()
-    file, limit = task.domain, max_ground_schemas
-    if isinstance(file, Domain):
-        if problem is None and limit is not None:
-            return dataclasses.replace(task.load(), max_ground_schemas=limit)
-        file = file.source.name
-    return load_domain(
-        file, problem or task.problem, observed=not task.closed, max_ground_schemas=limit
-    )
 
 
 def _with_domain(task: Task, domain: Domain) -> Task:

@@ -31,10 +31,6 @@ domain_option = click.option(
     help="Installed task, or a domain file of one; any other file is a world, as in "
          "serp play.")  # fmt: skip
 
-max_ground_schemas_option = click.option(
-    "--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
-    help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
-
 settings_option = click.option(
     "--set", "settings", multiple=True, metavar="SECTION.NAME=VALUE",
     callback=lambda ctx, parameter, value: parse_settings(value),
@@ -84,7 +80,6 @@ def trials_options(seeds: range, folder: str) -> Callable[[Callable[..., Any]], 
                      help="What runs the trainings: processes of this machine, or a cluster."),
         click.option("--address", metavar="ADDRESS",
                      help="The cluster of the engine.  [default: the engine starts workers here]"),
-        max_ground_schemas_option,
         click.option("--quiet", is_flag=True, help="No display; print the result alone."),
     )  # fmt: skip
     return lambda command: functools.reduce(lambda f, option: option(f), options[::-1], command)

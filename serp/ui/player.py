@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from serp.agent.chosen_planner import ChosenPlanner
     from serp.authoring.play import FluentChange, Game, GameStep
-    from serp.planning.replanner import Plan
 
 
 HELP: Final = (
@@ -69,7 +69,6 @@ class Player:
     game: Game
     begun: Mapping[str, float]
     console: Console
-    _planner: tuple[object, ChosenPlanner] | None = None
 
     def do(self, line: str) -> bool:
         """Carry out a command; return whether the game goes on.
@@ -86,7 +85,7 @@ class Player:
             title = line.removeprefix("save ")
             self.console.print(self._save(title))
         elif "=" in line:
-            self.game.set(parse_state([line], self.game.moment.domain, "change"))
+            self.game.set(parse_state([line], self.game.domain, "change"))
             self.print_state()
         elif what == "q":
             return False
@@ -137,11 +136,11 @@ class Player:
         for _ in range(count):
             step = self.game.step(choose())
             self._print_step(step)
-            if step.over:
+            if self.game.moment.over:
                 break
 
     def _planned(self) -> int:
-        _, plan = self._plan()
+        plan = self._planner.plan(self.game.moment.state)
         if plan.action is None:
             raise SerpError("the planner has nothing to propose: no action is applicable")
         if plan.indifferent:
@@ -155,24 +154,17 @@ class Player:
     def _ask(self) -> None:
         from serp.ui.decision import print_plan
 
-        moment, (planner, plan) = self.game.moment, self._plan()
-        title = f"{moment.domain.name}, after {plural(moment.steps, 'step')}"
+        moment, planner = self.game.moment, self._planner
+        plan = planner.plan(moment.state)
+        title = f"{self.domain.name}, after {plural(moment.steps, 'step')}"
         print_plan(self.console, title, planner, planner.explain(moment.state, plan), plan)
 
-    def _plan(self) -> tuple[ChosenPlanner, Plan]:
-        """Plan in the world as it is; changed facts make another world, and another planner."""
-        moment = self.game.moment
-        if self._planner is None or self._planner[0] is not moment.world:
-            self._planner = moment.world, self._planner_of(moment.domain.closed())
-        planner = self._planner[1]
-        return planner, planner.plan(moment.state)
-
-    def _planner_of(self, domain: Domain) -> ChosenPlanner:
-        """Return the planner that a training would have in a world."""
+    @functools.cached_property
+    def _planner(self) -> ChosenPlanner:
+        """The planner that a training would have in this world."""
         from serp.agent.chosen_planner import ChosenPlanner
 
-        model = domain.model.replace(dt=self.dt)
-        return ChosenPlanner.of_settings(model, self.settings.planner, self.task)
+        return ChosenPlanner.of_settings(self.game.model, self.settings.planner, self.task)
 
     def _save(self, title: str) -> str:
         """Write the situation as a scenario, with what holds there; return a message.
@@ -193,7 +185,7 @@ class Player:
             raise SerpError("a title has no `;`, which begins a comment")
         file, moment = scenarios_beside(self.domain), self.game.moment
         source = Source.read(file) if file.exists() else Source(str(file), "")
-        known = {**self.begun, **moment.changed, **self.game.values}
+        known = {**self.begun, **self.game.values}
         opened = ScenarioFile.open(
             source, self.domain.observed(known), self.settings, self.dt, self.task
         )
@@ -235,15 +227,15 @@ class Player:
             self.console.print(f"   … and {plural(len(actions) - 24, 'more action')}, by name")
 
     def _print_step(self, step: GameStep) -> None:
-        console, action = self.console, step.chosen
+        console, action, moment = self.console, step.chosen, self.game.moment
         if step.refusal:
             action += " is not applicable, and nothing is done"
         elif step.carried_out is None:
             action += " fails: nothing is done"
         elif step.carried_out != step.chosen:
             action += f" slips: {step.carried_out} happens instead"
-        gain = f"reward {readable(step.reward)}, total {readable(step.total)}"
-        console.print(f"step {step.number}: {action}; {gain}", style="bold")
+        gain = f"reward {readable(step.reward)}, total {readable(moment.total)}"
+        console.print(f"step {moment.steps}: {action}; {gain}", style="bold")
         if step.refusal:
             console.print(f"   {step.refusal}")
         rows = [row for change in step.changes for row in _rows(change)]
@@ -251,7 +243,7 @@ class Player:
         for cause in step.brought:
             style = "red" if cause.what == "unsafe" else ""
             console.print(f"   {line_of_cause(cause)}", style=style)
-        if step.over:
+        if moment.over:
             console.print("The episode is over. r: restart, u: undo", style="bold")
 
 

@@ -159,7 +159,6 @@ def examine(
     domain: Source | str | Path,
     problem: Source | str | Path | None = None,
     *,
-    max_ground_schemas: int | None = None,
     look: Callable[[Domain], Iterable[DomainWarning]] | None = None,
 ) -> Examined:
     """Return the findings of a domain; nothing in the files raises an error.
@@ -168,7 +167,6 @@ def examine(
         domain: The domain file, or its text.
         problem: The problem file, or its text; None for the one beside the domain file, if there is
             one. Beside a text there is none.
-        max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
         look: Returns further warnings of a domain without errors.
 
     Raises:
@@ -179,7 +177,7 @@ def examine(
     problems: list[DomainError | DomainWarning] = [*unreadable]
     result: Domain | None = None
     if sources:
-        result = _parse(sources, recovery, max_ground_schemas)
+        result = _parse(sources, recovery)
         errors = [*unreadable, *recovery.errors]
         warnings = [*_warnings(result, sources, partial=bool(errors))]
         if look is not None and result is not None and not errors:
@@ -227,7 +225,7 @@ def _read(
     return sources, []
 
 
-def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Domain | None:
+def _parse(sources: list[Source], recovery: Recovery) -> Domain | None:
     """Return what can be understood of the files, instantiated; None where nothing can."""
     try:
         syntax = parse_domain(sources[0])
@@ -235,9 +233,8 @@ def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Doma
     except DomainError as error:
         recovery.take(error)
         return None
-    most = MAX_GROUND_SCHEMAS if limit is None else limit
-    if recovery.errors:  # it is instantiated for what the rules find in single schemas
-        most = min(MOST_INSTANCES, most)
+    # With errors it is instantiated for what the rules find in single schemas.
+    most = MOST_INSTANCES if recovery.errors else MAX_GROUND_SCHEMAS
     domain = Domain(sources[0], sources[1] if problem else None, syntax, problem, most)
     try:
         domain.model  # noqa: B018  (instantiated now, for the errors that only this finds)

@@ -48,7 +48,6 @@ def command(
     /,
     domain: str | None,
     algorithms: tuple[str, ...],
-    max_ground_schemas: int | None,
     **options: Any,
 ) -> int | None:
     """Train several algorithms on one task, with the same budget, seeds, reward and observation.
@@ -58,14 +57,10 @@ def command(
     run folder. With the same --out only what is missing is run: more algorithms or seeds, or the
     rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
-    task = asked_task(domain, max_ground_schemas)
+    task = asked_task(domain)
     if task is None and options["out"] is None:
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
-        )
-    if task is None and max_ground_schemas is not None:
-        raise click.UsageError(
-            "--max-ground-schemas cannot change in a comparison that is continued", ctx
         )
     from serp.errors import Interrupted
     from serp.runs.comparison.compare import compare

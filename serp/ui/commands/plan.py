@@ -12,7 +12,6 @@ from serp.errors import SerpError, SettingsError
 from serp.ui.asked import MakePlanner, asked_domain, asked_state, open_run
 from serp.ui.options import (
     OutputFile,
-    max_ground_schemas_option,
     own_task_option,
     refuse_given,
     settings_option,
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
 @own_task_option
 @click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
               help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
-@max_ground_schemas_option
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,
@@ -71,7 +69,6 @@ def command(
     run: Path | None,
     name: str | None,
     problem: Path | None,
-    max_ground_schemas: int | None,
     assignments: tuple[str, ...],
     observe: bool,
     seed: int,
@@ -97,7 +94,7 @@ def command(
 
     loaded = None if run is None else _opened(run)
     if loaded is None:
-        domain, task = asked_domain(name, problem, max_ground_schemas)
+        domain, task = asked_domain(name, problem)
         make_planner = _planning(task, **planning)
     else:
         domain, task, make_planner = loaded.agent.task.domain, loaded.task, _planner_of(loaded)
@@ -139,7 +136,7 @@ def command(
 
 def _opened(folder: Path) -> Run:
     """Open the run that is asked for."""
-    own = ("name", "problem", "max_ground_schemas", "planner_name", "depth", "dt", "settings")
+    own = ("name", "problem", "planner_name", "depth", "dt", "settings")
     refuse_given(own, "cannot be given beside a run, which has its own")
     if not folder.is_dir():
         raise click.UsageError(

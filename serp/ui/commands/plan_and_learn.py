@@ -10,7 +10,6 @@ import click
 from serp.ui.asked import asked_task
 from serp.ui.options import (
     domain_option,
-    max_ground_schemas_option,
     own_task_option,
     refuse_given,
     settings_option,
@@ -51,7 +50,6 @@ from serp.ui.trained import train
 @click.option("--planner", metavar="NAME", help="The planner.  [default: by the preset]")
 @click.option("--num-envs", type=click.IntRange(min=1), metavar="N",
               help="Step N environments at the same time.  [default: 1]")  # fmt: skip
-@max_ground_schemas_option
 @settings_option
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
 def command(
@@ -61,7 +59,6 @@ def command(
     adapt: str | None,
     planner: str | None,
     num_envs: int | None,
-    max_ground_schemas: int | None,
     settings: dict[str, dict[str, Any]],
     quiet: bool,
     **options: Any,
@@ -80,7 +77,7 @@ def command(
     _set(settings, "training", "num_envs", "--num-envs", num_envs)
     resuming = resume is not None
     path = out if resume is None else _run_to_resume(resume, out)
-    task = asked_task(domain, max_ground_schemas)
+    task = asked_task(domain)
     if task is None and not resuming:
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --resume RUN"
@@ -104,7 +101,7 @@ def _set(
 def _run_to_resume(given: str, out: Path | None) -> Path:
     """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
     refuse_given(
-        ("preset", "seed", "adapt", "planner", "num_envs", "max_ground_schemas", "settings"),
+        ("preset", "seed", "adapt", "planner", "num_envs", "settings"),
         "cannot change in a run that is resumed",
     )
     if given and out is not None and Path(given) != out:

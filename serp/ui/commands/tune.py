@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 def command(
     domain: str | None,
     vary: tuple[str, ...],
-    max_ground_schemas: int | None,
     quiet: bool,
     **options: Any,
 ) -> int | None:
@@ -54,7 +53,7 @@ def command(
     With the same --out the study goes on. Its seeds are not those of `serp compare`, so that
     results are not those of the seeds that were tuned on.
     """
-    task = asked_task(domain, max_ground_schemas)
+    task = asked_task(domain)
     if task is None:
         raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
     varied = {name: values for name, _, values in (text.partition("=") for text in vary)}

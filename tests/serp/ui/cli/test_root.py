@@ -99,7 +99,6 @@ def test_an_unknown_command_or_option_says_what_there_is(run: Run) -> None:
     [
         ("compare", "give --domain"),
         ("compare --domain=cartpole --seeds=many", "expected a number, or seeds such as 0-9"),
-        ("compare --out=c --max-ground-schemas=9", "--max-ground-schemas cannot change"),
         ("plan-and-learn", "give --domain"),
         ("plan-and-learn --resume", "give the run to continue"),
         ("plan-and-learn --resume=a --out=b", "which run: --resume a or --out b?"),
