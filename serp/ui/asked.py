@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from serp._util.text import did_you_mean, listed, plural
+from serp._util.text import did_you_mean, listed
 from serp.errors import SerpError
 from serp.ui.options import own_task_name
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from serp.agent.chosen_planner import ChosenPlanner
     from serp.model.domain import Domain
     from serp.model.transition_model import Vector
     from serp.runs.run import Run
     from serp.tasks.task import Task
-
-
-MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 
 
 def asked_own_task() -> Task | None:
@@ -93,13 +88,7 @@ def open_run(folder: Path) -> Run:
 
 
 def asked_state(
-    domain: Domain,
-    task: Task | None,
-    make_planner: MakePlanner,
-    assignments: Iterable[str],
-    *,
-    observe: bool,
-    seed: int,
+    domain: Domain, task: Task | None, assignments: Iterable[str], *, observe: bool, seed: int
 ) -> tuple[Domain, Vector, str]:
     """Return the domain, grounded for the state to plan from; this state `[F]`; its origin.
 
@@ -118,8 +107,16 @@ def asked_state(
         grounded = starting(domain, given)
     initial = grounded.model.initial_state
     if observe or (task is not None and not given and not complete and initial is None):
-        # What --state changes is the state after the reset, whatever there is to choose.
-        grounded, base, origin = _observed(domain, task, None if given else make_planner, seed)
+        if task is None:
+            raise SerpError(
+                f"--observe: no task is installed for domain `{domain.name}`, so there is no "
+                "environment to observe; give the state with --state"
+            )
+        with _with_domain(task, domain).bind() as bound:
+            # The grounding says what of :init is observed.
+            grounded = domain if problem is None else bound.domain
+            state = bound.ground(*bound.reset(seed), bound.env)
+        base, origin = grounded.model.values(state), f"observed after a reset with seed {seed}"
     elif complete or initial is not None:
         base = {} if initial is None else grounded.model.values(initial)
         origin = "in the initial state of its problem"
@@ -140,42 +137,6 @@ def asked_state(
             raise SerpError(f"--state: `{name}` is fixed by the problem file; change it there")
         del given[name]
     return grounded, grounded.model.state({**base, **given}), origin
-
-
-def _observed(
-    domain: Domain, task: Task | None, make_planner: MakePlanner | None, seed: int
-) -> tuple[Domain, dict[str, float | bool], str]:
-    """Return the task's domain and the first observed state in which a planner has a choice.
-
-    Where the planner is indifferent, its action is executed and the next state is tried. Without a
-    planner, or where no such state is found, the state after the reset is returned.
-    """
-    if task is None:
-        raise SerpError(
-            f"--observe: no task is installed for domain `{domain.name}`, so there is no "
-            "environment to observe; give the state with --state"
-        )
-    deadline = time.monotonic() + 10.0  # seconds
-    origin = f"observed after a reset with seed {seed}"
-    with _with_domain(task, domain).bind() as bound:
-        if domain.problem_syntax is not None:  # the grounding says what of :init is observed
-            domain = bound.domain
-        planner = make_planner and make_planner(domain)
-        state = first = bound.ground(*bound.reset(seed), bound.env)
-        for steps in range(201 if planner else 0):
-            assert planner is not None
-            plan = planner.plan(state)
-            if plan.forecast.applicable.sum() > 1 and not plan.indifferent:
-                origin += f" and {plural(steps, 'step')} without a choice" if steps else ""
-                return domain, domain.model.values(state), origin
-            if plan.action is None or time.monotonic() > deadline:
-                break
-            action = bound.actions.environment_action[plan.action]
-            raw, _, terminated, truncated, info = bound.step(action)
-            if terminated or truncated:
-                raw, info = bound.reset()
-            state = bound.ground(raw, info, bound.env)
-    return domain, domain.model.values(first), origin
 
 
 def parse_state(

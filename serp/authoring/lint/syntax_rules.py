@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 
 from serp.authoring.lint.subject import LintSubject, rule
 from serp.pddl import syntax as x
@@ -128,24 +128,3 @@ def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
                         f"`{effect.atom.place.text}` is made true at the same time",
                         effect.place,
                     )
-
-
-@rule("same-schema", local=True)
-def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find schemas that say the same as an earlier one.
-
-    Actions that do nothing, or cost something only, are described by their names: nobody has
-    measured what they do.
-    """
-    known: dict[Hashable, str] = {}
-    for what, schema in _schemas(subject):
-        if schema.kind is x.Kind.ACTION and not x.changed_names((schema,)) - {x.REWARD}:
-            continue
-        parts = (schema.kind, schema.parameters, schema.precondition, schema.effects)
-        first = known.setdefault(x.meaning(parts), what)
-        if first != what:
-            yield DomainWarning(
-                f"{what} says the same as {first}",
-                schema.place.opening,
-                advice="is one of them a copy that should have been changed?",
-            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp.errors import SerpError, SettingsError
-from serp.ui.asked import MakePlanner, asked_domain, asked_state, open_run
+from serp.ui.asked import asked_domain, asked_state, open_run
 from serp.ui.options import (
     OutputFile,
     own_task_option,
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from serp.runs.run import Run
     from serp.settings import Changes
     from serp.tasks.task import Task
+
+MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 
 
 @click.command(
@@ -46,8 +49,7 @@ if TYPE_CHECKING:
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,
-              help="Take the state from the environment: the first one in which the actions have "
-                   "different best returns; with --state, the one after a reset.")  # fmt: skip
+              help="Take the state from the environment, after a reset.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the reset.")  # fmt: skip
 @click.option(
@@ -80,8 +82,7 @@ def command(
 
     The state is what --state says, the rest of it from the problem file or (with --observe) from
     the task's environment. With neither, the problem's initial state is taken, or else one that is
-    observed. While the planner is indifferent there, its action is executed, and the next state is
-    tried.
+    observed.
 
     The planner is the one that a training begins with, with the settings of the task. The picture
     is one of the lookahead, and says so where the planner sees something else.
@@ -98,9 +99,7 @@ def command(
         make_planner = _planning(task, **planning)
     else:
         domain, task, make_planner = loaded.agent.task.domain, loaded.task, _planner_of(loaded)
-    domain, state, origin = asked_state(
-        domain, task, make_planner, assignments, observe=observe, seed=seed
-    )
+    domain, state, origin = asked_state(domain, task, assignments, observe=observe, seed=seed)
     planner = make_planner(domain)
     plan = planner.plan(state)
     account = planner.explain(state, plan)

@@ -8,10 +8,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from serp.authoring.lint.findings import Finding
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
-from serp.pddl.source import Place, Source, edited
+from serp.pddl.source import Place, Source
 from serp.runs.folder import CONFIG, RunFolder
 from serp.runs.run import read_run_metadata
 from serp.settings import Settings, resolve
@@ -91,17 +90,6 @@ class Session:
         name = None if place is None else place.source.name
         documents = self.documents.items()
         return next((which for which, document in documents if str(document.path) == name), None)
-
-    def mend(self, finding: Finding) -> bool:
-        """Make the change that mends a finding; return whether its text is still the same."""
-        which = self.document_of(finding.place)
-        if which is None or finding.place is None or finding.fix is None:
-            return False
-        text = self.documents[which].text
-        if text != finding.place.source.text:
-            return False
-        self.edit(which, edited(text, finding.fix.edits))
-        return True
 
     @property
     def version(self) -> Version:

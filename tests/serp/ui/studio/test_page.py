@@ -3,7 +3,7 @@
 import socket
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,9 +50,7 @@ def test_it_is_served_on_this_machine_alone_and_forgets_its_token(opened: Opened
     assert "token" not in opened.page.url
 
 
-def test_the_page_follows_what_is_typed_and_set(
-    opened: Opened, replaced: Callable[..., None]
-) -> None:
+def test_the_page_follows_what_is_typed_and_set(opened: Opened) -> None:
     page = opened.page
     page.wait_for_selector("body.body--dark")
 
@@ -67,17 +65,6 @@ def test_the_page_follows_what_is_typed_and_set(
     page.wait_for_selector(".serp-decision.serp-stale")
     page.locator(".cm-content:visible").press("Control+z")
     page.wait_for_selector(".serp-decision:not(.serp-stale)")
-
-    # It is mended, unless something is typed at the same time: that counts.
-    wrong = "(< (position) 0.0)", "(< (positoin) 0.0)"
-    replaced(*wrong)
-    page.locator(".serp-mend").click()
-    page.wait_for_selector(".serp-file:text-is('hill.pddl')")  # as it is saved
-    replaced(*wrong)
-    page.wait_for_selector(".serp-mend")
-    replaced("positoin", "positio", "document.querySelector('.serp-mend').click()")
-    page.wait_for_selector(".serp-findings :text('positio`')")
-    replaced("positio)", "position)")
 
     # A fluent that is set, by keyboard, changes the decision's numbers.
     before = page.inner_html(".serp-actions")
@@ -104,22 +91,3 @@ def test_what_is_typed_is_saved_whatever_comes_from_the_server_meanwhile(opened:
     page.locator(".q-notification", has_text="Saved").wait_for()
     assert opened.file.read_text() == f"; {''.join(words)}\n{text}"
     assert opened.elsewhere == []
-
-
-@pytest.fixture
-def replaced(opened: Opened) -> Callable[..., None]:
-    """Replace a part of the text that is edited, as if it were pasted over it, after a script."""
-
-    def replace(old: str, new: str, before: str = "") -> None:
-        opened.page.evaluate(
-            """([old, text, before]) => {
-              eval(before);
-              const id = Number(document.querySelector('.serp-code').id.slice(1));
-              const editor = getElement(id).editor, at = editor.state.doc.toString().indexOf(old);
-              if (at < 0) throw new Error('this is not in the file');
-              editor.dispatch({changes: {from: at, to: at + old.length, insert: text}});
-            }""",
-            [old, new, before],
-        )
-
-    return replace
