@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from serp._util.text import percent, plural, readable
 from serp.agent.explanation import Alternative, Explanation
 from serp.agent.sentences import between, kind_of_return, lines_of, special_about
-from serp.ui.output import print_table
+from serp.ui.output import changes_between, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -134,11 +134,7 @@ def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, 
     rows, before = [], tuple(map(float, account.state.values()))
     for k, step in enumerate(plan.path, 1):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
-        changes = [
-            f"{fluent.name} = {readable(after if fluent.numeric else bool(after))}"
-            for fluent, old, after in zip(planner.model.fluents, before, step.state, strict=True)
-            if old != after
-        ]
+        changes = changes_between(planner.model, before, step.state)
         rows.append((str(k), step.action + mark, readable(step.reward), _shortened(changes)))
         before = step.state
     print_table(console, ("", "best path", "reward", "what changes"), rows, right=(2,))

@@ -10,11 +10,13 @@ import click
 
 from serp._util import terminal
 from serp._util.terminal import visible
+from serp._util.text import readable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from serp.model.domain import Domain
+    from serp.model.transition_model import TransitionModel
     from serp.tasks.task import Task
 
 
@@ -74,6 +76,12 @@ def print_table(
         console.print(line.rstrip())
 
 
+def print_next(console: Console, *commands: tuple[str, str]) -> None:
+    """Print commands that may follow, each with what it is for."""
+    console.print("\nNext:")
+    print_table(console, ("", ""), [(f"  {command}", why) for command, why in commands])
+
+
 def print_json(value: Any) -> None:
     """Print JSON that every reader takes: NaN and infinities become null."""
     from serp._util.files import finite, json_text
@@ -84,6 +92,17 @@ def print_json(value: Any) -> None:
 def print_result(text: object) -> None:
     """Print a line for programs to read, such as a path: as it is, but on a terminal visibly."""
     click.echo(visible(str(text)) if sys.stdout.isatty() else str(text))
+
+
+def changes_between(
+    model: TransitionModel, before: Sequence[float], after: Sequence[float]
+) -> list[str]:
+    """Return `fluent = value` of the fluents that differ between two states."""
+    return [
+        f"{fluent.name} = {readable(new if fluent.numeric else bool(new))}"
+        for fluent, old, new in zip(model.fluents, before, after, strict=True)
+        if old != new
+    ]
 
 
 def learned_from(domain: Domain, task: Task) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from serp._util.text import percent, plural, readable
 from serp.ui.options import own_task_name
-from serp.ui.output import open_console, print_result, print_table
+from serp.ui.output import open_console, print_next, print_result, print_table
 from serp.ui.root import say, stopped_by
 
 if TYPE_CHECKING:
@@ -111,17 +111,10 @@ def _print_results(run: Run) -> None:
     )  # fmt: skip
     console.print("")
     print_account(console, summary, summary["sight"])
-    console.print("\nNext:")
-    print_table(
+    print_next(
         console,
-        ("", ""),
-        [
-            (f"  serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
-            (f"  serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
-            (
-                f"  serp why {quoted}",
-                "what happened in a step, and the lines behind it",
-            ),
-            (f"  serp report {quoted}{_own_task()}", "the whole run as one page for the browser"),
-        ],
+        (f"serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
+        (f"serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
+        (f"serp why {quoted}", "what happened in a step, and the lines behind it"),
+        (f"serp report {quoted}{_own_task()}", "the whole run as one page for the browser"),
     )

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     "check",
     epilog=examples(
         "serp check domains/cartpole.pddl",
-        "serp check cartpole",
-        "serp check domains/*.pddl",
-        "serp check domain.pddl p01.pddl",
         "serp check --task my_robot.py",
         "serp check robot.pddl --fix",
         "serp check domains/*.pddl --json > findings.json",

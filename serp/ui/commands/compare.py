@@ -10,7 +10,7 @@ import click
 
 from serp.ui.asked import asked_task
 from serp.ui.options import own_task_name, trials_options
-from serp.ui.output import examples, open_console, print_result, print_table
+from serp.ui.output import examples, open_console, print_next, print_result, print_table
 from serp.ui.root import say, stopped_by
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
         "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
         "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
         "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
-        "serp compare --out runs/soccer --algorithms ppo --seeds 10",
         "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
     ),
 )
@@ -93,14 +92,10 @@ def _print_results(comparison: Comparison, world: str | None) -> None:
     print_table(console, *comparison.overview())
     if comparison.results.caution is not None:
         console.print(f"\n{comparison.results.caution}")
-    console.print("\nNext:")
-    print_table(
+    print_next(
         console,
-        ("", ""),
-        [
-            (f"  {path / 'report.html'}", "the whole comparison on one page"),
-            (f"  {path / 'measures.csv'}", "all measures, a row a trial"),
-            (f"  {path / 'trials'}", "a run folder a trial, for serp why, report and evaluate"),
-            ("  " + shlex.join(more), "more seeds; what is there is kept"),
-        ],
-    )  # fmt: skip
+        (str(path / "report.html"), "the whole comparison on one page"),
+        (str(path / "measures.csv"), "all measures, a row a trial"),
+        (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
+        (shlex.join(more), "more seeds; what is there is kept"),
+    )

@@ -35,7 +35,6 @@ MakePlanner = Callable[["Domain"], "ChosenPlanner"]
     epilog=examples(
         "serp plan --domain cartpole",
         "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
-        "serp plan --domain my/world.pddl --problem my/world-problem.pddl --depth 4",
         "serp plan --domain my/world.pddl --set planner.discount=0.9 --svg decision.svg",
         "serp plan runs/seven --seed 3",
     ),

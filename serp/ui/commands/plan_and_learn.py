@@ -23,10 +23,6 @@ from serp.ui.trained import train
     epilog=examples(
         "serp plan-and-learn --domain cartpole",
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
-        "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
-        "serp plan-and-learn --domain cartpole --adapt off",
-        "serp plan-and-learn --domain delivery.pddl --planner far-sight",
-        "serp plan-and-learn --domain cartpole --num-envs 16",
         "serp plan-and-learn --task my_robot.py",
         "serp plan-and-learn --resume runs/seven --episodes 500",
     ),

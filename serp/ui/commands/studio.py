@@ -16,7 +16,6 @@ from serp.ui.root import say
     "studio",
     epilog=examples(
         "serp studio soccer",
-        "serp studio domains/cartpole.pddl",
         "serp studio runs/seven",
         "serp studio my/world.pddl --port 8400 --no-browser",
     ),

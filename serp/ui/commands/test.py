@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     "test",
     epilog=examples(
         "serp test cartpole",
-        "serp test domains/*.pddl",
         "serp test domains/soccer.pddl -k goal",
         "serp test cartpole --run runs/seven",
-        "serp test new.pddl --scenarios domains/cartpole.scenarios",
     ),
 )
 @click.argument("names", metavar="FILE|NAME...", nargs=-1)

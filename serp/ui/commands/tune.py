@@ -11,7 +11,7 @@ import click
 from serp._util.text import readable
 from serp.ui.asked import asked_task
 from serp.ui.options import own_task_name, trials_options
-from serp.ui.output import examples, open_console, print_result, print_table
+from serp.ui.output import examples, open_console, print_next, print_result, print_table
 from serp.ui.root import say, stopped_by
 
 if TYPE_CHECKING:
@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     "tune",
     epilog=examples(
         "serp tune --domain cartpole --vary learner.learning_rate=log:1e-4..1e-2",
-        "serp tune --domain cartpole --vary planner.depth=2..7 --vary learner.guarded_targets",
         "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --out runs/tuned",
-        "serp tune --domain soccer --vary learner.n_step=1..10 --algorithm dqn",
     ),
 )
 @click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME[=VALUES]",
@@ -96,12 +94,8 @@ def _print_results(
     console.print("")
     rows = [(text, "") for text in assignments]
     print_table(console, (f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
-    console.print("\nNext:")
-    print_table(
+    print_next(
         console,
-        ("", ""),
-        [
-            (f"  {shlex.join(compare)}", "whether they are better, with other seeds"),
-            (f"  optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),
-        ],
-    )  # fmt: skip
+        (shlex.join(compare), "whether they are better, with other seeds"),
+        (f"optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),
+    )

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     "watch",
     epilog=examples(
         "serp watch runs/seven",
-        "serp watch runs/seven --policy planner --episodes 10",
         "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
     ),
 )

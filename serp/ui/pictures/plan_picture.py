@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 from serp._util.figures import colour, style_sheet
 from serp._util.text import percent, readable
 from serp.agent.sentences import kind_of_return, special_about
+from serp.ui.output import changes_between
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -236,11 +237,7 @@ class _Drawing:
         edge = self._plan.graph.edges[branch.source, branch.target, branch.action]
         nodes = self._plan.graph.nodes
         before, after = nodes[branch.source]["state"], nodes[branch.target]["state"]
-        changes = [
-            f"{fluent.name} = {readable(new if fluent.numeric else bool(new))}"
-            for fluent, old, new in zip(self._planner.model.fluents, before, after, strict=True)
-            if old != new
-        ]
+        changes = changes_between(self._planner.model, before, after)
         worth = f"reward {readable(edge['reward'])}, return {readable(branch.total)}"
         about = branch.harm, _ENDS.get(branch.end, ("", ""))[1]
         return "\n".join([f"{edge['action']}: {worth}", *filter(None, about), *changes[:24]])
