@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+import itertools
+import time
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from serp._util.text import did_you_mean, listed
+from serp._util.text import did_you_mean, listed, plural
 from serp.errors import SerpError
 from serp.ui.options import own_task_name
 from serp.ui.root import say
 
 if TYPE_CHECKING:
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.model.domain import Domain
     from serp.model.transition_model import Vector
+    from serp.planning.replanner import MonitorReplanner, Plan
     from serp.runs.run import Run
-    from serp.tasks.task import Task
+    from serp.tasks.task import BoundTask, Task
+
+MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 
 
 def asked_own_task() -> Task | None:
@@ -87,13 +93,41 @@ def open_run(folder: Path) -> Run:
     return run
 
 
+def rolled_out(
+    bound: BoundTask, planner: ChosenPlanner | MonitorReplanner, seed: int
+) -> Iterator[tuple[Vector, Plan, bool]]:
+    """Let a planner act in an environment, without end; yield each state, plan, and episode's end.
+
+    The plan of a state at the end is not carried out.
+    """
+    (raw, info), over = bound.reset(seed), False
+    while True:
+        state = bound.ground(raw, info, bound.env)
+        plan = planner.plan(state)
+        over = over or plan.action is None
+        yield state, plan, over
+        if over or plan.action is None:
+            (raw, info), over = bound.reset(), False
+            continue
+        action = bound.actions.environment_action[plan.action]
+        raw, _, terminated, truncated, info = bound.step(action)
+        over = terminated or truncated
+
+
 def asked_state(
-    domain: Domain, task: Task | None, assignments: Iterable[str], *, observe: bool, seed: int
+    domain: Domain,
+    task: Task | None,
+    make_planner: MakePlanner,
+    assignments: Iterable[str],
+    *,
+    observe: bool,
+    seed: int,
 ) -> tuple[Domain, Vector, str]:
     """Return the domain, grounded for the state to plan from; this state `[F]`; its origin.
 
     The state is what `assignments` say, the rest of it from the problem or, with `observe` or where
-    nothing else is known, from the environment of the task after a reset with `seed`.
+    nothing else is known, from the environment of the task after a reset with `seed`: the first
+    state in which the planner has a choice or, with assignments, the one after the reset.
     """
     given = parse_state(assignments, domain)
     complete = all(fluent.name in given for fluent in domain.model.fluents)
@@ -115,8 +149,19 @@ def asked_state(
         with _with_domain(task, domain).bind() as bound:
             # The grounding says what of :init is observed.
             grounded = domain if problem is None else bound.domain
-            state = bound.ground(*bound.reset(seed), bound.env)
-        base, origin = grounded.model.values(state), f"observed after a reset with seed {seed}"
+            origin, deadline = f"observed after a reset with seed {seed}", time.monotonic() + 10.0
+            played = rolled_out(bound, make_planner(grounded), seed)
+            state = None
+            for steps, (reached, plan, _) in enumerate(itertools.islice(played, 200)):
+                state = reached if state is None else state
+                if given or time.monotonic() > deadline:
+                    break
+                if plan.forecast.applicable.sum() > 1 and not plan.indifferent:
+                    origin += f" and {plural(steps, 'step')} without a choice" if steps else ""
+                    state = reached
+                    break
+            assert state is not None
+        base = grounded.model.values(state)
     elif complete or initial is not None:
         base = {} if initial is None else grounded.model.values(initial)
         origin = "in the initial state of its problem"

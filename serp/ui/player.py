@@ -175,7 +175,8 @@ class Player:
             SerpError: It cannot be written, or nothing can be expected there.
         """
         from serp._util.files import write_durably
-        from serp.authoring.scenarios.files import ScenarioFile, add_situation, scenarios_beside
+        from serp.authoring.scenarios.checking import Decider
+        from serp.authoring.scenarios.files import add_situation, scenarios_beside
         from serp.pddl.source import Source
 
         if not self.own_file:
@@ -186,13 +187,11 @@ class Player:
         file, moment = scenarios_beside(self.domain), self.game.moment
         source = Source.read(file) if file.exists() else Source(str(file), "")
         known = {**self.begun, **self.game.values}
-        opened = ScenarioFile.open(
-            source, self.domain.observed(known), self.settings, self.dt, self.task
-        )
-        start = opened.decider.start
-        values = {name: float(known.get(name, value)) for name, value in start.items()}
+        observed = self.domain.observed(known)
+        decider = Decider.of_domain(source, observed, self.settings, self.dt, self.task)
+        values = {name: float(known.get(name, value)) for name, value in decider.start.items()}
         remark = f"played by hand, after {plural(moment.steps, 'step')}"
-        write_durably(file, add_situation(opened, title, values, remark))
+        write_durably(file, add_situation(source, decider, title, values, remark))
         return f"{file}: the scenario `{title}` is written"
 
     def print_state(self) -> None:

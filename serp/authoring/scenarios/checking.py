@@ -17,10 +17,11 @@ from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import between, lesser, lines_of
 from serp.agent.veto import VetoPolicy
 from serp.authoring.scenarios import syntax as s
+from serp.authoring.scenarios.reading import observed_in
 from serp.errors import RunError, SerpError
 from serp.model.domain import Domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.pddl.source import DomainError
+from serp.pddl.source import DomainError, Source
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
 from serp.planning.replanner import Plan
 from serp.runs.recording import open_recording
@@ -53,12 +54,12 @@ class Decider:
 
     @classmethod
     def of_domain(
-        cls, domain: Domain, settings: Settings, dt: float, task: Task | None = None
+        cls, source: Source, domain: Domain, settings: Settings, dt: float, task: Task | None = None
     ) -> Decider:
-        """Return the decider of a file, before anything is learned.
+        """Return the decider of a domain, before anything is learned, for a file of scenarios.
 
         No environment is made: of several ground actions that are one action of the environment,
-        each decides by itself.
+        each decides by itself. What the scenarios give a value to is observed.
 
         Raises:
             SettingsError: There is no such planner.
@@ -66,6 +67,7 @@ class Decider:
         """
         own = {} if task is None else task.planners
         refuse_unknown_names(settings, own)
+        domain = observed_in(source, domain)
         model = domain.model.replace(dt=dt)
         actions = ActionMap(model, len(model.actions))
         planner = make_planner(model, settings.planner, own)
@@ -118,7 +120,7 @@ class Decider:
                     scenario.recorded.place,
                 )
             values |= of_run
-        values |= {given.fluent: given.value for given in scenario.given}
+        values |= scenario.given
         try:
             return self.model.state(values)
         except StateError as error:
@@ -225,16 +227,14 @@ class _Checker:
                 if (self._chosen in actions) != negated:
                     return ""
                 return self._choice() + ("" if negated else self._why_not(actions[0]))
-            case s.Refuses(action, wanted):
+            case s.Refuses(action, wanted, negated):
                 reason = self._decider.refusal(self._decision, action)
                 if reason is None:
-                    return f"it is allowed, {self._worth(action)}"
-                if not wanted or reason is s.REASONS[wanted]:
+                    return "" if negated else f"it is allowed, {self._worth(action)}"
+                if not negated and (not wanted or reason is s.REASONS[wanted]):
                     return ""
-                return f"it is refused for another reason: {reason}{self._remark(action)}"
-            case s.Allows(action):
-                reason = self._decider.refusal(self._decision, action)
-                return "" if reason is None else f"it is refused: {reason}{self._remark(action)}"
+                other = "" if negated else " for another reason"
+                return f"it is refused{other}: {reason}{self._remark(action)}"
             case s.Indifferent():
                 return "" if self._decision.indifferent else self._choice()
             case s.Rates(what, action, bounds):

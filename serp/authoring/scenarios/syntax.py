@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Final
@@ -56,15 +57,6 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class GivenValue:
-    """`(f) = 1`, `(p)` or `not (p)`: the value of a fluent in the situation; 0 and 1 for truth."""
-
-    fluent: str
-    value: float
-    place: Place
-
-
-@dataclass(frozen=True)
 class StepOfRun:
     """`like step 12 of RUN`, `like step 3 of episode 2 of RUN`: a situation of a run.
 
@@ -88,18 +80,11 @@ class Chooses:
 
 @dataclass(frozen=True)
 class Refuses:
-    """`refuses A`, `refuses A because unsafe`: the action is vetoed."""
+    """`refuses A`, `refuses A because unsafe`, `allows A`: the action is vetoed, or it is not."""
 
     action: int
     reason: str
-    place: Place
-
-
-@dataclass(frozen=True)
-class Allows:
-    """`allows A`: the action is not vetoed."""
-
-    action: int
+    negated: bool
     place: Place
 
 
@@ -137,7 +122,7 @@ class After:
     place: Place
 
 
-Expectation = Chooses | Refuses | Allows | Indifferent | Rates | After
+Expectation = Chooses | Refuses | Indifferent | Rates | After
 
 
 @dataclass(frozen=True)
@@ -148,12 +133,12 @@ class Scenario:
         title: What follows `scenario`.
         place: The line of the title.
         recorded: The recorded step that the situation begins with; None for the initial state.
-        given: Values that differ from that, later ones over earlier ones.
+        given: Fluent → value that differs from that; 0 and 1 for truth.
         expectations: What is expected, in the order of the file.
     """
 
     title: str
     place: Place
     recorded: StepOfRun | None = None
-    given: tuple[GivenValue, ...] = ()
+    given: Mapping[str, float] = field(default_factory=dict)
     expectations: tuple[Expectation, ...] = field(default=(), repr=False)

@@ -32,16 +32,13 @@ if TYPE_CHECKING:
     epilog=examples(
         "serp check domains/cartpole.pddl",
         "serp check --task my_robot.py",
-        "serp check robot.pddl --fix",
         "serp check domains/*.pddl --json > findings.json",
     ),
 )
 @click.argument("domains", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
-@click.option("--fix", is_flag=True,
-              help="Correct what can only be meant one way; print the changes.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print findings as JSON.")
-def command(domains: tuple[str, ...], fix: bool, as_json: bool) -> int:
+def command(domains: tuple[str, ...], as_json: bool) -> int:
     """Check domain and problem files: print all mistakes with their places, and a summary.
 
     A problem file is checked with its domain: the given file of the domain that it names, or else
@@ -60,10 +57,6 @@ def command(domains: tuple[str, ...], fix: bool, as_json: bool) -> int:
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task")
     asked = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
-    if fix:
-        if not any(Path(name).suffix == ".pddl" or Path(name).is_file() for name in domains):
-            raise click.UsageError("--fix needs files that are given by their paths")
-        _fix(asked)
     console, checks = open_console(), list[_CheckedDomain]()
     for pair in asked:
         checks.append(_checked(pair, own))
@@ -236,28 +229,3 @@ def _print(console: Console, check: _CheckedDomain, *, first: bool) -> None:
         console.print(f"  {finding.severity}: {finding.rendered}", style=style)
     if len(remarks) > 100:
         console.print(f"  ... and {len(remarks) - 100} more")
-    if fixable := sum(f.fix is not None and f.fix.sure for f in check.findings):
-        console.print(f"  {plural(fixable, 'finding')} can be corrected by --fix")
-
-
-def _fix(checks: list[DomainFiles]) -> None:
-    """Mend the files, and print what was changed on standard error."""
-    from serp.authoring.lint.fixing import difference, mended, write_changed
-    from serp.model.domain import problem_beside
-    from serp.pddl.source import Source
-
-    for pair in checks:
-        if pair.domain is None or not Path(pair.name).is_file():  # what is installed stays
-            continue
-        beside = problem_beside(pair.domain)
-        problem = pair.problem or (beside if beside.is_file() else None)
-        try:
-            before = Source.read(pair.domain), Source.read(problem) if problem else None
-        except SerpError:  # which the check reports
-            continue
-        changed = {}
-        for old, new in zip(before, mended(*before), strict=True):
-            if old is not None and new is not None and old.text != new.text:
-                click.echo(difference(old, new), err=True, nl=False)
-                changed[Path(old.name)] = new.text
-        write_changed(changed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp.errors import SerpError, SettingsError
-from serp.ui.asked import asked_domain, asked_state, open_run
+from serp.ui.asked import MakePlanner, asked_domain, asked_state, open_run
 from serp.ui.options import (
     OutputFile,
     own_task_option,
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     from serp.runs.run import Run
     from serp.settings import Changes
     from serp.tasks.task import Task
-
-MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 
 
 @click.command(
@@ -48,7 +45,8 @@ MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,
-              help="Take the state from the environment, after a reset.")  # fmt: skip
+              help="Take the state from the environment: the first one in which the planner has "
+                   "a choice; with --state, the one after a reset.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the reset.")  # fmt: skip
 @click.option(
@@ -98,7 +96,9 @@ def command(
         make_planner = _planning(task, **planning)
     else:
         domain, task, make_planner = loaded.agent.task.domain, loaded.task, _planner_of(loaded)
-    domain, state, origin = asked_state(domain, task, assignments, observe=observe, seed=seed)
+    domain, state, origin = asked_state(
+        domain, task, make_planner, assignments, observe=observe, seed=seed
+    )
     planner = make_planner(domain)
     plan = planner.plan(state)
     account = planner.explain(state, plan)

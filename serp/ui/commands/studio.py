@@ -16,7 +16,6 @@ from serp.ui.root import say
     "studio",
     epilog=examples(
         "serp studio soccer",
-        "serp studio runs/seven",
         "serp studio my/world.pddl --port 8400 --no-browser",
     ),
 )
@@ -29,9 +28,10 @@ def command(name: str, port: int, no_browser: bool) -> None:
     """Edit a domain file in the browser and see at every keystroke what it means.
 
     Beside the text stand what is wrong in it, the planner's decision in a state of your choice, and
-    its planning graph. With RUN, the folder of a training, the states are those that it went
-    through. The page is served on this machine alone, at an address with a token; it loads nothing
-    from the network. Files are saved in the working folder alone.
+    its planning graph. The page is served on this machine alone, at an address with a token; it
+    loads nothing from the network. Files are saved in the working folder alone.
+
+    With RUN, the folder of a training, its copy of the file is opened.
 
     Ctrl-C ends it.
     """

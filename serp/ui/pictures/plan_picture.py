@@ -37,7 +37,7 @@ _ENDS: Final = {
 }
 """End of a branch → its sign and its meaning."""
 _CHARACTER = 7.4  # average width of letters, pixels
-_TURN, _MARGIN, _LINE, _EDGE = 34.0, 14.0, 19.0, 16.0
+_TURN, _MARGIN, _LINE = 34.0, 14.0, 19.0
 
 
 @dataclass(eq=False)
@@ -257,30 +257,22 @@ def plan_svg(plan: Plan, planner: MonitorReplanner, *, rows: int = MAX_ROWS) -> 
 def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning graph") -> bytes:
     """Return the picture of a decision as an SVG file; equal decisions give equal bytes."""
     drawing = _Drawing(plan, planner, MAX_ROWS)
-    width = max(560.0, drawing.width)
-    wide = int(width / _CHARACTER)
-    y, lines = _LINE, [_text(0, _LINE, title, "ink", bold=True)]
-    for text in _head(plan, planner, wide):
-        y += _LINE
-        lines.append(_text(0, y, text))
-    y += _LINE / 2
-    lines += [f'<g transform="translate(0 {y:.1f})">', *drawing.lines, "</g>"]
-    y += drawing.height + _LINE / 2
+    width, height = max(560.0, drawing.width), drawing.height + _LINE
     signs = "; ".join(f"{sign} {meaning}" for sign, meaning in _ENDS.values())
     kind = f"The number beside a first action is its {kind_of_return(plan.bound.partial)}."
-    foot = [kind] * bool(plan.path) + special_about(plan.forecast)
-    for text in textwrap.wrap(" ".join([*foot, f"{drawing.edges}. {signs}."]), wide):
-        y += _LINE
-        lines.append(_text(0, y, text))
+    sentences = " ".join([kind, *special_about(plan.forecast), f"{drawing.edges}. {signs}."])
+    foot = textwrap.wrap(sentences, int(width / _CHARACTER))
     page = [
         style_sheet(),
         f"<title>{escape(title)}</title>",
         f'<rect width="100%" height="100%" style="fill:{colour("surface")}"/>',
-        f'<g transform="translate({_EDGE:.0f} {_EDGE / 2:.0f})">',
-        *lines,
+        _text(_MARGIN, _LINE, title, "ink", bold=True),
+        f'<g transform="translate(0 {_LINE})">',
+        *drawing.lines,
         "</g>",
+        *(_text(_MARGIN, height + k * _LINE, text) for k, text in enumerate(foot, 1)),
     ]
-    return (_svg(width + 2 * _EDGE, y + 2 * _EDGE, page, title) + "\n").encode()
+    return (_svg(width, height + _LINE * (len(foot) + 1), page, title) + "\n").encode()
 
 
 def _svg(width: float, height: float, lines: list[str], label: str) -> str:
@@ -299,15 +291,3 @@ def _y(row: float) -> float:
 def _text(x: float, y: float, text: str, shade: str = "faint", *, bold: bool = False) -> str:
     style = f'style="fill:{colour(shade)}"' + ' font-weight="600"' * bold
     return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{escape(text)}</text>'
-
-
-def _head(plan: Plan, planner: MonitorReplanner, wide: int) -> list[str]:
-    """Return state and best path in a few lines."""
-    state, fluents = plan.graph.nodes[0]["state"], planner.model.fluents
-    numbers = [f"{f.name} = {readable(float(state[f.index]))}" for f in fluents if f.numeric]
-    facts = [f.name for f in fluents if not f.numeric and state[f.index]]
-    path = " → ".join(step.action for step in plan.path)
-    lines = [f"State: {', '.join(numbers + facts)}"] if fluents else []
-    lines.append("No action is applicable." if plan.name is None else f"Best path: {path}")
-    cut = (textwrap.wrap(text, wide, max_lines=3, placeholder=" …") for text in lines)
-    return [line for texts in cut for line in texts]

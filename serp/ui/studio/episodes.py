@@ -1,22 +1,20 @@
-"""Episodes whose steps can be shown: played with the text as it is, or recorded in a run."""
+"""Episodes whose steps can be shown, played with the text as it is."""
 
 from __future__ import annotations
 
 import base64
 import contextlib
 import dataclasses
+import itertools
 from collections.abc import Iterator
-from pathlib import Path
-
-import numpy as np
 
 from serp.errors import EnvironmentFailure, MissingExtra, TaskError, needs_extra
 from serp.model.domain import Domain
 from serp.pddl.source import DomainError
 from serp.planning.replanner import MonitorReplanner
-from serp.runs.recording import VETO_COLUMNS, open_recording, vetoed
 from serp.tasks.file_world import file_task
 from serp.tasks.task import BoundTask, Task
+from serp.ui.asked import rolled_out
 from serp.ui.studio.view import Ranges, Surroundings, Version
 
 
@@ -101,20 +99,14 @@ def _drawable(task: Task) -> tuple[BoundTask, str]:
 def _played(
     bound: BoundTask, planner: MonitorReplanner, seed: int, *, pictures: bool
 ) -> Iterator[EpisodeStep]:
-    raw, info = bound.reset(seed)
-    over = False
-    for number in range(101):
-        state = bound.ground(raw, info, bound.env)
-        plan = planner.plan(state)
-        over = over or plan.action is None or number == 100
+    played = itertools.islice(rolled_out(bound, planner, seed), 101)
+    for number, (state, plan, over) in enumerate(played):
+        over = over or number == 100
         action = "" if over else f"planner: {plan.name}"
         picture = _picture(bound) if pictures else ""
         yield EpisodeStep(bound.model.values(state), action, plan.indifferent, picture)
-        if over or plan.action is None:
+        if over:
             return
-        number = bound.actions.environment_action[plan.action]
-        raw, _, terminated, truncated, info = bound.step(number)
-        over = terminated or truncated
 
 
 def _picture(bound: BoundTask) -> str:
@@ -125,50 +117,3 @@ def _picture(bound: BoundTask) -> str:
         drawn = webp(Camera(bound).take()[-1], 640)
         return f"data:image/webp;base64,{base64.b64encode(drawn).decode()}"
     return ""
-
-
-class RecordedRun:
-    """The recording of a run, checked as a whole.
-
-    Attributes:
-        ranges: The least and greatest value of each fluent in the run.
-        vetoes: Positions of the steps in which a proposal was refused.
-
-    Raises:
-        RunError: It has no recording, or a part of that is damaged.
-    """
-
-    def __init__(self, run: Path) -> None:
-        self._name = run.name
-        self._recording = recording = open_recording(run)
-        recording.check()
-        self.ranges: Ranges = {}
-        if len(recording):
-            limits = np.stack(recording.ranges, axis=1).tolist()
-            self.ranges = dict(zip(recording.layout.fluents, map(tuple, limits), strict=True))
-        self.vetoes: list[int] = np.flatnonzero(vetoed(recording.columns(*VETO_COLUMNS))).tolist()
-
-    def episode(self, number: int) -> ShownEpisode:
-        """Return an episode, from 1.
-
-        Raises:
-            RunError: There is none of that number.
-        """
-        self._recording.find(number, 1)
-        steps = self._recording.episodes[number].tolist()
-        return ShownEpisode(tuple(map(self._step, steps)), f"episode {number} of {self._name}")
-
-    def place_of(self, step: int) -> tuple[int, int]:
-        """Return episode, from 1, and number in it, from 0, of a step."""
-        stored = self._recording.step(step)
-        return stored.episode, stored.number - 1
-
-    def _step(self, step: int) -> EpisodeStep:
-        layout, stored = self._recording.layout, self._recording.step(step)
-        decision = stored.decision
-        action = f"{decision.executed_by}: {layout.actions[decision.action]}"
-        if decision.vetoed:
-            proposed = layout.actions[decision.proposed] if decision.proposed >= 0 else "nothing"
-            action += f" instead of {proposed}: {decision.reason}"
-        values = dict(zip(layout.fluents, stored.state.tolist(), strict=True))
-        return EpisodeStep(values, action, bool(decision.forecast.indifferent))

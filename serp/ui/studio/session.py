@@ -17,7 +17,7 @@ from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
 from serp.ui.studio.document import Document
-from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
+from serp.ui.studio.episodes import ShownEpisode, play
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
 DOMAIN, PROBLEM = "domain", "problem"
@@ -31,7 +31,6 @@ class Session:
         problem: The problem file; None where there is none.
         surroundings: Control period and planner.
         task: The task that the file belongs to; None for a file alone.
-        recorded: The run whose steps can be looked at; None for none.
 
     Attributes:
         documents: `domain`, and `problem` where there is one.
@@ -47,7 +46,6 @@ class Session:
         problem: Document | None,
         surroundings: Surroundings,
         task: Task | None = None,
-        recorded: RecordedRun | None = None,
     ) -> None:
         self.documents = {DOMAIN: domain} | ({} if problem is None else {PROBLEM: problem})
         self.surroundings = surroundings
@@ -55,11 +53,9 @@ class Session:
         self.shown = ShownState(
             {}, "all fluents 0 or false" if problem is None else "the initial state of the problem"
         )
-        self.recorded = recorded
         self.played: ShownEpisode | None = None
         self.step: int | None = None
         self.owner = 0
-        self._veto = -1  # the step of the run that was shown last for its veto
         self._let_go: Callable[[], None] = lambda: None
 
     def take_over(self, let_go: Callable[[], None]) -> int:
@@ -127,8 +123,6 @@ class Session:
     def request(self) -> Request:
         """Return what the view of this moment is asked of."""
         seen = {} if self.played is None else self.played.ranges()
-        if self.recorded is not None:
-            seen = self.recorded.ranges
         return Request(self.version, self.surroundings, self.shown, seen, self.task)
 
     def set_fluent(self, name: str, value: float | bool) -> None:
@@ -164,28 +158,6 @@ class Session:
             self.surroundings = replace(self.surroundings, supplied=played.supplied)
         self.show_step(next((k for k, s in enumerate(played.steps) if not s.indifferent), 0))
 
-    def show_episode(self, number: int) -> None:
-        """Show an episode of the run, from 1.
-
-        Raises:
-            RunError: There is none of that number.
-        """
-        assert self.recorded is not None
-        self.take(self.recorded.episode(number))
-        self._veto = -1
-
-    def show_next_veto(self) -> bool:
-        """Show the next step of the run in which a proposal was refused; return whether one is."""
-        assert self.recorded is not None
-        vetoes = self.recorded.vetoes
-        if not vetoes:
-            return False
-        self._veto = next((step for step in vetoes if step > self._veto), vetoes[0])
-        episode, number = self.recorded.place_of(self._veto)
-        self.played = self.recorded.episode(episode)
-        self.show_step(number)
-        return True
-
     def close(self) -> list[str]:
         """Keep unsaved texts; return what became of each."""
         return [each.keep() for each in self.documents.values() if each.changed]
@@ -198,7 +170,8 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
     Args:
-        name: A domain file, the name of an installed task, or the folder of a run.
+        name: A domain file, the name of an installed task, or the folder of a run, whose copies of
+            the files are saved elsewhere.
         folder: The working folder.
         own: The task of `--task`.
 
@@ -206,14 +179,24 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
         SerpError: There is no such file, task or run.
     """
     if (Path(name) / CONFIG).is_file():
-        return _open_run(Path(name), folder, own)
+        run = RunFolder.open(Path(name))
+        made, (copy, other) = read_run_metadata(run), run.copies()
+        title, observed = Domain.parse(Source.read(copy)).name, made.observed is not None
+        return Session(
+            Document(copy, folder, f"{title}.pddl"),
+            None if other is None else Document(other, folder, f"{title}-problem.pddl"),
+            Surroundings(
+                made.control_period, made.settings.planner, observed, frozenset(made.observed or ())
+            ),
+            own or (load_task(made.task) if made.world is None else None),
+        )
     file, task, problem = find_domain_file(name), own, None
     if file is None:
         task = own or load_task(name)
         domain, problem = task.domain, task.problem
         file = Path(domain.source.name if isinstance(domain, Domain) else domain)
     if file.is_dir():
-        raise SerpError(f"{file}: a folder, but not that of a run; give a domain file")
+        raise SerpError(f"{file} is a folder; give a domain file, such as the one in a run")
     if not file.is_file():
         raise SerpError(f"{file}: there is no such file")
     documents = _documents(file, problem_beside(file) if problem is None else Path(problem), folder)
@@ -223,28 +206,6 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
         planner = resolve("default", task.settings).planner
         surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
     return Session(*documents, surroundings, task)
-
-
-def _open_run(path: Path, folder: Path, own: Task | None) -> Session:
-    """Open the steps of a run, and its copies of the files, which are saved elsewhere."""
-    run = RunFolder.open(path)
-    metadata = read_run_metadata(run)
-    domain, problem = run.copies()
-    name = Domain.parse(Source.read(domain)).name
-    documents = (
-        Document(domain, folder, f"{name}.pddl"),
-        None if problem is None else Document(problem, folder, f"{name}-problem.pddl"),
-    )
-    surroundings = Surroundings(
-        dt=metadata.control_period,
-        planner=metadata.settings.planner,
-        observed=metadata.observed is not None,
-        supplied=frozenset(metadata.observed or ()),
-    )
-    task = None
-    if metadata.world is None:
-        task = own or load_task(metadata.task)
-    return Session(*documents, surroundings, task, RecordedRun(path))
 
 
 def _documents(file: Path, problem: Path, folder: Path) -> tuple[Document, Document | None]:

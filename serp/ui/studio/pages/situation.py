@@ -95,11 +95,6 @@ class ScenePane:
                 self._play = button("Play an episode", self.play)
                 self._seed = ui.number("seed", value=0, min=0, precision=0).props("dense")
                 self._seed.classes("serp-seed")
-                if session.recorded is not None:
-                    self._episode = ui.number("episode", value=1, min=1, precision=0)
-                    self._episode.props("dense").classes("serp-seed")
-                    button("Show", self._show_episode)
-                    button("Next veto", self._next_veto)
                 self._origin = ui.label().classes("serp-faint")
             self._steps = ui.slider(min=0, max=1, step=1, value=0, on_change=self._chosen)
             self._steps.props('dense snap aria-label="Step of the episode"')
@@ -140,29 +135,10 @@ class ScenePane:
         self._steps.set_value(self._session.step)
         self._live.changed()
 
-    def _show_episode(self) -> None:
-        try:
-            self._session.show_episode(int(self._episode.value or 1))
-        except SerpError as error:
-            ui.notify(str(error), type="warning", multi_line=True)
-        else:
-            self._taken()
-
-    def _next_veto(self) -> None:
-        if self._session.show_next_veto():
-            self._taken()
-        else:
-            ui.notify("Nothing was refused in this run.")
-
     async def begin(self) -> None:
-        """Show steps at the beginning: of the run, or else of an episode of the task."""
+        """Show an episode at the beginning: the last one, or else one of the task."""
         if self._session.played is not None:
             self._taken()
-        elif self._session.recorded is not None:
-            if self._session.show_next_veto():
-                self._taken()
-            else:
-                self._show_episode()
         elif self._session.task is not None:
             await self.play(unasked=True)
 

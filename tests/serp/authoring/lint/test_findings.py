@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from serp.authoring.lint.findings import CODES, Finding, findings_of
-from serp.authoring.lint.fixing import mended, write_changed
 from serp.pddl.source import Source
+from serp.ui.commands.format import write_changed
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "reference" / "checks.md"
@@ -114,22 +114,12 @@ def test_a_form_at_several_places_is_told_once_where_no_comment_silences_it() ->
     assert told(silent) == [once]
 
 
-def test_files_are_mended_until_nothing_sure_is_left_and_keep_every_other_byte(
-    tmp_path: Path,
-) -> None:
-    broken = WALK.replace("(assign (walked) 0)", "(walked = 0,5)")
-    broken = broken.replace("(increase (walked) 1)", "(increase (walkd) 1)\t")
-    domain, problem = mended(Source("d.pddl", broken), Source("p.pddl", WALK_PROBLEM))
-    assert problem is not None and problem.text == WALK_PROBLEM
-    expected = WALK.replace("(assign (walked) 0)", "(assign (walked) 0.5)")
-    # The guess stays undone.
-    assert domain.text == expected.replace("(increase (walked) 1)", "(increase (walkd) 1)\t")
+def test_a_file_that_is_written_keeps_its_mark_its_line_ends_and_its_mode(tmp_path: Path) -> None:
     file = tmp_path / "d.pddl"
-    file.write_bytes(b"\xef\xbb\xbf; r\xc3\xa4d\r\n" + broken.replace("\n", "\r\n").encode())
+    file.write_bytes(b"\xef\xbb\xbf; r\xc3\xa4d\r\n")
     file.chmod(0o640)
-    write_changed({file: mended(Source.read(file))[0].text})
-    wanted = domain.text.replace("\n", "\r\n").encode()
-    assert file.read_bytes() == b"\xef\xbb\xbf; r\xc3\xa4d\r\n" + wanted
+    write_changed(file, Source.read(file).text + "; more\r\n")
+    assert file.read_bytes() == b"\xef\xbb\xbf; r\xc3\xa4d\r\n; more\r\n"
     assert file.stat().st_mode & 0o777 == 0o640
 
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.agent.protocols import StatefulPlanner
-from serp.authoring.scenarios.checking import Result
-from serp.authoring.scenarios.files import ScenarioFile
+from serp.authoring.scenarios.checking import Decider, Result
+from serp.authoring.scenarios.files import run_scenarios
 from serp.model.domain import load_domain
 from serp.pddl.source import Source
 from serp.settings import Settings
@@ -21,7 +21,8 @@ SETTINGS = Settings().replace({"planner": {"name": "lookahead", "depth": 3}})
 
 def run(text: str, **options: Any) -> Result:
     source = Source("cartpole.scenarios", f"scenario one\n{text}")
-    (result,) = ScenarioFile.open(source, CARTPOLE, SETTINGS, 0.02).run()
+    decider = Decider.of_domain(source, CARTPOLE, SETTINGS, 0.02)
+    (result,) = run_scenarios(source, decider)
     return result
 
 
@@ -79,15 +80,15 @@ def test_a_failure_says_what_holds_instead() -> None:
 def test_the_planner_keeps_nothing_of_a_scenario_for_the_next_one() -> None:
     source = Source("cartpole.scenarios", "scenario one\nchooses push-right\nchooses push-left\n")
     far = Settings().replace({"planner": {"name": "far-sight"}})
-    file = ScenarioFile.open(source, CARTPOLE, far, 0.02)
-    planner = file.decider.arbiter.planner
+    decider = Decider.of_domain(source, CARTPOLE, far, 0.02)
+    planner = decider.arbiter.planner
     assert isinstance(planner, StatefulPlanner)
 
     def kept() -> str:
         return repr(planner.state_dict())
 
     before = kept()
-    assert not all(result.passed for result in file.run())
+    assert not all(result.passed for result in run_scenarios(source, decider))
     assert kept() == before
-    file.decider.chosen(np.zeros(4))
+    decider.chosen(np.zeros(4))
     assert kept() != before
