@@ -77,7 +77,7 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
         raise TaskError(f"{name}: a Python module has this name; choose another one")
     else:
         with _made(env) as made:
-            texts = _texts(name, env, made, describe(made.env, f"--env {env}"))
+            texts = _texts(name, env, made)
     write_together(dict(zip(files, texts, strict=True)))
     return files
 
@@ -178,20 +178,10 @@ class Entry(NamedTuple):
     comment: str
 
 
-class Described(NamedTuple):
-    """The actions and observed numbers of an environment; `dt` is None where it has no period."""
+def describe(env: gym.Env[Any, Any], called: str) -> tuple[list[Entry], list[Entry], float | None]:
+    """Return actions, observed numbers and, where it has one, the period of an environment.
 
-    actions: list[Entry]
-    numbers: list[Entry]
-    dt: float | None
-
-
-def describe(env: gym.Env[Any, Any], called: str) -> Described:
-    """Return what an environment says of itself.
-
-    Args:
-        env: The environment.
-        called: What it is called in messages.
+    `called` is what it is called in messages.
 
     Raises:
         TaskError: Its actions are not discrete, its observations are no numbers, or there are too
@@ -236,7 +226,7 @@ def describe(env: gym.Env[Any, Any], called: str) -> Described:
     period = None
     with contextlib.suppress(Exception):  # it may be a property of the environment
         period = real(getattr(env.unwrapped, "dt", None))
-    return Described(actions, numbers, float(period) if period and period > 0 else None)
+    return actions, numbers, float(period) if period and period > 0 else None
 
 
 def _entry(used: set[str], text: str, otherwise: str, value: str, bounds: str = "") -> Entry:
@@ -351,9 +341,9 @@ def remark(text: str) -> str:
     return " ".join(plain.split())[:100]
 
 
-def _texts(name: str, env: str, made: MadeEnvironment, described: Described) -> list[str]:
+def _texts(name: str, env: str, made: MadeEnvironment) -> list[str]:
     """Return domain, task and scenarios; texts of the environment stand in comments and quotes."""
-    actions, numbers, dt = described
+    actions, numbers, dt = describe(made.env, f"--env {env}")
     width = max(7, *(len(entry.name) for entry in numbers))
     functions = [f"    ({e.name}){_comment(e, width - len(e.name))}" for e in numbers]
     functions.append(

@@ -159,15 +159,7 @@ def _unsafe(schema: g.GroundSchema, theta: list[float]) -> bool:
 
 @rule("contradictory-condition", local=True)
 def _contradictory_condition(subject: LintSubject) -> Iterator[DomainWarning]:
-    for name, schemas in subject.telling.items():
-        if pair := _contradiction_in_all(subject, schemas):
-            kind, place = schemas[0].kind, schemas[0].place.opening
-            yield _exclusion(f"{kind.value} `{name}` {_CANNOT[kind]}", pair, place)
-
-
-@rule("dead-effect", local=True)
-def _dead_effect(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find effects under a `when` that can hold in no instance."""
+    """Find preconditions, and the conditions of a `when`, that can hold in no instance."""
     for what, schemas in _possible(subject):
         never: dict[Place, Pair | None] = {}
         for schema in schemas:
@@ -179,6 +171,10 @@ def _dead_effect(subject: LintSubject) -> Iterator[DomainWarning]:
         for place, pair in never.items():
             if pair:
                 yield _exclusion(f"`{place.text}` in {what} can never happen", pair, place)
+    for name, schemas in subject.telling.items():
+        if pair := _contradiction_in_all(subject, schemas):
+            kind, place = schemas[0].kind, schemas[0].place.opening
+            yield _exclusion(f"{kind.value} `{name}` {_CANNOT[kind]}", pair, place)
 
 
 def _possible(subject: LintSubject) -> Iterator[tuple[str, list[g.GroundSchema]]]:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from serp._util.text import plural, readable
 from serp.ui.asked import asked_task
 from serp.ui.options import (
     domain_option,
+    own_task_name,
     own_task_option,
     refuse_given,
     settings_option,
 )
-from serp.ui.output import examples
-from serp.ui.trained import train
+from serp.ui.output import examples, open_console, print_next, print_result, print_table
+from serp.ui.root import say, stopped_by
+from serp.ui.trained import print_account, unsafe_text
+
+if TYPE_CHECKING:
+    from serp.runs.run import Run
 
 
 @click.command(
@@ -78,9 +85,28 @@ def command(
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --resume RUN"
         )
-    return train(
-        task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet, **options
-    )
+    from serp.errors import Interrupted
+    from serp.runs.train import plan_and_learn
+
+    try:
+        run = plan_and_learn(
+            task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet, **options
+        )
+    except BaseException as error:
+        notes = getattr(error, "__notes__", [])  # how the run goes on
+        if notes and (own := _own_task()):
+            error.add_note(f"and add{own} to the command, for this task is not installed")
+        stopped = isinstance(error, KeyboardInterrupt) and notes
+        if not (stopped or isinstance(error, Interrupted)):
+            raise
+        message = "Stopped at once." if stopped else str(error)
+        say("\n".join([message, *notes]))
+        return stopped_by(error)
+    if quiet:
+        print_result(run.path)
+    else:
+        _print_results(run)
+    return None
 
 
 def _set(
@@ -106,3 +132,43 @@ def _run_to_resume(given: str, out: Path | None) -> Path:
     if path is None:
         raise click.UsageError("give the run to continue: --resume RUN")
     return path
+
+
+def _own_task() -> str:
+    """Return `--task` as it was given, for a command that is to be typed next."""
+    name = own_task_name()
+    return f" --task {shlex.quote(name)}" if name is not None else ""
+
+
+def _print_results(run: Run) -> None:
+    summary: dict[str, Any] = run.summary
+    episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
+    mean = f"{readable(returns['mean'])} on average"
+    if returns["last_20"] is not None:
+        mean += f", {readable(returns['first_10'])} in the first 10 episodes, "
+        mean += f"{readable(returns['last_20'])} in the last 20"
+    quoted = shlex.quote(str(run.path))
+    console = open_console()
+    console.print("")
+    print_table(
+        console,
+        ("", ""),
+        [
+            ("run", str(run.path)),
+            ("length", f"{episodes}, {plural(summary['env_steps'], 'env step')}"),
+            ("return", mean),
+            ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
+                           "(a fall, a crash, the goal)"),
+            ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
+            ("unsafe", unsafe_text(summary)),
+        ],
+    )  # fmt: skip
+    console.print("")
+    print_account(console, summary, summary["sight"])
+    print_next(
+        console,
+        (f"serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
+        (f"serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
+        (f"serp why {quoted}", "what happened in a step, and the lines behind it"),
+        (f"serp report {quoted}{_own_task()}", "the whole run as one page for the browser"),
+    )

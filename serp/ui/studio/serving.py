@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import secrets
 import signal
 import socket
@@ -143,8 +142,6 @@ def serve(session: Session, port: int, *, browser: bool) -> None:
         print_result(guard.address)
         if browser:
             webbrowser.open(guard.address)
-        gc.collect()
-        gc.freeze()  # what was imported: passing over it took longer than a whole view
         server = uvicorn.Server(config)
         for name in ("SIGHUP", "SIGTERM"):  # a closed terminal keeps what was not saved, too
             if hasattr(signal, name):

@@ -97,7 +97,7 @@ def test_names_are_taken_from_attributes_that_speak_of_actions() -> None:
         env = Plain()
         for name, value in attributes.items():
             setattr(env, name, value)
-        return [entry.name for entry in describe(env, "env").actions]
+        return [entry.name for entry in describe(env, "env")[0]]
 
     assert named() == ["action-0", "action-1"]
     assert named(actions=Actions) == ["turn-left", "turn-right"]
@@ -107,7 +107,7 @@ def test_names_are_taken_from_attributes_that_speak_of_actions() -> None:
     assert named(action_type=chooser) == ["lane-left", "the-reward"]
     hold = option(lambda seen: 0, steps=2)
     macros = MacroActions(gym.make("CartPole-v1"), {"hold still": hold, "push": hold})
-    assert [entry.name for entry in describe(macros, "env").actions] == ["hold-still", "push"]
+    assert [entry.name for entry in describe(macros, "env")[0]] == ["hold-still", "push"]
 
 
 @pytest.mark.parametrize(
