@@ -84,22 +84,11 @@ class GameStep(NamedTuple):
 
 
 class Game:
-    """A game in the world of a file.
+    """A game in the world of a file, with disturbances by `options`, seeded by `seed`.
 
-    Args:
-        domain: Domain and problem; where there is no `:init`, all begins at 0 or false.
-        options: Disturbances of the world. Its time limit does not count here.
-        dt: Control period.
-        seed: Seed of the disturbances. A step that was taken back and is done again may turn out
-            otherwise.
-
-    Attributes:
-        domain: The domain, with the problem that the game begins with.
-        model: The model of the file, which is the world but for disturbances.
-        moment: Where the game is.
-
-    Raises:
-        DomainError: There is no action that can ever be carried out.
+    Where there is no `:init`, all begins at 0 or false. A step that was taken back and is done
+    again may turn out otherwise. `domain` has the problem that the game begins with; `model` is the
+    world but for disturbances; `moment` is where the game is.
     """
 
     def __init__(

@@ -42,11 +42,7 @@ _ROW: Final = re.compile(r"^\s*\|\s*(\d+)\s*\|\s*([^|]*?)\s*\|")
 
 
 def new_task(path: Path, env: str | None = None) -> list[Path]:
-    """Write the first files of a task; return them.
-
-    Args:
-        path: Folder and name of the task.
-        env: The environment. None: an example whose world is the file itself.
+    """Write the first files of a task, for an environment or, without one, of an example world.
 
     Raises:
         TaskError: The name does not do, a file exists, or the environment does not.
@@ -98,12 +94,8 @@ class MadeEnvironment(NamedTuple):
 def _made(name: str) -> Iterator[MadeEnvironment]:
     """Yield the environment of a name, and close it at the end.
 
-    Args:
-        name: `FILE.py:NAME`, a class or a function without required arguments; else an ID for
-            `gymnasium.make`, such as `CartPole-v1` or `highway_env:highway-fast-v0`.
-
-    Raises:
-        TaskError: There is no such environment, or making it fails.
+    The name is `FILE.py:NAME`, a class or a function without required arguments; else an ID for
+    `gymnasium.make`, such as `CartPole-v1` or `highway_env:highway-fast-v0`.
     """
     file, colon, attribute = name.partition(".py:")
     made = _of_file(name, Path(f"{file}.py"), attribute) if colon else _registered(name)

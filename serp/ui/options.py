@@ -57,9 +57,7 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
 def trials_options(seeds: range, folder: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return a decorator that gives a command the options of whatever runs trials.
 
-    Args:
-        seeds: The default ones.
-        folder: First part of the name of the default folder.
+    `folder` is the first part of the name of the default folder.
     """
     options = (
         domain_option,

@@ -50,15 +50,8 @@ _WORDS: Final = {
 class Player:
     """Carries out commands in the world of a domain, and prints what happens.
 
-    Attributes:
-        domain: The domain.
-        task: The installed task that it belongs to; None for none.
-        dt: Control period.
-        settings: The settings that a training would have.
-        own_file: False for the file of an installed task, beside which nothing is written.
-        game: The game.
-        begun: Fluent → value with which it began, beside the problem.
-        console: Where to print.
+    `own_file` is False for the file of an installed task, beside which nothing is written; `begun`
+    has the values with which the game began, beside the problem.
     """
 
     domain: Domain
@@ -170,9 +163,6 @@ class Player:
         """Write the situation as a scenario, with what holds there; return a message.
 
         A scenario with the same title is replaced.
-
-        Raises:
-            SerpError: It cannot be written, or nothing can be expected there.
         """
         from serp._util.files import write_durably
         from serp.authoring.scenarios.checking import Decider

@@ -81,10 +81,8 @@ class Finding:
         code: One of `CODES`.
         severity: `error` where the files cannot be used as they are, `note` where it is right for
             many files.
-        message: One sentence.
         advice: What to write instead; may be empty.
         place: None where a file as a whole is meant, or cannot be read.
-        fix: The correction, where it is known or can be guessed.
         rendered: The finding as `serp check` prints it.
     """
 
@@ -163,14 +161,8 @@ def examine(
 ) -> Examined:
     """Return the findings of a domain; nothing in the files raises an error.
 
-    Args:
-        domain: The domain file, or its text.
-        problem: The problem file, or its text; None for the one beside the domain file, if there is
-            one. Beside a text there is none.
-        look: Returns further warnings of a domain without errors.
-
-    Raises:
-        SerpError: `look` raised it.
+    Files are given by path or as sources; of a path the problem is by default the one beside it.
+    `look` returns further warnings of a domain without errors.
     """
     recovery = Recovery()
     sources, unreadable = _read(domain, problem, recovery)

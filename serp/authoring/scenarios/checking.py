@@ -37,10 +37,7 @@ if TYPE_CHECKING:
 class Decider:
     """Decides for the planner, within the vetoes; the model predicts the rest.
 
-    Attributes:
-        arbiter: Planner and vetoes.
-        domain: The domain, whose initial state scenarios begin with.
-        settings: Those of the planner.
+    Scenarios begin with the initial state of `domain`; `settings` are those of the planner.
     """
 
     arbiter: Arbiter

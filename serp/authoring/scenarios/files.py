@@ -57,18 +57,10 @@ def read_beside(domain: Domain) -> Source:
 def add_situation(
     source: Source, decider: Decider, title: str, values: Mapping[str, float], remark: str
 ) -> str:
-    """Return the text of a file with a scenario of what holds in a situation.
+    """Return the text of a file with a scenario of what holds where fluents have `values`.
 
-    Args:
-        source: The scenario file.
-        decider: Who decides in it.
-        title: The title of the scenario, which replaces one that has it.
-        values: Every fluent → its value.
-        remark: Where the situation comes from, a comment of the scenario.
-
-    Raises:
-        DomainError: The file is wrong.
-        SerpError: Nothing can be expected there.
+    It replaces a scenario of the same title. `remark` is a comment on where the situation comes
+    from.
     """
     newline = newline_of(source.text)
     written = newline.join(

@@ -40,11 +40,6 @@ def observed_in(source: Source, domain: Domain) -> Domain:
 def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scenario]:
     """Read a scenario file; where the source has a `recovery`, all of it that can be understood.
 
-    Args:
-        source: The file.
-        domain: The domain that it is about.
-        model: Its model, which has the actions and fluents.
-
     Raises:
         DomainError: A line is no statement, or names what the domain has not. The errors of later
             lines stand in its notes.

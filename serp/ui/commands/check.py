@@ -77,13 +77,9 @@ def command(domains: tuple[str, ...], as_json: bool) -> int:
 
 @dataclass
 class _CheckedDomain:
-    """The result for one domain.
+    """The result for one domain; `summary` are lines about one without errors.
 
-    Attributes:
-        name: As it was given.
-        findings: The findings about its files.
-        summary: Lines about a domain without errors.
-        failure: Why it could not be checked; empty where it was.
+    `failure` says why it could not be checked; it is empty where it was.
     """
 
     name: str

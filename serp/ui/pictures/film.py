@@ -216,12 +216,7 @@ def write_film(
     seed: int = 0,
     on_episode: OnEpisode | None = None,
 ) -> None:
-    """Play a run's policy and write a film of it, an MP4; a failure leaves no file.
-
-    Raises:
-        RunError: The file cannot be written, or the run not be read.
-        SerpError: The task cannot be loaded or draws no pictures, or its environment failed.
-    """
+    """Play a run's policy and write a film of it, an MP4; a failure leaves no file."""
     agent = run.agent
     with (
         replaced_durably(path) as aside,

@@ -88,11 +88,8 @@ def lay_out(
 ) -> Branch:
     """Choose the edges of a planning graph to show, and place them; return the root, no edge.
 
-    Args:
-        graph: See `PlanningGraph.to_networkx`.
-        weight: Discount per edge.
-        labels: Action → label of its edge out of the root; other edges have the action's name.
-        rows: Rows to fill.
+    `weight` is the discount per edge; `labels` are those of the edges out of the root; `rows` are
+    to be filled.
     """
     for keep in (12, 8, 5, 4, 3, 2, 1):
         root, fits = _select(graph, weight, keep, rows)

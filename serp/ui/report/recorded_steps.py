@@ -149,9 +149,7 @@ def chosen_steps(
 def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[str, NDArray[Any]]:
     """Return what the page draws: the returns, their moving mean with its interval, the shares.
 
-    Args:
-        metrics: The metrics, whose episodes are numbered as they end.
-        recorded: The recorded episodes of the training, which are numbered as they begin.
+    The metrics number episodes as they end, the recording as they begin.
     """
     ended = [each for each in recorded if each.end != "unfinished"]
     ended.sort(key=lambda each: int(each.positions[-1]))

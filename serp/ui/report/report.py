@@ -35,12 +35,7 @@ with needs_extra("report", "a report of a run"):
 
 
 class _Page:
-    """The page of a run; see `write_report`.
-
-    Raises:
-        RunError: The run has no recording, or a file cannot be read.
-        SerpError: Its task cannot be loaded, or its environment failed.
-    """
+    """The page of a run; see `write_report`."""
 
     def __init__(self, run: Run, *, evaluation: str | None, steps: int, pictures: int) -> None:
         self.run, self.read = run, RunModel(run.path)
@@ -242,17 +237,8 @@ def write_report(
 ) -> None:
     """Write the report of a run; an existing file is replaced.
 
-    Args:
-        run: The run.
-        path: The file.
-        evaluation: Name of the recorded evaluation whose steps are shown; None: those of the
-            training.
-        steps: Most steps in the page; fewer where there are many fluents and actions.
-        pictures: Most pictures of the scene; 0 for none.
-
-    Raises:
-        RunError: The run has no recording, or a file cannot be read or written.
-        SerpError: Its task cannot be loaded, or its environment failed.
+    `evaluation` is the recorded evaluation whose steps are shown, None those of the training;
+    `steps` and `pictures` are the most that the page has (fewer steps of many fluents and actions).
     """
     page = _Page(run, evaluation=evaluation, steps=steps, pictures=pictures)
     write_durably(path, page.render())

@@ -53,14 +53,9 @@ def drawn_scenes(
     most: int,
     on_picture: Callable[[], None],
 ) -> DrawnScenes:
-    """Draw episodes, the most interesting ones first, see `by_interest`.
+    """Draw episodes, the most interesting ones first, see `by_interest`; at most `most` pictures.
 
-    Args:
-        run: The run.
-        steps: The steps that the report shows.
-        seed_of: Number of an episode, from 0 → seed of the environment; None if it is not known.
-        most: Most pictures.
-        on_picture: Called after each picture.
+    `seed_of` returns the seed of an episode, by its number from 0; None if it is not known.
     """
     differs = (
         "Not drawn from here: executed again with the same seed and the same actions, the "

@@ -14,22 +14,8 @@ class Document:
     """A text that is edited, and the file that it came from.
 
     Lines end with a line feed while they are edited; the file keeps its own line ends, and its byte
-    order mark.
-
-    Args:
-        path: The file; it need not exist.
-        folder: The only folder that files are written in. A document from elsewhere is saved in it
-            under the same name.
-        name: Name in `folder`, or path, under which it is saved, where the file itself must stay
-            as it is.
-
-    Raises:
-        DomainError: The file exists and cannot be read.
-
-    Attributes:
-        text: The text as it is edited.
-        saved: The text as it was read or last written.
-        target: Where it is saved.
+    order mark. It is saved as `target`: the file itself where that is in `folder`, or else the same
+    name, or `name`, in `folder`. `saved` is the text as it was read or last written.
     """
 
     def __init__(self, path: Path, folder: Path, name: str | None = None) -> None:

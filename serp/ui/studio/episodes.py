@@ -20,13 +20,10 @@ from serp.ui.studio.view import Ranges, Surroundings, Version
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeStep:
-    """A moment of an episode.
+    """A moment of an episode: the values of the fluents, who does what there (empty at the end).
 
-    Attributes:
-        values: Fluent → value.
-        action: Who does what there; empty at the end.
-        indifferent: Whether all actions promise the same there.
-        picture: The environment's picture as a data URL; empty where there is none.
+    `indifferent`: whether all actions promise the same; `picture`: the environment's, as a data
+    URL, or empty.
     """
 
     values: dict[str, float | bool]
@@ -37,13 +34,10 @@ class EpisodeStep:
 
 @dataclasses.dataclass(frozen=True)
 class ShownEpisode:
-    """An episode.
+    """An episode, from the reset on, and what it is, for people.
 
-    Attributes:
-        steps: Its moments, from the reset on.
-        name: What it is, for people.
-        supplied: Facts of `:init` that the grounding observes.
-        note: Why there are no pictures; empty where there are.
+    `supplied` has the facts of `:init` that the grounding observes, `note` why there are no
+    pictures.
     """
 
     steps: tuple[EpisodeStep, ...]
@@ -64,9 +58,6 @@ def play(
     """Play an episode with the planner of a version, for at most 100 steps.
 
     Without a task it is played in the file's own world.
-
-    Raises:
-        SerpError: The version is wrong, does not fit the task, or the environment fails.
     """
     domain = Domain.parse(*version.sources(), observed=task is not None and not task.closed)
     note = ""

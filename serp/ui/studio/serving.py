@@ -39,15 +39,11 @@ _HEADERS: Final = {
 
 
 class Guard:
-    """An ASGI application in front of another one.
+    """An ASGI application in front of another one, at a port of this machine.
 
     The address has a random token. Whoever calls it gets a cookie, which all other requests need,
     those of websockets included. Requests that name another host (a name that somebody lets point
     to this machine) or come from a page of another origin are refused.
-
-    Args:
-        app: What is guarded.
-        port: The port of this machine at which it is served.
     """
 
     def __init__(self, app: ASGIApp, port: int) -> None:
@@ -105,13 +101,8 @@ def _equal(given: str, secret: str) -> bool:
 def serve(session: Session, port: int, *, browser: bool) -> None:
     """Serve the studio until the process is interrupted; print its address, and what is not saved.
 
-    Args:
-        session: What is open.
-        port: Port; 0 for any that is free.
-        browser: Whether to open a browser.
-
     Raises:
-        SerpError: The port is taken.
+        SerpError: The port, 0 for any, is taken.
     """
     try:
         listening = socket.create_server(("127.0.0.1", port))  # who calls at once waits

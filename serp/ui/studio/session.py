@@ -26,14 +26,10 @@ DOMAIN, PROBLEM = "domain", "problem"
 class Session:
     """The files that are open, and the state that decisions are shown for.
 
-    Args:
-        domain: The domain file.
-        problem: The problem file; None where there is none.
-        surroundings: Control period and planner.
-        task: The task that the file belongs to; None for a file alone.
-
     Attributes:
         documents: `domain`, and `problem` where there is one.
+        surroundings: Control period and planner.
+        task: The task that the file belongs to; None for a file alone.
         shown: The state that decisions are shown for.
         played: The episode that was played last, if any.
         step: The step of it that is shown, from 0; None for none.
@@ -61,10 +57,8 @@ class Session:
     def take_over(self, let_go: Callable[[], None]) -> int:
         """Let go of the page that owned the session; return the number of the new owner.
 
-        Where nothing waits to be saved, the new page shows what other programs have written.
-
-        Args:
-            let_go: Called when another page takes over; this one may no longer change anything.
+        `let_go` is called when another page takes over. Where nothing waits to be saved, the new
+        page shows what other programs have written.
         """
         self._let_go()
         self._let_go = let_go
@@ -99,13 +93,10 @@ class Session:
         return any(document.changed for document in self.documents.values())
 
     def save(self) -> list[Path]:
-        """Save the documents that were changed; return their files.
+        """Save the documents that were changed, see `Document.save`; return their files.
 
         Domain and problem move into the working folder together: commands look for the problem
         beside the domain.
-
-        Raises:
-            SerpError: A file cannot be written, see `Document.save`; those before it are saved.
         """
         domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
         beside = problem_beside(domain.path).resolve()
@@ -169,14 +160,8 @@ class Session:
 def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
-    Args:
-        name: A domain file, the name of an installed task, or the folder of a run, whose copies of
-            the files are saved elsewhere.
-        folder: The working folder.
-        own: The task of `--task`.
-
-    Raises:
-        SerpError: There is no such file, task or run.
+    `name` is the file, an installed task, or the folder of a run, whose copies are saved elsewhere;
+    `folder` the working folder; `own` the task of `--task`.
     """
     if (Path(name) / CONFIG).is_file():
         run = RunFolder.open(Path(name))

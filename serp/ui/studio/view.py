@@ -43,13 +43,10 @@ class Version(NamedTuple):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a decision depends on beside the texts.
+    """What a decision depends on beside the texts: control period, and settings of the lookahead.
 
-    Attributes:
-        dt: Control period.
-        planner: Settings of the lookahead.
-        observed: Whether any state can be shown, or only what is reached from `:init`.
-        supplied: Names of the fluents that are observed.
+    `observed`: whether any state can be shown, or only what is reached from `:init`; `supplied`:
+    the names of the fluents that are observed.
     """
 
     dt: float = 1.0
@@ -181,12 +178,7 @@ class View:
 class Request:
     """What is shown is asked of this; whatever is edited meanwhile does not change it.
 
-    Attributes:
-        version: The texts.
-        surroundings: Control period and planner.
-        shown: The state.
-        seen: The ranges of the fluents.
-        task: The task that the file belongs to; None for a file alone.
+    `seen` has the ranges of the fluents; `task` is None for a file alone.
     """
 
     version: Version

@@ -19,9 +19,7 @@ from serp.ui.studio.view import Request, View
 class DecisionPane:
     """Shows decisions; where an error leaves none, the last one stays, faint.
 
-    Args:
-        live: Follows the session.
-        jump: Shows a line and column of a file.
+    `jump` shows a line and column of a file.
     """
 
     def __init__(self, live: Live, jump: Callable[[str, int, int], None]) -> None:
