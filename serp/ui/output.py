@@ -15,9 +15,7 @@ from serp._util.text import readable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.model.domain import Domain
     from serp.model.transition_model import TransitionModel
-    from serp.tasks.task import Task
 
 
 def examples(*lines: str) -> str:
@@ -103,14 +101,3 @@ def changes_between(
         for fluent, old, new in zip(model.fluents, before, after, strict=True)
         if old != new
     ]
-
-
-def learned_from(domain: Domain, task: Task) -> str:
-    """Say what the learner of a task learns from, if it has this domain file."""
-    from serp.settings import resolve
-    from serp.tasks.task import declared_reward, describe_source, reward_source
-
-    declared = declared_reward(task, domain.model)
-    source = reward_source(declared, resolve("default", task.settings))
-    said = describe_source(source, in_file=domain.model.rewarding)
-    return f"task {task.name or domain.name}: the learner learns from {said}"

@@ -37,7 +37,7 @@ ERRORS = frozenset(
     )
 )
 """Codes of errors, which no comment silences."""
-NOTES = frozenset(("not-portable", "nothing-unsafe"))
+NOTES = frozenset(("not-portable",))
 """Codes that are true of many a file which is as it should be."""
 CODES = frozenset(
     (
@@ -144,13 +144,6 @@ class Examined:
 
     findings: list[Finding]
     domain: Domain | None
-
-
-def findings_of(
-    domain: Source | str | Path, problem: Source | str | Path | None = None
-) -> list[Finding]:
-    """Return all findings of a domain; see `examine`."""
-    return examine(domain, problem).findings
 
 
 def examine(

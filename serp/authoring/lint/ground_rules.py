@@ -1,4 +1,4 @@
-"""Rules about the instances of a domain: what never or always happens, and what is never safe."""
+"""Rules about the instances of a domain: what never or always happens."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from dataclasses import replace
 from serp.authoring.lint.conditions import Pair, contradiction
 from serp.authoring.lint.subject import LintSubject, rule
 from serp.model import ground_model as g
-from serp.model.ground_model import UNSAFE_TARGET
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainWarning, Edit, Fix, Place
 from serp.pddl.syntax import Kind
@@ -36,13 +35,6 @@ def _no_action(subject: LintSubject) -> Iterator[DomainWarning]:
         yield DomainWarning(text, subject.domain.syntax.place.opening, advice=advice)
 
 
-@rule("nothing-unsafe", needs_problem=True)
-def _nothing_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
-    if not any(g.flagging(schema, UNSAFE_TARGET) for schema in subject.anywhere.schemas):
-        text = "nothing is ever `(unsafe)`, so no action will be refused"
-        yield DomainWarning(text, subject.domain.syntax.place.opening)
-
-
 @rule("no-reward", needs_problem=True)
 def _no_reward(subject: LintSubject) -> Iterator[DomainWarning]:
     if not subject.domain.model.rewarding:
@@ -56,8 +48,7 @@ def _schema_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
     types = {known.type for known in (problem.objects if problem else syntax.constants).values()}
     for schema in syntax.schemas:
         what, place = f"{schema.kind.value} `{schema.name}`", schema.place.opening
-        instances = subject.instances.get(schema.name)
-        if instances is None:
+        if schema.name not in subject.instances:
             empty = next(
                 (p.types for p in schema.parameters
                  if not any(syntax.admits(p, known) for known in types)),
@@ -68,11 +59,6 @@ def _schema_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
                 nor = "" if problem else " (nor a problem file that could name some)"
                 why = f"there is no object of type `{'/'.join(empty)}`{nor}"
             yield DomainWarning(f"{what} has no instance: {why}", place)
-        # Waiting is an action where the world moves on by itself.
-        elif not any(map(g.writes, instances)) and not (
-            schema.kind is Kind.ACTION and not schema.effects and subject.anywhere.processes
-        ):
-            yield DomainWarning(f"{what} changes nothing", place)
 
 
 # Conditions --------------------------------------------------------------------------------------
@@ -126,34 +112,6 @@ def _tautology(test: g.Compare | g.AnyOf, what: str, subject: LintSubject) -> Do
         second,
         advice="is a minus missing?" if fix else "",
         fix=fix,
-    )
-
-
-@rule("always-unsafe")
-def _always_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
-    theta = subject.theta
-    for what, schemas in _possible(subject):
-        kind, place = schemas[0].kind, schemas[0].place.opening
-        if kind is Kind.ACTION and all(_unsafe(action, theta) for action in schemas):
-            yield DomainWarning(
-                f"{what} is unsafe wherever it can be applied: it is executed only where every "
-                "other action is unsafe too",
-                place,
-            )
-        if kind is Kind.EVENT and any(
-            all(contradiction([g.Not(test, event.place)], theta) for test in event.preconditions)
-            and _unsafe(event, theta)
-            for event in schemas
-        ):
-            yield DomainWarning(f"{what} makes every action unsafe: it always fires", place)
-
-
-def _unsafe(schema: g.GroundSchema, theta: list[float]) -> bool:
-    """Whether the condition of an effect `(unsafe)` follows from the precondition."""
-    return any(
-        contradiction((*schema.preconditions, g.Not(effect.condition, effect.place)), theta)
-        for effect in schema.effects
-        if g.sets(effect, UNSAFE_TARGET)
     )
 
 

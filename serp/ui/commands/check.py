@@ -14,7 +14,7 @@ from serp._util.text import plural
 from serp.errors import SerpError, TaskError
 from serp.ui.asked import asked_domain, asked_own_task
 from serp.ui.options import own_task_name, own_task_option
-from serp.ui.output import examples, learned_from, open_console
+from serp.ui.output import examples, open_console
 from serp.ui.root import say
 
 if TYPE_CHECKING:
@@ -137,8 +137,7 @@ def _look(
             raise
         yield DomainWarning(str(error), code="task-mismatch")
         return
-    fits = f"task {task.name}: environment, grounding and actions fit together"
-    check.summary += [fits, learned_from(domain, task)]
+    check.summary.append(f"task {task.name}: environment, grounding and actions fit together")
 
 
 def _load(pair: DomainFiles, own: Task | None) -> tuple[Domain, Task | None]:

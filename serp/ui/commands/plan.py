@@ -16,7 +16,7 @@ from serp.ui.options import (
     refuse_given,
     settings_option,
 )
-from serp.ui.output import examples, learned_from, open_console, print_json
+from serp.ui.output import examples, open_console, print_json
 from serp.ui.root import say
 
 if TYPE_CHECKING:
@@ -118,8 +118,6 @@ def command(
                 console.print(line)
         if loaded is not None:
             console.print(f"The model of {run} is {loaded.agent.adaptation.adoption}.")
-        elif task is not None and domain.model.rewarding:
-            console.print(learned_from(domain, task))
     if svg is not None:
         from serp._util.files import write_durably
         from serp.ui.pictures.plan_picture import plan_picture

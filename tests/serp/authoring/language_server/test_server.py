@@ -17,8 +17,8 @@ from pygls.lsp.client import LanguageClient
 from serp.authoring.language_server.completion import completions, explained
 from serp.authoring.language_server.index import Index, word_at
 from serp.authoring.language_server.server import Positions, code_actions, uri_of
-from serp.authoring.lint.findings import findings_of
 from serp.pddl.source import Source
+from tests.serp.authoring.lint.found import findings_of
 from tests.serp.pddl.test_fuzz import SHIPPED, damage
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
@@ -137,7 +137,7 @@ def test_files_that_belong_together_are_checked_together(tmp_path: Path) -> None
 
     async def use(editor: Editor) -> None:
         editor.open("walk.pddl", WALK)
-        await editor.until("walk.pddl", "nothing-unsafe", "schema-without-use")
+        await editor.until("walk.pddl", "schema-without-use")
         editor.open("walk-problem.pddl", moved)
         await editor.until("walk.pddl")
         editor.open("walk.scenarios", scenarios)
@@ -148,7 +148,7 @@ def test_files_that_belong_together_are_checked_together(tmp_path: Path) -> None
         await editor.until("walk.scenarios")  # nothing is said of them while the domain is wrong
         editor.close("walk-problem.pddl")
         await editor.until("walk-problem.pddl")
-        await editor.until("walk.pddl", "nothing-unsafe", "schema-without-use")
+        await editor.until("walk.pddl", "schema-without-use")
 
     in_editor(tmp_path, use)
 

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from serp.authoring.lint.findings import CODES, ERRORS, Finding, examine, findings_of
+from serp.authoring.lint.findings import CODES, ERRORS, Finding, examine
 from serp.authoring.lint.task_ranges import out_of_range
 from serp.model.domain import Domain
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import DomainWarning, Source, edited
 from serp.pddl.syntax import meaning
 from serp.tasks.registry import task_of
+from tests.serp.authoring.lint.found import findings_of
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 EDITED = "edited.pddl"

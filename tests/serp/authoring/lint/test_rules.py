@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 
 from serp.authoring.lint.conditions import contradiction
-from serp.authoring.lint.findings import findings_of
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import Vector
 from serp.pddl.source import Source
 from tests.generated.models import Generated, load_texts, models_with_states
 from tests.generated.profile import examples
 from tests.generated.writer import Texts
+from tests.serp.authoring.lint.found import findings_of
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -82,7 +82,7 @@ def test_a_domain_that_waits_for_its_problem_is_told_so_once() -> None:
 def test_a_goal_that_is_not_known_may_read_anything() -> None:
     text = """(define (domain car) (:requirements :numeric-fluents) (:functions (way))
       (:action go :parameters () :precondition (and) :effect (and (increase (way) 1))))"""
-    assert {f.code for f in findings_of(Source("d.pddl", text))} == {"no-reward", "nothing-unsafe"}
+    assert {f.code for f in findings_of(Source("d.pddl", text))} == {"no-reward"}
 
 
 @given(models_with_states(count=4))
