@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.console import Console
 
 from serp._util.text import percent, plural, readable
+from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.explanation import Alternative, Explanation
 from serp.agent.sentences import between, kind_of_return, lines_of, special_about
+from serp.planning.replanner import Plan
 from serp.ui.output import changes_between, print_table
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from serp.agent.chosen_planner import ChosenPlanner
-    from serp.planning.replanner import Plan
 
 
 def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[str, Any]:

@@ -84,11 +84,7 @@ def trials_options(seeds: range, folder: str) -> Callable[[Callable[..., Any]], 
 
 
 def refuse_given(names: Iterable[str], why: str) -> None:
-    """Refuse parameters of the running command that the user has given.
-
-    Raises:
-        UsageError: One is given; `why` follows its name.
-    """
+    """Refuse parameters of the command that the user has given; `why` follows their name."""
     context = click.get_current_context()
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name or "")
@@ -112,11 +108,7 @@ class OutputFile(click.Path):
 
 
 def parse_settings(assignments: Iterable[str]) -> Changes:
-    """Return what `--set` changes; see `serp.settings.assigned`.
-
-    Raises:
-        UsageError: A text has another form, or a setting is given twice.
-    """
+    """Return what `--set` changes; see `serp.settings.assigned`."""
     from serp.errors import SettingsError
     from serp.settings import assigned
 
@@ -127,11 +119,7 @@ def parse_settings(assignments: Iterable[str]) -> Changes:
 
 
 def parse_seeds(text: str | None) -> int | list[int] | None:
-    """Return how many seeds, or the seeds themselves, of `--seeds`; None where it is not given.
-
-    Raises:
-        BadParameter: The text is neither.
-    """
+    """Return how many seeds, or the seeds themselves, of `--seeds`; None where it is not given."""
     if text is None or text.strip().isdecimal():
         return None if text is None else int(text)
     seeds: list[int] = []

@@ -7,25 +7,27 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rich.console import Console
+
+from serp._util.files import write_durably
 from serp._util.terminal import visible
 from serp._util.text import did_you_mean, plural, readable
 from serp.agent.causes import Cause
+from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.sentences import line_of_cause, signed
+from serp.authoring.play import FluentChange, Game, GameStep
+from serp.authoring.scenarios.checking import Decider
+from serp.authoring.scenarios.files import add_situation, scenarios_beside
 from serp.errors import SerpError
 from serp.model.domain import Domain
+from serp.pddl.source import Source
 from serp.settings import Settings
 from serp.tasks.task import Task
 from serp.ui.asked import parse_state
+from serp.ui.decision import print_plan
 from serp.ui.output import print_table
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from serp.agent.chosen_planner import ChosenPlanner
-    from serp.authoring.play import FluentChange, Game, GameStep
-
 
 HELP: Final = (
     ("ACTION", "do it: its number, its name, the beginning of its name; `ACTION * 5`: five times"),
@@ -64,11 +66,7 @@ class Player:
     console: Console
 
     def do(self, line: str) -> bool:
-        """Carry out a command; return whether the game goes on.
-
-        Raises:
-            SerpError: There is no such command, or it cannot be carried out.
-        """
+        """Carry out a command; return whether the game goes on."""
         line = " ".join(line.split())
         command = re.fullmatch(r"(?P<what>\?|[a-z]+)(?: (?P<count>\d+))?", line)
         what = _WORDS.get(command["what"], command["what"]) if command else ""
@@ -145,8 +143,6 @@ class Player:
         return plan.action
 
     def _ask(self) -> None:
-        from serp.ui.decision import print_plan
-
         moment, planner = self.game.moment, self._planner
         plan = planner.plan(moment.state)
         title = f"{self.domain.name}, after {plural(moment.steps, 'step')}"
@@ -155,8 +151,6 @@ class Player:
     @functools.cached_property
     def _planner(self) -> ChosenPlanner:
         """The planner that a training would have in this world."""
-        from serp.agent.chosen_planner import ChosenPlanner
-
         return ChosenPlanner.of_settings(self.game.model, self.settings.planner, self.task)
 
     def _save(self, title: str) -> str:
@@ -164,11 +158,6 @@ class Player:
 
         A scenario with the same title is replaced.
         """
-        from serp._util.files import write_durably
-        from serp.authoring.scenarios.checking import Decider
-        from serp.authoring.scenarios.files import add_situation, scenarios_beside
-        from serp.pddl.source import Source
-
         if not self.own_file:
             name = Path(self.domain.source.name).name
             raise SerpError(f"{name} is the file of an installed task; play a copy of it")

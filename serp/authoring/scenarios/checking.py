@@ -6,9 +6,9 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from serp._util.text import listed, plural, readable
+from serp.agent.agent import Agent
 from serp.agent.arbiter import Arbiter
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.decision import Decision, Reason
@@ -28,9 +28,6 @@ from serp.runs.recording import open_recording
 from serp.settings import PlannerSettings, Settings
 from serp.tasks.action_map import ActionMap
 from serp.tasks.task import Task
-
-if TYPE_CHECKING:
-    from serp.agent.agent import Agent
 
 
 @dataclass(frozen=True)

@@ -72,11 +72,7 @@ def _difference(before: Source, after: Source) -> str:
 
 
 def write_changed(path: Path, text: str) -> None:
-    """Replace a file atomically, but for its byte order mark and its mode.
-
-    Raises:
-        RunError: It cannot be written.
-    """
+    """Replace a file atomically, but for its byte order mark and its mode."""
     from serp._util.files import write_durably
 
     target = Path(os.path.realpath(path))

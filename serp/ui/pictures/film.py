@@ -36,11 +36,7 @@ OnEpisode = Callable[[int, StepRecord], None]
 
 
 def render_mode_of(run: Run) -> str:
-    """Return the render mode that gives the most pictures of a run's environment.
-
-    Raises:
-        TaskError: The environment draws no pictures.
-    """
+    """Return the render mode that gives the most pictures of a run's environment."""
     with run.environment("rgb_array") as task:
         modes = task.env.metadata.get("render_modes") or ()
         for mode in ("rgb_array_list", "rgb_array"):

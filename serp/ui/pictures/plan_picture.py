@@ -12,18 +12,15 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Final
+from typing import Final
+
+import networkx as nx
 
 from serp._util.figures import colour, style_sheet
 from serp._util.text import percent, readable
 from serp.agent.sentences import kind_of_return, special_about
+from serp.planning.replanner import MonitorReplanner, Plan
 from serp.ui.output import changes_between
-
-if TYPE_CHECKING:
-    import networkx as nx
-
-    from serp.planning.replanner import MonitorReplanner, Plan
-
 
 MAX_ROWS: Final = 30
 """Rows to fill; only the best path with its siblings may take more."""

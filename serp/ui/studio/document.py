@@ -30,11 +30,7 @@ class Document:
             self.reload()
 
     def reload(self) -> None:
-        """Take the text that is on the disk.
-
-        Raises:
-            DomainError: It cannot be read.
-        """
+        """Take the text that is on the disk."""
         path, mark = self.path, "\ufeff".encode()
         text, content = Source.read(path).text, path.read_bytes()
         self._known = None if self.elsewhere else content
@@ -73,9 +69,7 @@ class Document:
     def save(self) -> Path:
         """Write the text to `target` atomically, and return that.
 
-        Raises:
-            SerpError: It cannot be written, or another program has changed the file: the first
-                time. The second time it is replaced.
+        A file that another program has changed is replaced the second time only.
         """
         there = self._on_disk()
         if there != self._known:

@@ -99,11 +99,7 @@ def _equal(given: str, secret: str) -> bool:
 
 
 def serve(session: Session, port: int, *, browser: bool) -> None:
-    """Serve the studio until the process is interrupted; print its address, and what is not saved.
-
-    Raises:
-        SerpError: The port, 0 for any, is taken.
-    """
+    """Serve the studio until it is interrupted; print its address, and what is not saved."""
     try:
         listening = socket.create_server(("127.0.0.1", port))  # who calls at once waits
     except OSError as error:
