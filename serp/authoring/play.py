@@ -21,14 +21,9 @@ from serp.tasks.file_world import FileWorld, Happened, WorldOptions, starting
 
 
 class FluentChange(NamedTuple):
-    """A fluent that a step changed.
+    """A fluent that a step changed, and what changed it, in order, each by its `amount`.
 
-    Attributes:
-        name: The fluent.
-        before: Its value before the step.
-        after: Its value after it.
-        causes: What changed it, in order; the `amount` of each is by how much.
-        noise: How much of the change is chance.
+    `noise` is how much of the change is chance.
     """
 
     name: str
@@ -64,15 +59,10 @@ class Moment:
 
 
 class GameStep(NamedTuple):
-    """The result of a step of a game.
+    """The result of a step: the action that was chosen, and the one that took place, if any.
 
-    Attributes:
-        chosen: Name of the action that was chosen.
-        carried_out: Name of the action that took place; None for none.
-        refusal: Why the chosen action is not applicable, in words of the file; empty where it is.
-        reward: Its reward.
-        changes: The fluents that it changed.
-        brought: The causes of reward, flags and end.
+    `refusal` says why the chosen one is not applicable; `brought` are the causes of reward, flags
+    and end.
     """
 
     chosen: str

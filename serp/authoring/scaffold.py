@@ -36,7 +36,7 @@ _NAME: Final = re.compile(r"[a-z][a-z0-9_-]*")
 _RESERVED: Final = RESERVED_WORDS | {"reward", "unsafe", "terminal", "over", "at-start", "at-end"}
 _ASIDE: Final = re.compile(r"\([^()]*\)|\[[^\[\]]*\]|`")
 _MINUS: Final = re.compile(r"(?<![\w.])[-−](?=\d)")
-_HEADING: Final = re.compile(r"^\s*#+\s*(.+?)\s*$", re.M)
+_HEADING: Final = re.compile(r"^\s*#+\s*\S.*$", re.M)
 _ITEM: Final = re.compile(r"^\s*(?:[-*+]\s+)?(\d+)\s*[:=.)]\s+(\S.*?)\s*$")
 _ROW: Final = re.compile(r"^\s*\|\s*(\d+)\s*\|\s*([^|]*?)\s*\|")
 
@@ -157,12 +157,10 @@ def _message(error: Exception) -> str:
 
 
 class Entry(NamedTuple):
-    """An action or a number of an observation.
+    """An action or a number of an observation: its name in the domain file.
 
-    Attributes:
-        name: Its name in the domain file.
-        value: The environment action, or the expression of the observation's number, in Python.
-        comment: One line of the environment's documentation.
+    `value` is the environment action, or the expression of the number, in Python; `comment` one
+    line of the environment's documentation.
     """
 
     name: str
@@ -286,11 +284,8 @@ def numbered(documentation: str, heading: str, count: int) -> list[str]:
 
     They are empty where there is no such list or table. Of several lists the first counts.
     """
-    headings = list(_HEADING.finditer(documentation))
-    ends = [*(match.start() for match in headings[1:]), len(documentation)]
-    section = next((documentation[match.end() : end]
-                    for match, end in zip(headings, ends, strict=False)
-                    if match[1].strip("* ").lower() == heading.lower()), "")  # fmt: skip
+    begin = re.compile(rf"^\s*#+[\s*]*{heading}[\s*]*$", re.M | re.I).search(documentation)
+    section = _HEADING.split(documentation[begin.end() :])[0] if begin else ""
     texts: list[str] = []
     for line in section.splitlines():
         match = _ROW.match(line) or _ITEM.match(line)

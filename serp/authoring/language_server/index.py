@@ -39,14 +39,9 @@ FLUENTS = (NameKind.PREDICATE, NameKind.FUNCTION)
 
 
 class Declared(NamedTuple):
-    """Where a name is declared.
+    """Where a name, in lower case, is declared, with its type if it has one.
 
-    Attributes:
-        name: In lower case.
-        kind: What it names.
-        place: The word.
-        form: The form that the word begins, or that is named by it; else the word itself.
-        type: Its type, where it is declared with one.
+    `place` is the word; `form` the form that it begins or names, else the word itself.
     """
 
     name: str

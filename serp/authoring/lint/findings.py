@@ -164,9 +164,12 @@ def examine(
     if sources:
         result = _parse(sources, recovery)
         errors = [*unreadable, *recovery.errors]
-        warnings = [*_warnings(result, sources, partial=bool(errors))]
-        if look is not None and result is not None and not errors:
-            warnings += look(result)
+        warnings = [warning for source in sources for warning in source.warnings]
+        if result is not None:  # of files that are read in part, local rules apply alone
+            subject, partial = LintSubject(result), bool(errors)
+            for rule in RULES:
+                warnings += rule.applied(subject, partial=partial)
+            warnings += look(result) if look is not None and not errors else ()
         problems = [*_once([*errors, *_unsilenced(warnings, sources)])]
     order = {source.name: number for number, source in enumerate(sources)}
 
@@ -228,18 +231,3 @@ def _parse(sources: list[Source], recovery: Recovery) -> Domain | None:
             recovery.take(error)
         return None
     return domain
-
-
-def _warnings(
-    domain: Domain | None, sources: list[Source], *, partial: bool
-) -> Iterator[DomainWarning]:
-    """Yield what may have been forgotten or misspelt; none of it stops a training.
-
-    With `partial`, parts of the files could not be read; only local rules apply then.
-    """
-    for source in sources:
-        yield from source.warnings
-    if domain is not None:
-        subject = LintSubject(domain)
-        for rule in RULES:
-            yield from rule.applied(subject, partial=partial)

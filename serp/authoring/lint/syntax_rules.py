@@ -106,19 +106,13 @@ def _double_negative(subject: LintSubject) -> Iterator[DomainWarning]:
             )
 
 
-def _together(effects: tuple[x.Effect, ...]) -> Iterator[tuple[x.Effect, ...]]:
-    """Yield effects that happen together, and those under each `when` and `forall`."""
-    yield effects
-    for effect in effects:
-        if isinstance(effect, x.When | x.ForallEffect):
-            yield from _together(effect.effects)
-
-
 @rule("set-and-unset", local=True)
 def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find what one list of effects makes false and true: in PDDL, true wins."""
     for what, schema in _schemas(subject):
-        for effects in _together(schema.effects):
+        inner = (e.effects for e in x.nodes_in(schema.effects)
+                 if isinstance(e, x.When | x.ForallEffect))  # fmt: skip
+        for effects in (schema.effects, *inner):
             settings = [effect for effect in effects if isinstance(effect, x.SetPredicate)]
             made = {x.meaning(effect.atom) for effect in settings if effect.value}
             for effect in settings:

@@ -54,10 +54,6 @@ class Decider:
 
         No environment is made: of several ground actions that are one action of the environment,
         each decides by itself. What the scenarios give a value to is observed.
-
-        Raises:
-            SettingsError: There is no such planner.
-            DomainError: The domain cannot be instantiated.
         """
         own = {} if task is None else task.planners
         refuse_unknown_names(settings, own)
@@ -74,9 +70,6 @@ class Decider:
         """Return planner and vetoes of a trained agent, with the model that it has learned.
 
         The learner does not decide: its input may be an observation, which no scenario states.
-
-        Raises:
-            RunError: The run is of a domain of another name.
         """
         learned = agent.task.domain
         if learned.name != domain.name:
@@ -96,11 +89,7 @@ class Decider:
         }
 
     def situation(self, scenario: s.Scenario) -> Vector:
-        """Return the state `[F]` that a scenario begins with.
-
-        Raises:
-            DomainError: It is none of the model, or the recorded step is missing.
-        """
+        """Return the state `[F]` that a scenario begins with."""
         values = self.start
         if scenario.recorded is not None:
             try:
@@ -142,11 +131,7 @@ class Decider:
 
 
 def recorded_values(of: s.StepOfRun) -> dict[str, float]:
-    """Return fluent → value of a step that a scenario names.
-
-    Raises:
-        RunError: There is no such run, recording or step.
-    """
+    """Return fluent → value of a step that a scenario names."""
     recording = open_recording(Path(of.run))
     step = of.step if of.episode is None else recording.find(of.episode, of.step)
     return dict(zip(recording.layout.fluents, recording.step(step).state.tolist(), strict=True))
@@ -176,11 +161,7 @@ class Result:
 
 
 def check(scenario: s.Scenario, decider: Decider) -> Result:
-    """Check a scenario.
-
-    Raises:
-        DomainError: The situation is none of the model, or the recorded step is missing.
-    """
+    """Check a scenario."""
     checker = _Checker(decider, decider.situation(scenario))
     failures = tuple(
         Failure(expected.place.text, expected.place.line, found, checker.causes_behind(expected))

@@ -109,11 +109,8 @@ class Rates:
 class After:
     """`after STEPS ...`: what holds after some steps by the model.
 
-    Attributes:
-        steps: Number of steps of the controller's choice, or the ground actions to be executed.
-        fluent: What is looked at: a fluent, `reward` (the sum over the steps), or the flags
-            `unsafe` and `terminal` (whether any of the steps sets them).
-        bounds: What a number is to be; for a predicate or a flag `at least 1` or `at most 0`.
+    `steps` is a number of steps of the controller's choice, or the ground actions to be executed.
+    `fluent` is a fluent, `reward` (the sum over the steps), or a flag (whether any step sets it).
     """
 
     steps: int | tuple[int, ...]
@@ -127,14 +124,10 @@ Expectation = Chooses | Refuses | Indifferent | Rates | After
 
 @dataclass(frozen=True)
 class Scenario:
-    """A situation, and what is expected in it.
+    """A situation, and what is expected in it, in the order of the file.
 
-    Attributes:
-        title: What follows `scenario`.
-        place: The line of the title.
-        recorded: The recorded step that the situation begins with; None for the initial state.
-        given: Fluent → value that differs from that; 0 and 1 for truth.
-        expectations: What is expected, in the order of the file.
+    The situation begins with a `recorded` step, or with the initial state; `given` are the values
+    that differ, 0 and 1 for truth. `place` is the line of the title.
     """
 
     title: str

@@ -56,14 +56,10 @@ class Mark(NamedTuple):
 
 
 class Caption(NamedTuple):
-    """The content of a caption.
+    """The content of a caption; without an actor before the first decision.
 
-    Attributes:
-        actor: Who acts; None before the first decision.
-        action: Name of the action.
-        facts: Episode, step, return; if there is little room, the first ones are left out.
-        marks: Texts marked red.
-        outcome: How the episode ended; empty while it runs, or if the environment does not say.
+    If there is little room, the first ones of the `facts` (episode, step, return) are left out.
+    `outcome` is how the episode ended; empty while it runs, or if the environment does not say.
     """
 
     actor: Actor | None

@@ -18,16 +18,14 @@ _NO_SAFE: Final = [REASONS.index(each) for each in (Reason.NO_SAFE_ACTION, Reaso
 
 @dataclass(frozen=True)
 class RecordedEpisode:
-    """One recorded episode.
+    """One recorded episode, by its number, from 1, in the order in which episodes begin.
 
     Attributes:
-        number: Its number, from 1, in the order in which episodes begin.
         positions: Positions `[n]` of its steps in the recording.
         return_: Sum of the environment's rewards.
         vetoes: Number of proposals refused.
         no_safe_action: Number of steps without an action predicted safe.
-        end: How it ended: `terminated`, `truncated`, or `unfinished` where the recording ends
-            before the episode.
+        end: `terminated`, `truncated`, or `unfinished` where the recording ends before.
     """
 
     number: int
@@ -43,15 +41,10 @@ class RecordedEpisode:
 
 @dataclass(frozen=True)
 class RecordedSteps:
-    """Steps of some episodes, each `[N, ...]` in the order of `episodes`.
+    """Steps of some episodes, `[N, ...]` in the order of `episodes`, with columns of a recording.
 
-    Attributes:
-        episodes: The episodes, in the order in which they begin.
-        positions: Positions in the recording.
-        columns: Columns of a recording.
-        ground: Ground action executed, -1 where the model does not know it.
-        vetoed: Whether a proposal was refused.
-        no_safe: Whether no action was predicted safe.
+    `positions` are those in the recording; `ground` the ground actions executed, -1 where the model
+    does not know them; `no_safe` tells where no action was predicted safe.
     """
 
     episodes: tuple[RecordedEpisode, ...]

@@ -65,7 +65,8 @@ class _Page:
         colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
         style = f":root {{ {colors}}}\n" + _text("style.css")
         script = "".join(_text(f"{name}.js") for name in scripts)
-        sources = self.read.domain.sources
+        sources, made = self.read.domain.sources, self.read.folder.metadata
+        version = made["versions"].get("serp")
         return render(
             "serp.ui.report",
             "page.html.j2",
@@ -91,7 +92,7 @@ class _Page:
                 for source in sources
             ],
             **self._filters(),
-            origin=self._origin(),
+            origin=visible(f"{self.run.path.name}, begun {made['created']}, serp {version}."),
         )
 
     def _data(self) -> tuple[dict[str, Any], str]:
@@ -208,11 +209,6 @@ class _Page:
             ],
             "last_episode": max((each.number for each in steps.episodes), default=1),
         }
-
-    def _origin(self) -> str:
-        metadata = self.read.folder.metadata
-        version = metadata["versions"].get("serp")
-        return visible(f"{self.run.path.name}, begun {metadata['created']}, serp {version}.")
 
 
 def _text(name: str) -> str:

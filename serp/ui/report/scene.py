@@ -24,12 +24,10 @@ with needs_extra("report", "a report of a run"):
 
 @dataclass
 class DrawnScenes:
-    """The pictures of a report.
+    """The pictures of a report, each a WebP.
 
-    Attributes:
-        pictures: The pictures, each a WebP.
-        frames: Number of an episode → its first picture, and how many it has: one for each state.
-        notes: Number of an episode → why not all of it is drawn.
+    `frames` has, by episode, its first picture and how many it has, one for each state; `notes` why
+    not all of it is drawn.
     """
 
     pictures: list[bytes] = field(default_factory=list)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from serp.errors import SerpError
@@ -17,23 +16,18 @@ from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
 from serp.ui.studio.document import Document
-from serp.ui.studio.episodes import ShownEpisode, play
+from serp.ui.studio.episodes import ShownEpisode
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
 DOMAIN, PROBLEM = "domain", "problem"
 
 
 class Session:
-    """The files that are open, and the state that decisions are shown for.
+    """The files that are open (`domain`, `problem`), and the state that decisions are for.
 
-    Attributes:
-        documents: `domain`, and `problem` where there is one.
-        surroundings: Control period and planner.
-        task: The task that the file belongs to; None for a file alone.
-        shown: The state that decisions are shown for.
-        played: The episode that was played last, if any.
-        step: The step of it that is shown, from 0; None for none.
-        owner: Number of the page that changes the session, counted up from 1; 0 for none.
+    `task` is the one that the file belongs to, if any; `played` the episode that was played last,
+    and `step` that of it which is shown, from 0; `owner` counts the pages, of which the last one
+    changes the session.
     """
 
     def __init__(
@@ -137,10 +131,6 @@ class Session:
         if self.played is None or self.step is None:
             return False
         return dict(self.shown.values) == self.played.steps[self.step].values
-
-    def player(self, seed: int) -> Callable[[], ShownEpisode]:
-        """Return what plays an episode with the planner of this moment; it may run in a thread."""
-        return partial(play, self.task, self.version, self.surroundings, seed)
 
     def take(self, played: ShownEpisode) -> None:
         """Take over an episode, and show the first of its steps with something to decide."""

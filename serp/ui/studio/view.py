@@ -160,12 +160,9 @@ class ShownDecision:
 
 @dataclass(frozen=True)
 class View:
-    """What is shown at a time.
+    """What is shown at a time: findings, a decision, the state as the task draws it, an SVG.
 
-    Attributes:
-        findings: What is wrong in the files.
-        failure: Why there is no decision though the files are right; else empty.
-        drawing: The state as the task draws it, an SVG; empty where it does not.
+    `failure` says why there is no decision though the files are right; else it is empty.
     """
 
     findings: tuple[Finding, ...]

@@ -10,6 +10,7 @@ from typing import Any
 from nicegui import run, ui
 
 from serp.errors import SerpError
+from serp.ui.studio.episodes import play
 from serp.ui.studio.pages.live import Live, busy, button
 from serp.ui.studio.session import PROBLEM, Session
 from serp.ui.studio.view import Control, Request, View
@@ -113,7 +114,9 @@ class ScenePane:
         """
         with busy(self._play):
             try:
-                played = await run.io_bound(self._session.player(int(self._seed.value or 0)))
+                session, seed = self._session, int(self._seed.value or 0)
+                of = session.task, session.version, session.surroundings
+                played = await run.io_bound(play, *of, seed)
             except SerpError as error:
                 if not unasked:  # a place in a file stands beside the text, with its line
                     ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)

@@ -15,6 +15,7 @@ from serp.planning.replanner import MonitorReplanner
 from serp.runs.train import plan_and_learn
 from serp.tasks.registry import load_task
 from serp.ui.studio.document import Document
+from serp.ui.studio.episodes import play
 from serp.ui.studio.pages.page import show_page
 from serp.ui.studio.serving import Guard
 from serp.ui.studio.session import DOMAIN, Session, open_session
@@ -71,7 +72,7 @@ def test_a_mistake_is_placed_and_leaves_what_was_edited(session: Session) -> Non
 def test_an_episode_gives_states_pictures_and_ranges(tmp_path: Path) -> None:
     session = open_session(str(DOMAINS / "cartpole.pddl"), tmp_path)
     assert session.task is not None and session.surroundings.dt == load_task("cartpole").dt
-    session.take(session.player(3)())
+    session.take(play(session.task, session.version, session.surroundings, 3))
     assert session.played is not None and session.as_played and session.step is not None
     step = session.played.steps[session.step]
     assert step.picture.startswith("data:image/webp;base64,") and not step.indifferent
