@@ -68,10 +68,7 @@ if TYPE_CHECKING:
               help="The cluster of the engine.  [default: the engine starts workers "
                    "here]")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="No display; print the result alone.")
-@click.pass_context
 def command(
-    ctx: click.Context,
-    /,
     domain: str | None,
     algorithms: tuple[str, ...],
     **options: Any,
@@ -85,9 +82,7 @@ def command(
     """
     task = asked_task(domain)
     if task is None and options["out"] is None:
-        raise click.UsageError(
-            "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
-        )
+        raise click.UsageError("give --domain (`serp list` names the tasks), --task, or --out DIR")
     from serp.errors import Interrupted
     from serp.runs.comparison.compare import compare
 

@@ -59,9 +59,8 @@ def _report(number: int, last: StepRecord) -> None:
 
     totals, counts = last.episode, last.episode.decisions
     outcome = f"{outcome_of(last.info)}, " if outcome_of(last.info) else ""
-    unsafe = f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
-    say(
-        f"episode {number}: {outcome}return {readable(totals.return_)} in "
-        f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
-        + (unsafe if counts.unsafe_executed else "")
-    )
+    text = f"episode {number}: {outcome}return {readable(totals.return_)} in "
+    text += f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
+    if counts.unsafe_executed:
+        text += f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
+    say(text)

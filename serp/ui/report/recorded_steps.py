@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -110,14 +110,17 @@ def by_interest(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
 def chosen_steps(
     recording: Recording, episodes: Sequence[RecordedEpisode], most: int
 ) -> RecordedSteps:
-    """Return the steps of as many episodes as fit into a number of steps, but of one at least.
+    """Return the steps of as many episodes as fit into a number of steps, see `by_interest`.
 
-    The most interesting ones come first, see `by_interest`.
+    If not even one fits, its last steps are left out.
     """
     chosen: list[RecordedEpisode] = []
     room = most
     for episode in by_interest(episodes):
-        if not chosen or len(episode) <= room:
+        if not chosen and len(episode) > room:
+            shown = episode.positions[:room]
+            episode = replace(episode, positions=shown, end="not shown to its end")
+        if len(episode) <= room:
             chosen.append(episode)
             room -= len(episode)
     chosen.sort(key=lambda each: each.number)

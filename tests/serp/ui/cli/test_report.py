@@ -122,7 +122,7 @@ def test_pictures_end_where_the_environment_does_otherwise(trained: Path) -> Non
     assert "another state" in note
 
 
-def test_episodes_are_chosen_by_interest_and_one_at_least(trained: Path) -> None:
+def test_episodes_are_chosen_by_interest_and_cut_only_alone(trained: Path) -> None:
     recording = RunModel(trained).recording()
     episodes = recorded_episodes(recording)
     best = max(episodes, key=lambda each: each.return_)
@@ -130,7 +130,7 @@ def test_episodes_are_chosen_by_interest_and_one_at_least(trained: Path) -> None
     assert {episodes[-1].number, best.number} <= {each.number for each in steps.episodes}
     assert [each.number for each in steps.episodes] == sorted(e.number for e in steps.episodes)
     (one,) = chosen_steps(recording, episodes, 3).episodes
-    assert (one.number, len(one)) == (episodes[-1].number, len(episodes[-1]))
+    assert (one.number, len(one), one.end) == (episodes[-1].number, 3, "not shown to its end")
 
 
 def test_an_evaluation_is_drawn_by_its_recorded_seed(
