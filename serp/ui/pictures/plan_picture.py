@@ -255,7 +255,7 @@ def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Plannin
     signs = "; ".join(f"{sign} {meaning}" for sign, meaning in _ENDS.values())
     kind = f"The number beside a first action is its {kind_of_return(plan.bound.partial)}."
     sentences = " ".join([kind, *special_about(plan.forecast), f"{drawing.edges}. {signs}."])
-    foot = textwrap.wrap(sentences, int(width / _CHARACTER))
+    foot = textwrap.wrap(sentences, int((width - 2 * _MARGIN) / _CHARACTER))
     page = [
         style_sheet(),
         f"<title>{escape(title)}</title>",
