@@ -73,14 +73,13 @@ def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
             conditions = dict.fromkeys(effect.condition for effect in schema.effects)
             if contradiction(schema.preconditions, subject.theta):
                 continue
-            found = {
+            common = {
                 test.place: warning
                 for test in x.nodes_in(schema.preconditions, *conditions)
                 if isinstance(test, g.Compare | g.AnyOf)
                 and (common is None or test.place in common)
                 and (warning := _tautology(test, what, subject))
             }
-            common = found
         yield from (common or {}).values()
 
 

@@ -210,7 +210,7 @@ def _print(console: Console, check: _CheckedDomain, *, first: bool) -> None:
     headline = ", ".join(parts if wrong or warned else ["right", *parts])
     if check.failure:
         headline = "not checked"
-    console.print(f"{'' if first else chr(10)}{check.name}: {headline}", style=style)
+    console.print("\n" * (not first) + f"{check.name}: {headline}", style=style)
     if check.failure:
         say(check.failure)
     remarks = [finding for finding in check.findings if finding.severity != "error"]
