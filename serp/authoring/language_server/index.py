@@ -38,7 +38,7 @@ class NameKind(Enum):
 FLUENTS = (NameKind.PREDICATE, NameKind.FUNCTION)
 
 
-class Declared(NamedTuple):
+class DeclaredName(NamedTuple):
     """Where a name, in lower case, is declared, with its type if it has one.
 
     `place` is the word; `form` the form that it begins or names, else the word itself.
@@ -70,7 +70,7 @@ class Index:
         self._sections = [section for source in sources for section in read_what_can_be(source)]
         self.declared = [name for section in self._sections for name in _declared(section)]
 
-    def declaration(self, word: Place) -> Declared | None:
+    def declaration(self, word: Place) -> DeclaredName | None:
         """Return where what a word names is declared; None where it is not."""
         name, source = word.text.lower(), word.source
         if name.startswith("?"):  # where it first is in its section
@@ -79,7 +79,7 @@ class Index:
                 if place.source.name == source.name and place.start <= word.start < place.end:
                     first = next((w for w, _ in _uses(section, "") if w.text == name), None)
                     if first is not None:
-                        return Declared(name, NameKind.VARIABLE, first.place, first.place)
+                        return DeclaredName(name, NameKind.VARIABLE, first.place, first.place)
         same = [declared for declared in self.declared if declared.name == name]
         opens = source.text[: word.start].endswith("(")
         fitting = (declared for declared in same if (declared.kind in FLUENTS) == opens)
@@ -113,7 +113,7 @@ def word_at(source: Source, position: int) -> Place | None:
     return None
 
 
-def _declared(section: Group) -> Iterator[Declared]:
+def _declared(section: Group) -> Iterator[DeclaredName]:
     items = section.items[1:]
     match section.head:
         case ":types":
@@ -125,15 +125,15 @@ def _declared(section: Group) -> Iterator[Declared]:
             for item in items:
                 word = item.items[0] if isinstance(item, Group) and item.items else None
                 if isinstance(word, Word) and is_name(word):
-                    yield Declared(word.text, kind, word.place, item.place)
+                    yield DeclaredName(word.text, kind, word.place, item.place)
         case ":action" | ":process" | ":event" as schema:
             if items and isinstance(items[0], Word):
                 name = items[0]
                 kind = NameKind(schema[1:])
-                yield Declared(name.text, kind, name.place, section.place.opening)
+                yield DeclaredName(name.text, kind, name.place, section.place.opening)
 
 
-def _typed(items: Sequence[Node], kind: NameKind) -> Iterator[Declared]:
+def _typed(items: Sequence[Node], kind: NameKind) -> Iterator[DeclaredName]:
     """Yield the names in a typed list."""
     waiting: list[Word] = []
     after_dash = False
@@ -145,7 +145,7 @@ def _typed(items: Sequence[Node], kind: NameKind) -> Iterator[Declared]:
         else:  # a type, `(either a b)`, or the end
             of_type = item.place.text if item is not None else ""
             for name in waiting:
-                yield Declared(name.text, kind, name.place, name.place, of_type)
+                yield DeclaredName(name.text, kind, name.place, name.place, of_type)
             waiting, after_dash = [], False
 
 

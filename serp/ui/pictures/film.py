@@ -91,7 +91,7 @@ def film(
 
     The environment of the task, made with a render mode that gives arrays, is not used otherwise.
     """
-    camera, draw = Camera(task), _Drawing()
+    camera, draw = Camera(task), _FrameDrawing()
     for episode in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
         number = f"episode {episode.number}"
         marks: tuple[Mark, ...] = ()
@@ -134,7 +134,7 @@ def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
     return marks
 
 
-class _Drawing:
+class _FrameDrawing:
     """Draws frames, all of the size of the first one."""
 
     _size = (0, 0)  # of the picture alone

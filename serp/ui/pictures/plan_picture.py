@@ -180,7 +180,7 @@ def _place(parent: Branch, rows: float) -> float:
     return rows + 0.3
 
 
-class _Drawing:
+class _GraphDrawing:
     """The planning graph of a decision as SVG elements: `lines`, `width` and `height` in pixels."""
 
     def __init__(self, plan: Plan, planner: MonitorReplanner, rows: int) -> None:
@@ -243,14 +243,14 @@ def plan_svg(plan: Plan, planner: MonitorReplanner, *, rows: int = MAX_ROWS) -> 
     Its colours are the page's CSS variables of the names in `serp._util.figures.PALETTE`, or else
     the light ones. Names of the file are escaped.
     """
-    drawing = _Drawing(plan, planner, rows)
+    drawing = _GraphDrawing(plan, planner, rows)
     lines = [f"<desc>{drawing.edges}</desc>", *drawing.lines]
     return _svg(drawing.width, drawing.height, lines, "Planning graph")
 
 
 def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning graph") -> bytes:
     """Return the picture of a decision as an SVG file; equal decisions give equal bytes."""
-    drawing = _Drawing(plan, planner, MAX_ROWS)
+    drawing = _GraphDrawing(plan, planner, MAX_ROWS)
     width, height = max(560.0, drawing.width), drawing.height + _LINE
     signs = "; ".join(f"{sign} {meaning}" for sign, meaning in _ENDS.values())
     kind = f"The number beside a first action is its {kind_of_return(plan.bound.partial)}."
