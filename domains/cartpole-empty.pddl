@@ -7,7 +7,7 @@
 ; What it is for: the least that a file can say. To this planner all actions are the same, and what
 ; it proposes is worth nothing until the model has found out from its own errors what the actions do.
 
-(define (domain cartpole-empty)  ; serp: ignore-file[schema-without-use, unused-name]
+(define (domain cartpole-empty)  ; serp: ignore-file[unused-name]
   (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions
                  :numeric-fluents :time)
 

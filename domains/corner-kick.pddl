@@ -7,7 +7,7 @@
 ; What a coach tells a defender: stay with your opponent until the corner is taken. Then it is a
 ; race: run to where the ball will be and kick it away, or close the goal if you come too late.
 
-(define (domain corner-kick)  ; serp: ignore-file[always-unsafe]
+(define (domain corner-kick)
   (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions
                  :conditional-effects :numeric-fluents :time)
 

@@ -4,7 +4,7 @@
 ; Left out: that the robot could drop the key again, for which there is no reason. Where wall, door
 ; and key are, the robot sees.
 
-(define (domain door-key)  ; serp: ignore-file[nothing-unsafe]
+(define (domain door-key)
   (:requirements :strips :typing :disjunctive-preconditions :negative-preconditions
                  :conditional-effects :numeric-fluents :time)
 

@@ -6,7 +6,7 @@
 ; What it is for: chance that a plan has to reckon with. The way that the file takes for the best
 ; leads past holes; serp finds out how often a move goes astray.
 
-(define (domain frozen-lake)  ; serp: ignore-file[nothing-unsafe]
+(define (domain frozen-lake)
   (:requirements :strips :typing :conditional-effects :disjunctive-preconditions
                  :numeric-fluents :time)
 

@@ -7,7 +7,7 @@
 ; What it is for: a task in which ignorance breaks something. What is a crash is known from the
 ; first step, how to avoid it is not.
 
-(define (domain landing)  ; serp: ignore-file[schema-without-use]
+(define (domain landing)
   (:requirements :strips :typing :disjunctive-preconditions :numeric-fluents :time)
 
   (:predicates

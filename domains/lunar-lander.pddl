@@ -5,7 +5,7 @@
 ; What it is for: hints. The environment's prize lies hundreds of steps ahead; speed, lean and spin
 ; that are wanted *here and now* are what ten steps of looking ahead can see.
 
-(define (domain lunar-lander)  ; serp: ignore-file[schema-without-use]
+(define (domain lunar-lander)
   (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions
                  :numeric-fluents :time)
 

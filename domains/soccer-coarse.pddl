@@ -8,7 +8,7 @@
 ; planner takes a push to be farther away than it is, and covers the goal meanwhile.
 ; `serp plan --domain soccer-coarse` shows what it would do.
 
-(define (domain soccer-coarse)  ; serp: ignore-file[always-unsafe]
+(define (domain soccer-coarse)
   (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions
                  :conditional-effects :numeric-fluents :time)
 

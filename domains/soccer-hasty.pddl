@@ -7,7 +7,7 @@
 ; What it is for: a guide with the right ideas and the wrong numbers, which a model that corrects
 ; itself should be able to do without.
 
-(define (domain soccer-hasty)  ; serp: ignore-file[always-unsafe]
+(define (domain soccer-hasty)
   (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions
                  :conditional-effects :numeric-fluents :time)
 

@@ -8,7 +8,7 @@
 ; and is worth far less than actions drawn at random. Whoever learns with this file has to find
 ; out by itself that its advice is bad. Don't use it for anything but that comparison.
 
-(define (domain soccer-wrong-side)  ; serp: ignore-file[always-unsafe]
+(define (domain soccer-wrong-side)
   (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions
                  :conditional-effects :numeric-fluents :time)
 

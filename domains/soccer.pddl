@@ -7,7 +7,7 @@
 ; A coach could have written it: how fast these robots walk, how far they reach, what usually comes
 ; of an action. It is rough on purpose. When a push fails after all, the learner finds out.
 
-(define (domain soccer)  ; serp: ignore-file[always-unsafe]
+(define (domain soccer)
   (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions
                  :conditional-effects :numeric-fluents :time)
 

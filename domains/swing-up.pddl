@@ -8,7 +8,7 @@
 ; one action from another; serp finds out what they do while it acts, and writes it into the
 ; model. What is said here is what it then plans for.
 
-(define (domain swing-up)  ; serp: ignore-file[nothing-unsafe, schema-without-use, unused-name]
+(define (domain swing-up)  ; serp: ignore-file[unused-name]
   (:requirements :strips :typing :numeric-fluents :time)
 
   ; The angle itself would jump from one end to the other where the pendulum hangs. Its cosine and

@@ -1,7 +1,7 @@
 ; Taxi: a passenger waits at one of four places of a town and wants to go to another one.
 ; Left out: nothing. Actions that cannot be done are charged for; the planner does not choose them.
 
-(define (domain taxi)  ; serp: ignore-file[nothing-unsafe]
+(define (domain taxi)
   (:requirements :strips :typing :disjunctive-preconditions :negative-preconditions
                  :numeric-fluents :time)
 

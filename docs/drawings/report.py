@@ -25,9 +25,9 @@ def main() -> None:
     """Write the report, go to one of the most frequent vetoes, and take the picture."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "report.html"
-        write_report(load_run(sys.argv[1]), file, pictures=4_000)
+        write_report(load_run(sys.argv[1]), file, evaluation=None, steps=30_000, pictures=4_000)
         with chromium(file.as_uri(), "html[data-ready=true]") as (page, _):
-            page.click("#refused .cards button[data-test] >> nth=0")
+            page.click("#refused .cards button[data-card] >> nth=0")
             page.wait_for_timeout(1_500)  # until the page has scrolled there
             page.fill("#episode", str(_LAST_DRAWN))
             page.press("#episode", "Enter")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from serp._util.numbers import seed_of
 from serp.agent.causes import (
@@ -19,16 +20,10 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.tasks.file_world import FileWorld, Happened, WorldOptions, starting
 
 
-@dataclass(frozen=True)
-class FluentChange:
-    """A fluent that a step changed.
+class FluentChange(NamedTuple):
+    """A fluent that a step changed, and what changed it, in order, each by its `amount`.
 
-    Attributes:
-        name: The fluent.
-        before: Its value before the step.
-        after: Its value after it.
-        causes: What changed it, in order; the `amount` of each is by how much.
-        noise: How much of the change is chance.
+    `noise` is how much of the change is chance.
     """
 
     name: str
@@ -43,98 +38,61 @@ def changes_of(
 ) -> list[FluentChange]:
     """Return the fluents that a step changed, or that something tried to change, in their order."""
     causes = changes_passed(model, before, happened.passages)
-    changes = []
+    old, new, changes = model.values(before), model.values(after), []
     for fluent in model.fluents:
-        old, new = float(before[fluent.index]), float(after[fluent.index])
-        behind = causes.get(fluent.index, [])
-        if old == new and not behind:
-            continue
-        rest = new - old - sum(cause.amount or 0.0 for cause in behind)
-        changes.append(
-            FluentChange(
-                fluent.name,
-                old if fluent.numeric else bool(old),
-                new if fluent.numeric else bool(new),
-                tuple(behind),
-                rest if abs(rest) > 1e-9 * max(1.0, abs(old), abs(new)) else 0.0,
-            )
-        )
+        a, b, behind = old[fluent.name], new[fluent.name], causes.get(fluent.index, [])
+        if a != b or behind:
+            rest = float(b) - float(a) - sum(cause.amount or 0.0 for cause in behind)
+            rest = rest if abs(rest) > 1e-9 * max(1.0, abs(a), abs(b)) else 0.0
+            changes.append(FluentChange(fluent.name, a, b, tuple(behind), rest))
     return changes
 
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment of a game: `[F]` state after some steps with a sum of rewards.
+    """A moment of a game: `[F]` state after some steps with a sum of rewards."""
 
-    Attributes:
-        domain: The file, with a problem that begins where this part of the game began.
-        changed: Changes by hand: fluent or fact → value.
-    """
-
-    domain: Domain
-    world: FileWorld
     state: Vector
     steps: int = 0
     total: float = 0.0
     over: bool = False
-    changed: Mapping[str, float | bool] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class GameStep:
-    """The result of a step of a game.
+class GameStep(NamedTuple):
+    """The result of a step: the action that was chosen, and the one that took place, if any.
 
-    Attributes:
-        number: Number of the step, from 1.
-        carried_out: Name of the action that took place; None for none.
-        refusal: Why the chosen action is not applicable, in words of the file; empty where it is.
-        total: Sum of the rewards so far.
-        brought: The causes of reward, flags and end.
+    `refusal` says why the chosen one is not applicable; `brought` are the causes of reward, flags
+    and end.
     """
 
-    number: int
     chosen: str
     carried_out: str | None
     refusal: str
     reward: float
-    total: float
-    unsafe: bool
-    over: bool
-    changes: tuple[FluentChange, ...]
-    brought: tuple[Cause, ...]
+    changes: list[FluentChange]
+    brought: list[Cause]
 
 
 class Game:
-    """A game in the world of a file.
+    """A game in the world of a file, with disturbances by `options`, seeded by `seed`.
 
-    Args:
-        domain: Domain and problem; where there is no `:init`, all begins at 0 or false.
-        options: Disturbances of the world. Its time limit does not count here.
-        dt: Control period.
-        seed: Seed of the disturbances. A step that was taken back and is done again may turn out
-            otherwise.
-
-    Raises:
-        DomainError: There is no action that can ever be carried out.
+    Where there is no `:init`, all begins at 0 or false. A step that was taken back and is done
+    again may turn out otherwise. `domain` has the problem that the game begins with; `model` is the
+    world but for disturbances; `moment` is where the game is.
     """
 
     def __init__(
         self, domain: Domain, options: WorldOptions | None = None, *, dt: float = 1.0, seed: int = 0
     ) -> None:
-        self._options = options or WorldOptions()
-        self._dt = dt
         problem = domain.problem_syntax
         if problem is None or not problem.has_init:
             domain = starting(domain, {})
-        world = FileWorld(domain, self._options, dt=dt)
-        state, _ = world.reset(seed=seed_of(seed))
+        self.domain = domain
+        self._world = FileWorld(domain, options or WorldOptions(), dt=dt)
+        self.model = self._world.model
+        state, _ = self._world.reset(seed=seed_of(seed))
         self._past: list[Moment] = []
-        self._begun = self.moment = Moment(domain, world, state)
-
-    @property
-    def model(self) -> TransitionModel:
-        """The model of the file, which is the world but for disturbances."""
-        return self.moment.world.model
+        self._begun = self.moment = Moment(state)
 
     @property
     def values(self) -> dict[str, float | bool]:
@@ -147,61 +105,45 @@ class Game:
         Raises:
             SerpError: The episode is over, or the step has no result.
         """
-        now, model = self.moment, self.model
+        now, model, world = self.moment, self.model, self._world
         if now.over:
             raise SerpError("the episode is over; restart, or undo the last step")
-        world = now.world
-        world.state = now.state
         refusal = self.refusal(action)
-        state, reward, over, _, info = world.step(action)
-        done = world.happened.action
-        steps, total = now.steps + 1, now.total + reward
-        self._go(replace(now, state=state, steps=steps, total=total, over=over))
+        world.state = now.state
+        state, reward, over, _, _ = world.step(action)
+        happened = world.happened
+        self._go(Moment(state, now.steps + 1, now.total + reward, over))
+        after = [*state.tolist(), reward]
         return GameStep(
-            number=self.moment.steps,
             chosen=model.actions[action].name,
-            carried_out=None if done < 0 else model.actions[done].name,
+            carried_out=None if happened.action < 0 else model.actions[happened.action].name,
             refusal=refusal,
             reward=reward,
-            total=self.moment.total,
-            unsafe=info["unsafe"],
-            over=over,
-            changes=tuple(changes_of(model, now.state, state, world.happened)),
-            brought=tuple(
-                causes_passed(
-                    model,
-                    now.state,
-                    world.happened.passages,
-                    world.happened.flags,
-                    [*state.tolist(), reward],
-                )
-            ),
+            changes=changes_of(model, now.state, state, happened),
+            brought=[*causes_passed(model, now.state, happened.passages, happened.flags, after)],
         )
 
     def refusal(self, action: int) -> str:
-        """Return why a ground action is not applicable now, in words of the file; empty if it is.
-
-        Args:
-            action: Its position.
-        """
+        """Return why a ground action, by its position, is not applicable now; empty if it is."""
         model, state = self.model, self.moment.state
         if model.step(state, action).applicable:
             return ""
         return why_not_applicable(causes_of(model, state, action))
 
     def set(self, values: Mapping[str, float | bool]) -> None:
-        """Change the state; facts that nothing else changes, too.
+        """Change fluents of the state.
 
         Raises:
-            DomainError: There is no predicate or function of that name.
+            SerpError: A name is no fluent that can change in this world.
         """
-        now = self.moment
-        domain = starting(now.domain, {**self.values, **values})
-        world = FileWorld(domain, self._options, dt=self._dt)
-        state, _ = world.reset()
-        world.np_random = now.world.np_random
-        changed = {**now.changed, **values}
-        self._go(Moment(domain, world, state, now.steps, now.total, changed=changed))
+        known = self.values
+        for name in values:
+            if name not in known:
+                raise SerpError(
+                    f"`{name}` is fixed by the problem; begin with --state {name}=..., or change "
+                    "the file"
+                )
+        self._go(replace(self.moment, state=self.model.state({**known, **values}), over=False))
 
     def undo(self) -> bool:
         """Take the last step, change or restart back; return whether there was one."""

@@ -36,17 +36,13 @@ _NAME: Final = re.compile(r"[a-z][a-z0-9_-]*")
 _RESERVED: Final = RESERVED_WORDS | {"reward", "unsafe", "terminal", "over", "at-start", "at-end"}
 _ASIDE: Final = re.compile(r"\([^()]*\)|\[[^\[\]]*\]|`")
 _MINUS: Final = re.compile(r"(?<![\w.])[-−](?=\d)")
-_HEADING: Final = re.compile(r"^\s*#+\s*(.+?)\s*$", re.M)
+_HEADING: Final = re.compile(r"^\s*#+\s*\S.*$", re.M)
 _ITEM: Final = re.compile(r"^\s*(?:[-*+]\s+)?(\d+)\s*[:=.)]\s+(\S.*?)\s*$")
 _ROW: Final = re.compile(r"^\s*\|\s*(\d+)\s*\|\s*([^|]*?)\s*\|")
 
 
 def new_task(path: Path, env: str | None = None) -> list[Path]:
-    """Write the first files of a task; return them.
-
-    Args:
-        path: Folder and name of the task.
-        env: The environment. None: an example whose world is the file itself.
+    """Write the first files of a task, for an environment or, without one, of an example world.
 
     Raises:
         TaskError: The name does not do, a file exists, or the environment does not.
@@ -77,7 +73,7 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
         raise TaskError(f"{name}: a Python module has this name; choose another one")
     else:
         with _made(env) as made:
-            texts = _texts(name, env, made, describe(made.env, f"--env {env}"))
+            texts = _texts(name, env, made)
     write_together(dict(zip(files, texts, strict=True)))
     return files
 
@@ -98,12 +94,8 @@ class MadeEnvironment(NamedTuple):
 def _made(name: str) -> Iterator[MadeEnvironment]:
     """Yield the environment of a name, and close it at the end.
 
-    Args:
-        name: `FILE.py:NAME`, a class or a function without required arguments; else an ID for
-            `gymnasium.make`, such as `CartPole-v1` or `highway_env:highway-fast-v0`.
-
-    Raises:
-        TaskError: There is no such environment, or making it fails.
+    The name is `FILE.py:NAME`, a class or a function without required arguments; else an ID for
+    `gymnasium.make`, such as `CartPole-v1` or `highway_env:highway-fast-v0`.
     """
     file, colon, attribute = name.partition(".py:")
     made = _of_file(name, Path(f"{file}.py"), attribute) if colon else _registered(name)
@@ -165,12 +157,10 @@ def _message(error: Exception) -> str:
 
 
 class Entry(NamedTuple):
-    """An action or a number of an observation.
+    """An action or a number of an observation: its name in the domain file.
 
-    Attributes:
-        name: Its name in the domain file.
-        value: The environment action, or the expression of the observation's number, in Python.
-        comment: One line of the environment's documentation.
+    `value` is the environment action, or the expression of the number, in Python; `comment` one
+    line of the environment's documentation.
     """
 
     name: str
@@ -178,20 +168,10 @@ class Entry(NamedTuple):
     comment: str
 
 
-class Described(NamedTuple):
-    """The actions and observed numbers of an environment; `dt` is None where it has no period."""
+def describe(env: gym.Env[Any, Any], called: str) -> tuple[list[Entry], list[Entry], float | None]:
+    """Return actions, observed numbers and, where it has one, the period of an environment.
 
-    actions: list[Entry]
-    numbers: list[Entry]
-    dt: float | None
-
-
-def describe(env: gym.Env[Any, Any], called: str) -> Described:
-    """Return what an environment says of itself.
-
-    Args:
-        env: The environment.
-        called: What it is called in messages.
+    `called` is what it is called in messages.
 
     Raises:
         TaskError: Its actions are not discrete, its observations are no numbers, or there are too
@@ -236,7 +216,7 @@ def describe(env: gym.Env[Any, Any], called: str) -> Described:
     period = None
     with contextlib.suppress(Exception):  # it may be a property of the environment
         period = real(getattr(env.unwrapped, "dt", None))
-    return Described(actions, numbers, float(period) if period and period > 0 else None)
+    return actions, numbers, float(period) if period and period > 0 else None
 
 
 def _entry(used: set[str], text: str, otherwise: str, value: str, bounds: str = "") -> Entry:
@@ -304,11 +284,8 @@ def numbered(documentation: str, heading: str, count: int) -> list[str]:
 
     They are empty where there is no such list or table. Of several lists the first counts.
     """
-    headings = list(_HEADING.finditer(documentation))
-    ends = [*(match.start() for match in headings[1:]), len(documentation)]
-    section = next((documentation[match.end() : end]
-                    for match, end in zip(headings, ends, strict=False)
-                    if match[1].strip("* ").lower() == heading.lower()), "")  # fmt: skip
+    begin = re.compile(rf"^\s*#+[\s*]*{heading}[\s*]*$", re.M | re.I).search(documentation)
+    section = _HEADING.split(documentation[begin.end() :])[0] if begin else ""
     texts: list[str] = []
     for line in section.splitlines():
         match = _ROW.match(line) or _ITEM.match(line)
@@ -351,9 +328,9 @@ def remark(text: str) -> str:
     return " ".join(plain.split())[:100]
 
 
-def _texts(name: str, env: str, made: MadeEnvironment, described: Described) -> list[str]:
+def _texts(name: str, env: str, made: MadeEnvironment) -> list[str]:
     """Return domain, task and scenarios; texts of the environment stand in comments and quotes."""
-    actions, numbers, dt = described
+    actions, numbers, dt = describe(made.env, f"--env {env}")
     width = max(7, *(len(entry.name) for entry in numbers))
     functions = [f"    ({e.name}){_comment(e, width - len(e.name))}" for e in numbers]
     functions.append(

@@ -77,8 +77,7 @@ class InstantiationBudget:
 
 
 def _too_large(problem: str, place: Place, advice: str) -> DomainError:
-    raised = "`--max-ground-schemas N` on the command line, in Python `load_domain(..., "
-    raised += "max_ground_schemas=N)`"
+    raised = "`load_domain(..., max_ground_schemas=N)` in Python"
     return DomainError(problem, place, f"{advice} or raise the limit: {raised}", code="too-large")
 
 

@@ -350,15 +350,6 @@ class Recording:
             raise RunError(f"{self._files[number]} has too few steps. Restore it from a copy.")
         return found
 
-    def check(self) -> None:
-        """Read every block once.
-
-        Raises:
-            RunError: One is damaged.
-        """
-        for number in range(len(self._files)):
-            self._read_block(number)
-
     def columns(self, *names: str) -> Columns:
         """Return columns of all steps: name → `[N, ...]`; docs/reference/run-folder.md has all."""
         parts = [self._read_block(number, names) for number in range(len(self._files))]

@@ -7,11 +7,7 @@ from typing import NoReturn
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command and exit with its status.
-
-    Args:
-        arguments: What follows `serp`; by default what the user typed.
-    """
+    """Run the command on arguments, by default what the user typed; exit with its status."""
     from serp.ui.root import serp
 
     serp(arguments, prog_name="serp")

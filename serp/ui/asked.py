@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,9 +20,9 @@ if TYPE_CHECKING:
     from serp.agent.chosen_planner import ChosenPlanner
     from serp.model.domain import Domain
     from serp.model.transition_model import Vector
+    from serp.planning.replanner import MonitorReplanner, Plan
     from serp.runs.run import Run
-    from serp.tasks.task import Task
-
+    from serp.tasks.task import BoundTask, Task
 
 MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 
@@ -36,7 +37,7 @@ def asked_own_task() -> Task | None:
     return custom_task(name)
 
 
-def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Task | None:
+def asked_task(domain: str | None) -> Task | None:
     """Return the task that `--task` and `--domain` mean together; None where neither is given.
 
     `--domain` is an installed task or a domain file; beside `--task`, another domain file for it.
@@ -44,23 +45,17 @@ def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Tas
     from serp.tasks.registry import find_domain_file, find_task
 
     task = asked_own_task()
-    if task is None:
-        if domain is None:
-            return None
-        task = find_task(domain, max_ground_schemas)
-    elif domain is not None:
-        file = find_domain_file(domain)
-        if file is None:
-            raise SerpError(f"--domain {domain}: beside --task it is a domain file")
-        task = dataclasses.replace(task, domain=file, problem=None)
-    if max_ground_schemas is None:
+    if domain is None:
         return task
-    return _with_domain(task, _domain_of(task, None, max_ground_schemas))
+    if task is None:
+        return find_task(domain)
+    file = find_domain_file(domain)
+    if file is None:
+        raise SerpError(f"--domain {domain}: beside --task it is a domain file")
+    return dataclasses.replace(task, domain=file, problem=None)
 
 
-def asked_domain(
-    name: str | None, problem: Path | None = None, max_ground_schemas: int | None = None
-) -> tuple[Domain, Task | None]:
+def asked_domain(name: str | None, problem: Path | None = None) -> tuple[Domain, Task | None]:
     """Return a domain and the task that it belongs to, with that domain; None for no task.
 
     `name` is a domain file, or that of an installed task, for which the task of `--task` stands.
@@ -75,27 +70,13 @@ def asked_domain(
     file = find_domain_file(name) if name else None
     if file is None:
         task = own or load_task(str(name))
-        domain = _domain_of(task, problem, max_ground_schemas)
+        domain = task.load()
+        if problem is not None:
+            domain = load_domain(domain.source.name, problem, observed=not task.closed)
         return domain, _with_domain(task, domain)
-    domain = load_domain(file, problem, max_ground_schemas=max_ground_schemas)
+    domain = load_domain(file, problem)
     belonging = task_of(domain, file) if own is None else _with_domain(own, domain)
     return domain if belonging is None else belonging.load(), belonging
-
-
-def _domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) -> Domain:
-    """Return the domain of a task, with another problem file or limit if these are given."""
-    from serp.model.domain import Domain, load_domain
-
-    if problem is None and max_ground_schemas is None:
-        return task.load()
-    file, limit = task.domain, max_ground_schemas
-    if isinstance(file, Domain):
-        if problem is None and limit is not None:
-            return dataclasses.replace(task.load(), max_ground_schemas=limit)
-        file = file.source.name
-    return load_domain(
-        file, problem or task.problem, observed=not task.closed, max_ground_schemas=limit
-    )
 
 
 def _with_domain(task: Task, domain: Domain) -> Task:
@@ -112,6 +93,27 @@ def open_run(folder: Path) -> Run:
     return run
 
 
+def rolled_out(
+    bound: BoundTask, planner: ChosenPlanner | MonitorReplanner, seed: int
+) -> Iterator[tuple[Vector, Plan, bool]]:
+    """Let a planner act in an environment, without end; yield each state, plan, and episode's end.
+
+    The plan of a state at the end is not carried out.
+    """
+    (raw, info), over = bound.reset(seed), False
+    while True:
+        state = bound.ground(raw, info, bound.env)
+        plan = planner.plan(state)
+        over = over or plan.action is None
+        yield state, plan, over
+        if over or plan.action is None:
+            (raw, info), over = bound.reset(), False
+            continue
+        action = bound.actions.environment_action[plan.action]
+        raw, _, terminated, truncated, info = bound.step(action)
+        over = terminated or truncated
+
+
 def asked_state(
     domain: Domain,
     task: Task | None,
@@ -124,7 +126,8 @@ def asked_state(
     """Return the domain, grounded for the state to plan from; this state `[F]`; its origin.
 
     The state is what `assignments` say, the rest of it from the problem or, with `observe` or where
-    nothing else is known, from the environment of the task after a reset with `seed`.
+    nothing else is known, from the environment of the task after a reset with `seed`: the first
+    state in which the planner has a choice or, with assignments, the one after the reset.
     """
     given = parse_state(assignments, domain)
     complete = all(fluent.name in given for fluent in domain.model.fluents)
@@ -138,8 +141,27 @@ def asked_state(
         grounded = starting(domain, given)
     initial = grounded.model.initial_state
     if observe or (task is not None and not given and not complete and initial is None):
-        # What --state changes is the state after the reset, whatever there is to choose.
-        grounded, base, origin = _observed(domain, task, None if given else make_planner, seed)
+        if task is None:
+            raise SerpError(
+                f"--observe: no task is installed for domain `{domain.name}`, so there is no "
+                "environment to observe; give the state with --state"
+            )
+        with _with_domain(task, domain).bind() as bound:
+            # The grounding says what of :init is observed.
+            grounded = domain if problem is None else bound.domain
+            origin, deadline = f"observed after a reset with seed {seed}", time.monotonic() + 10.0
+            played = rolled_out(bound, make_planner(grounded), seed)
+            state = None
+            for steps, (reached, plan, _) in enumerate(itertools.islice(played, 200)):
+                state = reached if state is None else state
+                if given or time.monotonic() > deadline:
+                    break
+                if plan.forecast.applicable.sum() > 1 and not plan.indifferent:
+                    origin += f" and {plural(steps, 'step')} without a choice" if steps else ""
+                    state = reached
+                    break
+            assert state is not None
+        base = grounded.model.values(state)
     elif complete or initial is not None:
         base = {} if initial is None else grounded.model.values(initial)
         origin = "in the initial state of its problem"
@@ -160,42 +182,6 @@ def asked_state(
             raise SerpError(f"--state: `{name}` is fixed by the problem file; change it there")
         del given[name]
     return grounded, grounded.model.state({**base, **given}), origin
-
-
-def _observed(
-    domain: Domain, task: Task | None, make_planner: MakePlanner | None, seed: int
-) -> tuple[Domain, dict[str, float | bool], str]:
-    """Return the task's domain and the first observed state in which a planner has a choice.
-
-    Where the planner is indifferent, its action is executed and the next state is tried. Without a
-    planner, or where no such state is found, the state after the reset is returned.
-    """
-    if task is None:
-        raise SerpError(
-            f"--observe: no task is installed for domain `{domain.name}`, so there is no "
-            "environment to observe; give the state with --state"
-        )
-    deadline = time.monotonic() + 10.0  # seconds
-    origin = f"observed after a reset with seed {seed}"
-    with _with_domain(task, domain).bind() as bound:
-        if domain.problem_syntax is not None:  # the grounding says what of :init is observed
-            domain = bound.domain
-        planner = make_planner and make_planner(domain)
-        state = first = bound.ground(*bound.reset(seed), bound.env)
-        for steps in range(201 if planner else 0):
-            assert planner is not None
-            plan = planner.plan(state)
-            if plan.forecast.applicable.sum() > 1 and not plan.indifferent:
-                origin += f" and {plural(steps, 'step')} without a choice" if steps else ""
-                return domain, domain.model.values(state), origin
-            if plan.action is None or time.monotonic() > deadline:
-                break
-            action = bound.actions.environment_action[plan.action]
-            raw, _, terminated, truncated, info = bound.step(action)
-            if terminated or truncated:
-                raw, info = bound.reset()
-            state = bound.ground(raw, info, bound.env)
-    return domain, domain.model.values(first), origin
 
 
 def parse_state(

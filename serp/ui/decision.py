@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.console import Console
 
 from serp._util.text import percent, plural, readable
+from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.explanation import Alternative, Explanation
 from serp.agent.sentences import between, kind_of_return, lines_of, special_about
-from serp.ui.output import print_table
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from serp.agent.chosen_planner import ChosenPlanner
-    from serp.planning.replanner import Plan
+from serp.planning.replanner import Plan
+from serp.ui.output import changes_between, print_table
 
 
 def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[str, Any]:
@@ -94,13 +92,9 @@ def _print_state(console: Console, account: Explanation) -> None:
 
 
 def _print_alternatives(console: Console, account: Explanation, refused: str) -> None:
-    # The best first where there are too many to show; else as in the file.
-    actions_shown = 30
-    order = list(account.alternatives)
-    if len(order) > actions_shown:
-        order.sort(key=_score, reverse=True)
+    shown = best_of(account, 30)
     rows, styles = [], []
-    for each in order[:actions_shown]:
+    for each in shown:
         numbers, style, taken = ("–", "–"), "dim", each.action == account.chosen
         if each.applicable:
             numbers = readable(each.reward), readable(each.best_return)
@@ -111,14 +105,20 @@ def _print_alternatives(console: Console, account: Explanation, refused: str) ->
         styles.append(style)
     head = ("", "action", "reward", kind_of_return(account.partial), "remarks")
     print_table(console, head, rows, styles=styles, right=(2, 3))
-    if len(order) > actions_shown:
-        rest = plural(len(order) - actions_shown, "more action")
-        console.print(f"  … and {rest}, no better than these (--json has all)")
+    if rest := len(account.alternatives) - len(shown):
+        more = plural(rest, "more action")
+        console.print(f"  … and {more}, no better than these (--json has all)")
 
 
-def _score(of: Alternative) -> tuple[float, ...]:
-    steps = math.inf if of.safe_steps is None else of.safe_steps
-    return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
+def best_of(account: Explanation, most: int) -> list[Alternative]:
+    """Return the actions as in the file or, where there are too many, the best ones first."""
+
+    def score(of: Alternative) -> tuple[float, ...]:
+        steps = math.inf if of.safe_steps is None else of.safe_steps
+        return (of.applicable, not of.unsafe, -of.path_risk, steps, of.best_return)
+
+    shown = list(account.alternatives)
+    return sorted(shown, key=score, reverse=True)[:most] if len(shown) > most else shown
 
 
 def _print_causes(console: Console, alternative: Alternative) -> None:
@@ -132,11 +132,7 @@ def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, 
     rows, before = [], tuple(map(float, account.state.values()))
     for k, step in enumerate(plan.path, 1):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
-        changes = [
-            f"{fluent.name} = {readable(after if fluent.numeric else bool(after))}"
-            for fluent, old, after in zip(planner.model.fluents, before, step.state, strict=True)
-            if old != after
-        ]
+        changes = changes_between(planner.model, before, step.state)
         rows.append((str(k), step.action + mark, readable(step.reward), _shortened(changes)))
         before = step.state
     print_table(console, ("", "best path", "reward", "what changes"), rows, right=(2,))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -31,10 +30,6 @@ domain_option = click.option(
     help="Installed task, or a domain file of one; any other file is a world, as in "
          "serp play.")  # fmt: skip
 
-max_ground_schemas_option = click.option(
-    "--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
-    help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
-
 settings_option = click.option(
     "--set", "settings", multiple=True, metavar="SECTION.NAME=VALUE",
     callback=lambda ctx, parameter, value: parse_settings(value),
@@ -58,44 +53,8 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
     return run(option(own_task_option(command)))
 
 
-def trials_options(seeds: range, folder: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return a decorator that gives a command the options of whatever runs trials.
-
-    Args:
-        seeds: The default ones.
-        folder: First part of the name of the default folder.
-    """
-    options = (
-        domain_option,
-        own_task_option,
-        click.option("--seeds", metavar="N|A-B|A,B",
-                     callback=lambda ctx, parameter, value: parse_seeds(value),
-                     help=f"How many seeds from {seeds.start} on, or the seeds themselves.  "
-                          f"[default: {len(seeds)}]"),
-        click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
-                     help="Budget of each training."),
-        settings_option,
-        click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-                     help="Folder of the results; one that is there is continued.  "
-                          f"[default: runs/{folder}-<domain>-<time>]"),
-        click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-                     help="Trainings at the same time.  [default: one a core]"),
-        click.option("--engine", metavar="local|ray", default="local", show_default=True,
-                     help="What runs the trainings: processes of this machine, or a cluster."),
-        click.option("--address", metavar="ADDRESS",
-                     help="The cluster of the engine.  [default: the engine starts workers here]"),
-        max_ground_schemas_option,
-        click.option("--quiet", is_flag=True, help="No display; print the result alone."),
-    )  # fmt: skip
-    return lambda command: functools.reduce(lambda f, option: option(f), options[::-1], command)
-
-
 def refuse_given(names: Iterable[str], why: str) -> None:
-    """Refuse parameters of the running command that the user has given.
-
-    Raises:
-        UsageError: One is given; `why` follows its name.
-    """
+    """Refuse parameters of the command that the user has given; `why` follows their name."""
     context = click.get_current_context()
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name or "")
@@ -119,11 +78,7 @@ class OutputFile(click.Path):
 
 
 def parse_settings(assignments: Iterable[str]) -> Changes:
-    """Return what `--set` changes; see `serp.settings.assigned`.
-
-    Raises:
-        UsageError: A text has another form, or a setting is given twice.
-    """
+    """Return what `--set` changes; see `serp.settings.assigned`."""
     from serp.errors import SettingsError
     from serp.settings import assigned
 
@@ -134,11 +89,7 @@ def parse_settings(assignments: Iterable[str]) -> Changes:
 
 
 def parse_seeds(text: str | None) -> int | list[int] | None:
-    """Return how many seeds, or the seeds themselves, of `--seeds`; None where it is not given.
-
-    Raises:
-        BadParameter: The text is neither.
-    """
+    """Return how many seeds, or the seeds themselves, of `--seeds`; None where it is not given."""
     if text is None or text.strip().isdecimal():
         return None if text is None else int(text)
     seeds: list[int] = []

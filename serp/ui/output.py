@@ -10,12 +10,12 @@ import click
 
 from serp._util import terminal
 from serp._util.terminal import visible
+from serp._util.text import readable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.model.domain import Domain
-    from serp.tasks.task import Task
+    from serp.model.transition_model import TransitionModel
 
 
 def examples(*lines: str) -> str:
@@ -74,6 +74,12 @@ def print_table(
         console.print(line.rstrip())
 
 
+def print_next(console: Console, *commands: tuple[str, str]) -> None:
+    """Print commands that may follow, each with what it is for."""
+    console.print("\nNext:")
+    print_table(console, ("", ""), [(f"  {command}", why) for command, why in commands])
+
+
 def print_json(value: Any) -> None:
     """Print JSON that every reader takes: NaN and infinities become null."""
     from serp._util.files import finite, json_text
@@ -86,12 +92,12 @@ def print_result(text: object) -> None:
     click.echo(visible(str(text)) if sys.stdout.isatty() else str(text))
 
 
-def learned_from(domain: Domain, task: Task) -> str:
-    """Say what the learner of a task learns from, if it has this domain file."""
-    from serp.settings import resolve
-    from serp.tasks.task import declared_reward, describe_source, reward_source
-
-    declared = declared_reward(task, domain.model)
-    source = reward_source(declared, resolve("default", task.settings))
-    said = describe_source(source, in_file=domain.model.rewarding)
-    return f"task {task.name or domain.name}: the learner learns from {said}"
+def changes_between(
+    model: TransitionModel, before: Sequence[float], after: Sequence[float]
+) -> list[str]:
+    """Return `fluent = value` of the fluents that differ between two states."""
+    return [
+        f"{fluent.name} = {readable(new if fluent.numeric else bool(new))}"
+        for fluent, old, new in zip(model.fluents, before, after, strict=True)
+        if old != new
+    ]

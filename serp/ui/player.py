@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rich.console import Console
+
+from serp._util.files import write_durably
 from serp._util.terminal import visible
 from serp._util.text import did_you_mean, plural, readable
 from serp.agent.causes import Cause
+from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.sentences import line_of_cause, signed
+from serp.authoring.play import FluentChange, Game, GameStep
+from serp.authoring.scenarios.checking import Decider
+from serp.authoring.scenarios.files import add_situation, scenarios_beside
 from serp.errors import SerpError
 from serp.model.domain import Domain
+from serp.pddl.source import Source
 from serp.settings import Settings
 from serp.tasks.task import Task
 from serp.ui.asked import parse_state
+from serp.ui.decision import print_plan
 from serp.ui.output import print_table
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from serp.agent.chosen_planner import ChosenPlanner
-    from serp.authoring.play import FluentChange, Game, GameStep
-    from serp.planning.replanner import Plan
-
 
 HELP: Final = (
     ("ACTION", "do it: its number, its name, the beginning of its name; `ACTION * 5`: five times"),
@@ -50,15 +52,8 @@ _WORDS: Final = {
 class Player:
     """Carries out commands in the world of a domain, and prints what happens.
 
-    Attributes:
-        domain: The domain.
-        task: The installed task that it belongs to; None for none.
-        dt: Control period.
-        settings: The settings that a training would have.
-        own_file: False for the file of an installed task, beside which nothing is written.
-        game: The game.
-        begun: Fluent → value with which it began, beside the problem.
-        console: Where to print.
+    `own_file` is False for the file of an installed task, beside which nothing is written; `begun`
+    has the values with which the game began, beside the problem.
     """
 
     domain: Domain
@@ -69,14 +64,9 @@ class Player:
     game: Game
     begun: Mapping[str, float]
     console: Console
-    _planner: tuple[object, ChosenPlanner] | None = None
 
     def do(self, line: str) -> bool:
-        """Carry out a command; return whether the game goes on.
-
-        Raises:
-            SerpError: There is no such command, or it cannot be carried out.
-        """
+        """Carry out a command; return whether the game goes on."""
         line = " ".join(line.split())
         command = re.fullmatch(r"(?P<what>\?|[a-z]+)(?: (?P<count>\d+))?", line)
         what = _WORDS.get(command["what"], command["what"]) if command else ""
@@ -86,7 +76,7 @@ class Player:
             title = line.removeprefix("save ")
             self.console.print(self._save(title))
         elif "=" in line:
-            self.game.set(parse_state([line], self.game.moment.domain, "change"))
+            self.game.set(parse_state([line], self.game.domain, "change"))
             self.print_state()
         elif what == "q":
             return False
@@ -137,11 +127,11 @@ class Player:
         for _ in range(count):
             step = self.game.step(choose())
             self._print_step(step)
-            if step.over:
+            if self.game.moment.over:
                 break
 
     def _planned(self) -> int:
-        _, plan = self._plan()
+        plan = self._planner.plan(self.game.moment.state)
         if plan.action is None:
             raise SerpError("the planner has nothing to propose: no action is applicable")
         if plan.indifferent:
@@ -153,39 +143,21 @@ class Player:
         return plan.action
 
     def _ask(self) -> None:
-        from serp.ui.decision import print_plan
-
-        moment, (planner, plan) = self.game.moment, self._plan()
-        title = f"{moment.domain.name}, after {plural(moment.steps, 'step')}"
+        moment, planner = self.game.moment, self._planner
+        plan = planner.plan(moment.state)
+        title = f"{self.domain.name}, after {plural(moment.steps, 'step')}"
         print_plan(self.console, title, planner, planner.explain(moment.state, plan), plan)
 
-    def _plan(self) -> tuple[ChosenPlanner, Plan]:
-        """Plan in the world as it is; changed facts make another world, and another planner."""
-        moment = self.game.moment
-        if self._planner is None or self._planner[0] is not moment.world:
-            self._planner = moment.world, self._planner_of(moment.domain.closed())
-        planner = self._planner[1]
-        return planner, planner.plan(moment.state)
-
-    def _planner_of(self, domain: Domain) -> ChosenPlanner:
-        """Return the planner that a training would have in a world."""
-        from serp.agent.chosen_planner import ChosenPlanner
-
-        model = domain.model.replace(dt=self.dt)
-        return ChosenPlanner.of_settings(model, self.settings.planner, self.task)
+    @functools.cached_property
+    def _planner(self) -> ChosenPlanner:
+        """The planner that a training would have in this world."""
+        return ChosenPlanner.of_settings(self.game.model, self.settings.planner, self.task)
 
     def _save(self, title: str) -> str:
         """Write the situation as a scenario, with what holds there; return a message.
 
         A scenario with the same title is replaced.
-
-        Raises:
-            SerpError: It cannot be written, or nothing can be expected there.
         """
-        from serp._util.files import write_durably
-        from serp.authoring.scenarios.files import ScenarioFile, add_situation, scenarios_beside
-        from serp.pddl.source import Source
-
         if not self.own_file:
             name = Path(self.domain.source.name).name
             raise SerpError(f"{name} is the file of an installed task; play a copy of it")
@@ -193,14 +165,12 @@ class Player:
             raise SerpError("a title has no `;`, which begins a comment")
         file, moment = scenarios_beside(self.domain), self.game.moment
         source = Source.read(file) if file.exists() else Source(str(file), "")
-        known = {**self.begun, **moment.changed, **self.game.values}
-        opened = ScenarioFile.open(
-            source, self.domain.observed(known), self.settings, self.dt, self.task
-        )
-        start = opened.decider.start
-        values = {name: float(known.get(name, value)) for name, value in start.items()}
+        known = {**self.begun, **self.game.values}
+        observed = self.domain.observed(known)
+        decider = Decider.of_domain(source, observed, self.settings, self.dt, self.task)
+        values = {name: float(known.get(name, value)) for name, value in decider.start.items()}
         remark = f"played by hand, after {plural(moment.steps, 'step')}"
-        write_durably(file, add_situation(opened, title, values, remark))
+        write_durably(file, add_situation(source, decider, title, values, remark))
         return f"{file}: the scenario `{title}` is written"
 
     def print_state(self) -> None:
@@ -235,15 +205,15 @@ class Player:
             self.console.print(f"   … and {plural(len(actions) - 24, 'more action')}, by name")
 
     def _print_step(self, step: GameStep) -> None:
-        console, action = self.console, step.chosen
+        console, action, moment = self.console, step.chosen, self.game.moment
         if step.refusal:
             action += " is not applicable, and nothing is done"
         elif step.carried_out is None:
             action += " fails: nothing is done"
         elif step.carried_out != step.chosen:
             action += f" slips: {step.carried_out} happens instead"
-        gain = f"reward {readable(step.reward)}, total {readable(step.total)}"
-        console.print(f"step {step.number}: {action}; {gain}", style="bold")
+        gain = f"reward {readable(step.reward)}, total {readable(moment.total)}"
+        console.print(f"step {moment.steps}: {action}; {gain}", style="bold")
         if step.refusal:
             console.print(f"   {step.refusal}")
         rows = [row for change in step.changes for row in _rows(change)]
@@ -251,7 +221,7 @@ class Player:
         for cause in step.brought:
             style = "red" if cause.what == "unsafe" else ""
             console.print(f"   {line_of_cause(cause)}", style=style)
-        if step.over:
+        if moment.over:
             console.print("The episode is over. r: restart, u: undo", style="bold")
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from lsprotocol import types
 
-from serp.authoring.language_server.index import FLUENTS, Index, NameKind, Occurrence, Use
+from serp.authoring.language_server.index import FLUENTS, Index, NameKind, word_at
 from serp.pddl.parser import (
     DOMAIN_SECTIONS,
     PROBLEM_SECTIONS,
@@ -124,15 +124,15 @@ def _words(words: Iterable[str]) -> list[types.CompletionItem]:
 
 
 def _names(index: Index, kind: NameKind) -> list[types.CompletionItem]:
-    declared = {o.name: o for o in index.declared(kind)}
+    declared = {each.name: each for each in index.declared if each.kind is kind}
     return [
         types.CompletionItem(
             name,
             kind=_KINDS[kind],
-            detail=o.form.text if o.form != o.place else None,
-            documentation=comment_of(o.form) or None,
+            detail=each.form.text if each.form != each.place else None,
+            documentation=comment_of(each.form) or None,
         )
-        for name, o in sorted(declared.items())
+        for name, each in sorted(declared.items())
     ]
 
 
@@ -145,8 +145,6 @@ def _variables(text: str) -> list[types.CompletionItem]:
 
 # Hover -------------------------------------------------------------------------------------------
 
-_WORD = re.compile(r"[^\s();]+")
-
 
 def explained(index: Index, source: Source, position: int) -> tuple[str, Place] | None:
     """Return the explanation of a word in Markdown, and its place; None where there is none.
@@ -154,75 +152,53 @@ def explained(index: Index, source: Source, position: int) -> tuple[str, Place] 
     A fluent comes with the expert's comment, its value in the problem's `:init`, and the actions,
     processes and events that change and read it, with their lines.
     """
-    place = _word_at(source, position)
+    place = word_at(source, position)
     if place is None:
         return None
-    occurrence = index.at(source, position)
-    word = place.text.lower()
+    word, declared = place.text.lower(), index.declaration(place)
     texts: list[str] = []
-    if occurrence is not None and occurrence.kind in FLUENTS:
-        texts += _fluent(index, occurrence)
-    elif occurrence is not None:
-        texts += _other(index, occurrence)
-    if word in MEANINGS and (occurrence is None or word in ("reward", "unsafe", "terminal")):
+    if declared is not None:
+        of_type = f" of type `{declared.type}`" if declared.type else ""
+        fluent = declared.kind in FLUENTS
+        texts.append(
+            f"```pddl\n{declared.form.text}\n```"
+            if fluent
+            else f"{declared.kind.value} `{declared.name}`{of_type}"
+        )
+        if declared.kind is not NameKind.VARIABLE:
+            texts.append(comment_of(declared.form))
+        texts += _uses(index, word) if fluent else []
+    if word in MEANINGS and (declared is None or word in ("reward", "unsafe", "terminal")):
         texts.append(MEANINGS[word])
-    return ("\n\n".join(texts), place) if texts else None
+    return ("\n\n".join(filter(None, texts)), place) if texts else None
 
 
-def _word_at(source: Source, position: int) -> Place | None:
-    line = source.place(position, position).line
-    start = source.line_starts[line - 1]
-    code = source.line_text(line).partition(";")[0]
-    for match in _WORD.finditer(code):
-        if start + match.start() <= position <= start + match.end():
-            return source.place(start + match.start(), start + match.end())
-    return None
-
-
-def _fluent(index: Index, occurrence: Occurrence) -> list[str]:
-    declaration = index.declaration(occurrence)
-    form = declaration.form if declaration is not None else occurrence.form
-    texts = [f"```pddl\n{form.text}\n```"]
-    comment = comment_of(form)
-    same = index.same(occurrence)
-    initial = [o.form.text for o in same if o.use is Use.INITIAL]
-    texts += [comment] if comment else []
-    if initial:
-        texts.append(f"At the start: {_listed(f'`{text}`' for text in initial)}")
-    changed = _sections([o for o in same if o.use is Use.CHANGED])
-    read = _sections([o for o in same if o.use is Use.READ])
-    texts.append(f"Changed by {changed or 'nothing'}  \nRead by {read or 'nothing'}")
-    return texts
-
-
-def _sections(occurrences: Iterable[Occurrence]) -> str:
-    """Return in what sections a name occurs, and in which lines."""
-    lines: dict[str, list[int]] = {}
-    for occurrence in occurrences:
-        kind, _, name = occurrence.inside.text.lstrip("(:").partition(" ")
+def _uses(index: Index, fluent: str) -> Iterator[str]:
+    """Yield at what values a fluent begins, and what changes and reads it, with the lines."""
+    initial: list[str] = []
+    sections: dict[str, dict[str, list[int]]] = {"changed": {}, "read": {}}
+    for use in index.uses(fluent):
+        if use.what == "initial":
+            initial.append(f"`{use.place.text}`")
+            continue
+        kind, _, name = use.section.text.lstrip("(:").partition(" ")
         named = f"{kind} `{name}`" if name and not name.startswith("(") else f"`:{kind}`"
-        lines.setdefault(named, []).append(occurrence.place.line)
-    return _listed(
-        f"{named} (line{'s' if len(set(at)) > 1 else ''} {', '.join(map(str, sorted(set(at))))})"
-        for named, at in lines.items()
+        lines = sections[use.what].setdefault(named, [])
+        lines += [use.place.line] * (use.place.line not in lines)
+    if initial:
+        yield f"At the start: {_listed(initial)}"
+    changed, read = (
+        _listed(
+            f"{named} (line{'s' * (len(lines) > 1)} {', '.join(map(str, lines))})"
+            for named, lines in places.items()
+        )
+        for places in sections.values()
     )
+    yield f"Changed by {changed or 'nothing'}  \nRead by {read or 'nothing'}"
 
 
 def _listed(texts: Iterable[str]) -> str:
     most = 12  # Places of one kind that are listed.
-    distinct = list(dict.fromkeys(texts))
-    more = f" and {len(distinct) - most} more" if len(distinct) > most else ""
-    return ", ".join(distinct[:most]) + more
-
-
-def _other(index: Index, occurrence: Occurrence) -> list[str]:
-    declaration = index.declaration(occurrence)
-    if declaration is None:
-        return []
-    of_type = f" of type `{declaration.type}`" if declaration.type else ""
-    texts = [f"{occurrence.kind.value} `{occurrence.name}`{of_type}"]
-    is_schema = occurrence.kind in (NameKind.ACTION, NameKind.PROCESS, NameKind.EVENT)
-    comment = comment_of(declaration.inside if is_schema else declaration.place)
-    if comment and occurrence.kind is not NameKind.VARIABLE:
-        texts.append(comment)
-    return texts
+    known = list(texts)
+    more = f" and {len(known) - most} more" if len(known) > most else ""
+    return ", ".join(known[:most]) + more

@@ -15,14 +15,14 @@ from pygls.workspace import PositionCodec
 
 from serp import __version__
 from serp.authoring.language_server.completion import completions, explained, word_start
-from serp.authoring.language_server.index import Index
+from serp.authoring.language_server.index import Index, word_at
 from serp.authoring.lint.domain_pairs import domain_beside, domain_not_found, title_of
 from serp.authoring.lint.findings import Finding, Severity, examine
 from serp.authoring.lint.formatting import formatted
 from serp.authoring.scenarios.syntax import SUFFIX
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
-from serp.pddl.source import DomainError, Edit, Fix, Place, Recovery, Source, line_end
+from serp.pddl.source import DomainError, Place, Recovery, Source
 
 
 class Files(NamedTuple):
@@ -73,18 +73,16 @@ def files_of(opened: Source, text_at: Callable[[Path], str | None]) -> Files:
     return Files(opened, opened, read(problem_beside(path)))
 
 
-def findings_in(files: Files) -> dict[str, list[Finding]]:
-    """Return the name of a file → its findings: of a domain and its problem, or of scenarios."""
-    name, scenarios = files.opened.name, files.opened not in files.sources
+def findings_in(files: Files) -> list[Finding]:
+    """Return the findings of an open file: of a domain, a problem, or scenarios."""
+    opened, scenarios = files.opened, files.opened not in files.sources
     if files.domain is None:
-        return {name: [] if scenarios else [Finding.of(domain_not_found(files.opened))]}
+        return [] if scenarios else [Finding.of(domain_not_found(opened))]
     examined = _examined(files.domain, files.problem)
     if scenarios:
-        return {name: _of_scenarios(files.opened, examined.domain)}
-    findings: dict[str, list[Finding]] = {source.name: [] for source in files.sources}
-    for finding in examined.findings:
-        findings[finding.place.source.name if finding.place else files.domain.name].append(finding)
-    return findings
+        return _of_scenarios(opened, examined.domain)
+    own = [(f.place.source if f.place else files.domain, f) for f in examined.findings]
+    return [finding for source, finding in own if source.name == opened.name]
 
 
 def _of_scenarios(source: Source, domain: Domain | None) -> list[Finding]:
@@ -160,33 +158,25 @@ def diagnostic(finding: Finding, positions: Positions) -> types.Diagnostic:
 def code_actions(
     findings: Iterable[Finding], uri: str, selected: types.Range, positions: Positions
 ) -> Iterator[types.CodeAction]:
-    """Yield what can be done about the findings in a range: the fix of each, and silence."""
+    """Yield the fixes of the findings in a range."""
     for finding in findings:
-        shown, place = diagnostic(finding, positions), finding.place
-        if place is None:
-            continue
+        shown, place, fix = diagnostic(finding, positions), finding.place, finding.fix
         touches = shown.range.start <= selected.end and selected.start <= shown.range.end
-        changes: list[tuple[str, Fix]] = []
-        if finding.fix is not None:
-            texts = " ".join(edit.text.strip() for edit in finding.fix.edits)
-            text = texts if len(texts) <= 60 else f"{texts[:57]}..."
-            changes.append((f"Write `{text}`" if text else "Leave it out", finding.fix))
-        if finding.severity != "error" and finding.code != "useless-silence":
-            end = line_end(place.source.text, place.start)
-            comment = Edit(end, end, f"  ; serp: ignore[{finding.code}]")
-            changes.append((f"Silence `{finding.code}` in this line", Fix((comment,), sure=False)))
-        for title, fix in changes if touches else ():
-            edits = [
-                types.TextEdit(positions.range(place.source.place(e.start, e.end)), e.text)
-                for e in fix.edits
-            ]
-            yield types.CodeAction(
-                title,
-                kind=types.CodeActionKind.QuickFix,
-                diagnostics=[shown],
-                is_preferred=fix.sure,
-                edit=types.WorkspaceEdit(changes={uri: edits}),
-            )
+        if place is None or fix is None or not touches:
+            continue
+        texts = " ".join(edit.text.strip() for edit in fix.edits)
+        text = texts if len(texts) <= 60 else f"{texts[:57]}..."
+        edits = [
+            types.TextEdit(positions.range(place.source.place(e.start, e.end)), e.text)
+            for e in fix.edits
+        ]
+        yield types.CodeAction(
+            f"Write `{text}`" if text else "Leave it out",
+            kind=types.CodeActionKind.QuickFix,
+            diagnostics=[shown],
+            is_preferred=fix.sure,
+            edit=types.WorkspaceEdit(changes={uri: edits}),
+        )
 
 
 # The server --------------------------------------------------------------------------------------
@@ -200,7 +190,6 @@ class PddlServer(LanguageServer):
             "serp", __version__, text_document_sync_kind=types.TextDocumentSyncKind.Full
         )
         self._newest = 0
-        self._published: set[str] = set()
         self._checking = asyncio.Lock()
 
     @property
@@ -227,8 +216,8 @@ class PddlServer(LanguageServer):
         offset += word and source.text.startswith("(", offset)
         return index_of(*files.sources), source, offset
 
-    async def findings(self, opened: Iterable[str]) -> dict[str, dict[str, list[Finding]]]:
-        """Return URI of an open file → `findings_in`.
+    async def findings(self, opened: Iterable[str]) -> dict[str, list[Finding]]:
+        """Return URI of an open file → its findings.
 
         They come from another thread, so that the editor is answered meanwhile.
         """
@@ -239,7 +228,7 @@ class PddlServer(LanguageServer):
             )
 
     async def check(self, pause: float = 0.0) -> None:
-        """Publish the findings of the open files and those they belong to, unless one changes.
+        """Publish the findings of the open files, unless one changes meanwhile.
 
         Files that did not change are not examined again.
         """
@@ -250,18 +239,9 @@ class PddlServer(LanguageServer):
         results = await self.findings(self.workspace.text_documents)
         if this != self._newest:
             return
-        by_uri: dict[str, list[Finding]] = {}
-        for findings in results.values():
-            by_uri |= {uri_of(name): others for name, others in findings.items()
-                       if uri_of(name) not in results}  # fmt: skip
         for uri, findings in results.items():
-            by_uri[uri] = findings[self.files(uri).opened.name]
-        for uri in self._published - by_uri.keys():
-            by_uri[uri] = []
-        for uri, findings_there in by_uri.items():
-            diagnostics = [diagnostic(finding, self.positions) for finding in findings_there]
+            diagnostics = [diagnostic(finding, self.positions) for finding in findings]
             self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, diagnostics))
-        self._published = set(by_uri)
 
 
 def uri_of(name: str) -> str:
@@ -275,8 +255,14 @@ server = PddlServer()
 
 @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
 @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
-@server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
 async def _opened(ls: PddlServer, params: object) -> None:
+    await ls.check()
+
+
+@server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
+async def _closed(ls: PddlServer, params: types.DidCloseTextDocumentParams) -> None:
+    none = types.PublishDiagnosticsParams(params.text_document.uri, [])
+    ls.text_document_publish_diagnostics(none)
     await ls.check()
 
 
@@ -314,8 +300,8 @@ def _hover(ls: PddlServer, params: types.HoverParams) -> types.Hover | None:
 @server.feature(types.TEXT_DOCUMENT_DEFINITION)
 def _definition(ls: PddlServer, params: types.DefinitionParams) -> types.Location | None:
     index, source, offset = ls.indexed(params.text_document.uri, params.position, word=True)
-    here = index.at(source, offset)
-    declared = index.declaration(here) if here is not None else None
+    word = word_at(source, offset)
+    declared = index.declaration(word) if word is not None else None
     if declared is None:
         return None
     return types.Location(uri_of(declared.place.source.name), ls.positions.range(declared.place))
@@ -338,5 +324,5 @@ def _format(ls: PddlServer, params: types.DocumentFormattingParams) -> list[type
 )
 async def _fixes(ls: PddlServer, params: types.CodeActionParams) -> list[types.CodeAction]:
     uri = params.text_document.uri
-    findings = (await ls.findings([uri]))[uri][ls.files(uri).opened.name]
+    findings = (await ls.findings([uri]))[uri]
     return [*code_actions(findings, uri, params.range, ls.positions)]

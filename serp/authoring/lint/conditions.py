@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import operator as op
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from fractions import Fraction
+from typing import NamedTuple
 
 from serp.model import ground_model as g
 from serp.model.ground_model import Linear, linear
+from serp.pddl.source import Place
 
 Pair = tuple[g.Test, g.Test]
 _Limit = tuple[str, Fraction | int]
@@ -41,18 +43,23 @@ def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | Non
     return None
 
 
-def threshold(test: g.Compare, theta: Sequence[float]) -> tuple[int, str, float] | None:
-    """Return fluent, operator and number of a comparison that puts a limit to one fluent.
+class Limit(NamedTuple):
+    """A fluent, and a number that a condition compares it with."""
 
-    The operator is the one between them in this order. None for any other comparison.
-    """
-    form = _difference(test, theta)
-    if len(form.terms) == 1:
-        ((atom, factor),) = form.terms.items()
-        if isinstance(atom, int):
-            operator = test.operator if factor > 0 else _MIRRORED[test.operator]
-            return atom, operator, float(-form.constant / factor)
-    return None
+    fluent: int
+    number: float
+    place: Place
+
+
+def limits_in(ground: g.GroundModel, theta: Sequence[float]) -> Iterator[Limit]:
+    """Yield the limits that the conditions of a domain put to single fluents."""
+    for schema in ground.schemas:
+        for test in (*schema.preconditions, *(effect.condition for effect in schema.effects)):
+            for comparison in g.comparisons_of(test):
+                form = _difference(comparison, theta)
+                atom, factor = next(iter(form.terms.items()), (None, Fraction(0)))
+                if len(form.terms) == 1 and isinstance(atom, int):
+                    yield Limit(atom, float(-form.constant / factor), comparison.place)
 
 
 def _exclude(one: _Limit, other: _Limit) -> bool:

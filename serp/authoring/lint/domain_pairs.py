@@ -13,12 +13,10 @@ from serp.pddl.source import DomainError, Source
 
 
 class DomainFiles(NamedTuple):
-    """One domain to check.
+    """One domain to check, by the name that was given.
 
-    Attributes:
-        name: As it was given.
-        domain: Its file; None for an installed task, or where it is not known.
-        problem: The problem file; None for the one beside the domain file, if there is one.
+    `domain` is None for an installed task, or where the file is not known; `problem` None for the
+    one beside the domain file, if there is one.
     """
 
     name: str

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-from serp._util.text import closest
 from serp.authoring.lint import ground_rules, syntax_rules
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
@@ -18,12 +16,10 @@ from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import (
     DomainError,
     DomainWarning,
-    Edit,
     Fix,
     Place,
     Recovery,
     Source,
-    line_start,
 )
 
 RULES = [
@@ -41,87 +37,37 @@ ERRORS = frozenset(
     )
 )
 """Codes of errors, which no comment silences."""
-NOTES = frozenset(("not-portable", "nothing-unsafe"))
+NOTES = frozenset(("not-portable",))
 """Codes that are true of many a file which is as it should be."""
 CODES = frozenset(
     (
         *(rule.code for rule in RULES),
         *("declared-twice", "missing-value", "needless", "other-domain", "out-of-range"),
-        *("task-mismatch", "unbounded-goal", "unknown-requirement", "useless-silence"),
+        *("task-mismatch", "unbounded-goal", "unknown-requirement"),
         *(*ERRORS, *NOTES),
     )
 )
 """All codes; docs/reference/checks.md has the meaning of each, and an example."""
-_COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*(ignore(?:-file)?)\b(?:\[([^\]\r\n]*)\])?")
-_CODE = re.compile(r"[^\s,]+")
-_BLANK_OR_COMMENT = re.compile(r"\s*(;.*)?\Z")
-
-
-class _Silence(NamedTuple):
-    """A code in a comment, and the line where it silences a warning; None for the whole file."""
-
-    code: str
-    place: Place
-    line: int | None
+_COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*ignore(-file)?\[([^\]\r\n]*)\]")
 
 
 def _unsilenced(
-    warnings: Iterable[DomainWarning], sources: Sequence[Source], *, partial: bool
+    warnings: Iterable[DomainWarning], sources: Sequence[Source]
 ) -> Iterator[DomainWarning]:
-    """Yield the warnings that no comment silences, and warnings of comments that silence nothing.
-
-    With `partial`, some rules were not applied, so that unused comments are no mistake.
-    """
-    silences = [silence for source in sources for silence in _silences(source)]
-    used: set[_Silence] = set()
+    """Yield the warnings that no comment silences: in the file, on its line or on the next one."""
+    silent = set()
+    for source in sources:
+        for match in _COMMENT.finditer(source.text):
+            line = source.place(match.start(), match.end()).line
+            alone = not source.line_text(line).partition(";")[0].strip()
+            of = None if match[1] else line + alone
+            silent |= {(source.name, code, of) for code in re.findall(r"[\w-]+", match[2])}
     for warning in warnings:
-        file, line = sources[0].name, -1
-        if warning.place is not None:
-            file, line = warning.place.source.name, warning.place.line
-        matching = {
-            silence
-            for silence in silences
-            if silence.code == warning.code
-            and silence.place.source.name == file
-            and silence.line in (None, line)
-        }
-        used |= matching
-        if not matching:
+        place = warning.place
+        file = place.source.name if place is not None else sources[0].name
+        lines = {None} if place is None else {None, place.line}
+        if not silent & {(file, warning.code, line) for line in lines}:
             yield warning
-    for silence in silences:
-        if silence.code not in CODES or not (silence in used or partial):
-            yield _useless(silence)
-
-
-def _useless(silence: _Silence) -> DomainWarning:
-    code, advice, fix = silence.code, "write the code of a warning in brackets", None
-    if code in CODES:
-        kind = "an error, which no comment silences" if code in ERRORS else "not found here"
-        text, advice = f"`{code}` is {kind}; this comment silences nothing", "leave the comment out"
-    else:
-        problem = f"there is no code `{code}`" if code else "no code in brackets"
-        text = f"{problem}; nothing is silenced"
-        if close := closest(code, CODES):
-            advice = f"did you mean `{close}`?"
-            fix = Fix((Edit(silence.place.start, silence.place.end, close),), sure=False)
-    return DomainWarning(text, silence.place, "useless-silence", advice, fix)
-
-
-def _silences(source: Source) -> Iterator[_Silence]:
-    for match in _COMMENT.finditer(source.text):
-        place = source.place(match.start(1), match.end())
-        line: int | None = None
-        if match[1] == "ignore":
-            line = place.line
-            if not source.text[line_start(source.text, match.start()) : match.start()].strip():
-                following = range(line + 1, len(source.line_starts) + 1)
-                rest = (n for n in following if not _BLANK_OR_COMMENT.match(source.line_text(n)))
-                line = next(rest, line)
-        for code in _CODE.finditer(match[2] or ""):
-            start = match.start(2) + code.start()
-            yield _Silence(code[0], source.place(start, start + len(code[0])), line)
-        if not _CODE.search(match[2] or ""):
-            yield _Silence("", place, line)
 
 
 Severity = Literal["error", "warning", "note"]
@@ -135,10 +81,8 @@ class Finding:
         code: One of `CODES`.
         severity: `error` where the files cannot be used as they are, `note` where it is right for
             many files.
-        message: One sentence.
         advice: What to write instead; may be empty.
         place: None where a file as a whole is meant, or cannot be read.
-        fix: The correction, where it is known or can be guessed.
         rendered: The finding as `serp check` prints it.
     """
 
@@ -202,44 +146,31 @@ class Examined:
     domain: Domain | None
 
 
-def findings_of(
-    domain: Source | str | Path, problem: Source | str | Path | None = None
-) -> list[Finding]:
-    """Return all findings of a domain; see `examine`."""
-    return examine(domain, problem).findings
-
-
 def examine(
     domain: Source | str | Path,
     problem: Source | str | Path | None = None,
     *,
-    max_ground_schemas: int | None = None,
     look: Callable[[Domain], Iterable[DomainWarning]] | None = None,
 ) -> Examined:
     """Return the findings of a domain; nothing in the files raises an error.
 
-    Args:
-        domain: The domain file, or its text.
-        problem: The problem file, or its text; None for the one beside the domain file, if there is
-            one. Beside a text there is none.
-        max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
-        look: Returns further warnings of a domain without errors.
-
-    Raises:
-        SerpError: `look` raised it.
+    Files are given by path or as sources; of a path the problem is by default the one beside it.
+    `look` returns further warnings of a domain without errors.
     """
     recovery = Recovery()
     sources, unreadable = _read(domain, problem, recovery)
     problems: list[DomainError | DomainWarning] = [*unreadable]
     result: Domain | None = None
     if sources:
-        result = _parse(sources, recovery, max_ground_schemas)
+        result = _parse(sources, recovery)
         errors = [*unreadable, *recovery.errors]
-        warnings = [*_warnings(result, sources, partial=bool(errors))]
-        if look is not None and result is not None and not errors:
-            warnings += look(result)
-        warnings = [*_unsilenced(warnings, sources, partial=bool(errors))]
-        problems = [*_once(errors, "unsupported"), *_once(warnings, "not-portable")]
+        warnings = [warning for source in sources for warning in source.warnings]
+        if result is not None:  # of files that are read in part, local rules apply alone
+            subject, partial = LintSubject(result), bool(errors)
+            for rule in RULES:
+                warnings += rule.applied(subject, partial=partial)
+            warnings += look(result) if look is not None and not errors else ()
+        problems = [*_once([*errors, *_unsilenced(warnings, sources)])]
     order = {source.name: number for number, source in enumerate(sources)}
 
     def position(finding: Finding) -> tuple[int, int]:
@@ -252,26 +183,16 @@ def examine(
 
 
 def _once(
-    problems: Iterable[DomainError | DomainWarning], code: str
+    problems: Iterable[DomainError | DomainWarning],
 ) -> Iterator[DomainError | DomainWarning]:
-    """Yield errors or warnings; of a code, one for all places of a file with the same message."""
-    places: dict[tuple[object, ...], list[DomainError | DomainWarning]] = {}
-    for number, problem in enumerate(problems):
-        source = problem.place.source if problem.place is not None else None
-        key = (_text(problem), source) if problem.code == code else (number,)
-        places.setdefault(key, []).append(problem)
-    for first, *others in places.values():
-        text = f"{_text(first)} ({1 + len(others)} places)"
-        if not others:
-            yield first
-        elif isinstance(first, DomainError):
-            yield DomainError(text, first.place, first.advice, code=code)
-        else:
-            yield dataclasses.replace(first, text=text)
-
-
-def _text(problem: DomainError | DomainWarning) -> str:
-    return problem.problem if isinstance(problem, DomainError) else problem.text
+    """Yield errors or warnings; of a form that may be everywhere, one for a message and a file."""
+    seen = set()
+    for problem in problems:
+        text = problem.problem if isinstance(problem, DomainError) else problem.text
+        key = (text, problem.place.source if problem.place is not None else None)
+        if key not in seen or problem.code not in ("unsupported", "not-portable"):
+            yield problem
+        seen.add(key)
 
 
 def _read(
@@ -292,7 +213,7 @@ def _read(
     return sources, []
 
 
-def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Domain | None:
+def _parse(sources: list[Source], recovery: Recovery) -> Domain | None:
     """Return what can be understood of the files, instantiated; None where nothing can."""
     try:
         syntax = parse_domain(sources[0])
@@ -300,9 +221,8 @@ def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Doma
     except DomainError as error:
         recovery.take(error)
         return None
-    most = MAX_GROUND_SCHEMAS if limit is None else limit
-    if recovery.errors:  # it is instantiated for what the rules find in single schemas
-        most = min(MOST_INSTANCES, most)
+    # With errors it is instantiated for what the rules find in single schemas.
+    most = MOST_INSTANCES if recovery.errors else MAX_GROUND_SCHEMAS
     domain = Domain(sources[0], sources[1] if problem else None, syntax, problem, most)
     try:
         domain.model  # noqa: B018  (instantiated now, for the errors that only this finds)
@@ -311,18 +231,3 @@ def _parse(sources: list[Source], recovery: Recovery, limit: int | None) -> Doma
             recovery.take(error)
         return None
     return domain
-
-
-def _warnings(
-    domain: Domain | None, sources: list[Source], *, partial: bool
-) -> Iterator[DomainWarning]:
-    """Yield what may have been forgotten or misspelt; none of it stops a training.
-
-    With `partial`, parts of the files could not be read; only local rules apply then.
-    """
-    for source in sources:
-        yield from source.warnings
-    if domain is not None:
-        subject = LintSubject(domain)
-        for rule in RULES:
-            yield from rule.applied(subject, partial=partial)

@@ -66,14 +66,11 @@ class _TextLine:
 
 @dataclass
 class _OpenForm:
-    """A form that is open.
+    """A form that is open: columns are in the file, and as they are to be.
 
-    Attributes:
-        indent: Of the line on which it begins.
-        column: Of its parenthesis, in the file and as it is to be.
-        second: Column of the second thing in it, if that stands on the same line; the same.
-        field: Whether a word such as `:effect` waits for its value.
-        listed: Whether it is a list of variables or forms, which has no word at its head.
+    `indent` is that of the line on which it begins; `second` the column of the second thing in it,
+    if that stands on the same line; `field`: a word such as `:effect` waits for its value;
+    `listed`: a list of variables or forms, which has no word at its head.
     """
 
     indent: int

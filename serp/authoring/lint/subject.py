@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from serp.model.domain import Domain
 from serp.model.ground_model import GroundModel, GroundSchema
-from serp.pddl import syntax as x
-from serp.pddl.source import DomainError, DomainWarning, Place
+from serp.pddl.source import DomainError, DomainWarning
 
 MOST_INSTANCES = 5_000
 """Most instances that the rules look at beyond those of a domain that is right."""
@@ -59,12 +58,6 @@ class LintSubject:
             for name, schemas in self.instances.items()
             if (distinct := [s for s in schemas if len({*s.arguments}) == len(s.arguments)])
         }
-
-    @cached_property
-    def quantified(self) -> list[Place]:
-        """The places of all `forall` and `exists` in conditions."""
-        conditions = map(x.conditions_of, self.domain.syntax.schemas)
-        return [form.place for form in x.nodes_in(*conditions) if isinstance(form, x.Quantified)]
 
     @property
     def waits_for_problem(self) -> bool:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 
 from serp.authoring.lint.subject import LintSubject, rule
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainWarning, Edit, Fix
 
-_FLAGS = (x.REWARD, x.UNSAFE, x.TERMINAL)
 _NEUTRAL = {"add": 0.0, "scale": 1.0}
 """Group of changes → the number that changes nothing."""
 _OPPOSITE = {x.Change.INCREASE: "decrease", x.Change.DECREASE: "increase"}
@@ -33,18 +32,30 @@ def _flag_read_in_action(subject: LintSubject) -> Iterator[DomainWarning]:
                 )
 
 
-@rule("unused-name")
+@rule("unused-name", needs_problem=True)
 def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find what is declared but neither changed nor read, by name."""
+    """Find what nothing reads, but for the effects that change it.
+
+    A domain without `(reward)` is for problems with a goal, which may read what is changed.
+    """
     syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
-    used = x.names_in(syntax.schemas, *((problem.goal, problem.metric) if problem else ()))
+    read = x.names_in(*map(x.conditions_of, syntax.schemas))
+    read |= x.names_in(problem.goal, problem.metric) if problem else set()
+    for _, effect in _changes(subject):
+        read |= x.names_in(effect.value) - {effect.function.name}
+    changed = x.changed_names(syntax.schemas)
+    if problem is None and x.REWARD not in syntax.declarations:
+        read |= changed
     for name, declaration in syntax.declarations.items():
-        if name not in used and name not in (x.REWARD, x.UNSAFE):
-            what = "function" if declaration.numeric else "predicate"
-            yield DomainWarning(
-                f"{what} `{name}` is declared, but nothing changes or reads it",
-                declaration.place,
-            )
+        if name in read or name in (x.REWARD, x.UNSAFE, x.TERMINAL):
+            continue
+        what = "function" if declaration.numeric else "predicate"
+        flags = "`(reward)` needs" if declaration.numeric else "`(unsafe)`, `(terminal)` need"
+        text, advice = "declared, but nothing changes or reads it", ""
+        if name in changed:
+            text = "changed, but nothing reads it: no condition, no reward"
+            advice = f"only {flags} no reader"
+        yield DomainWarning(f"{what} `{name}` is {text}", declaration.place, advice=advice)
 
 
 @rule("unused-parameter", local=True)
@@ -95,37 +106,13 @@ def _double_negative(subject: LintSubject) -> Iterator[DomainWarning]:
             )
 
 
-def _together(effects: tuple[x.Effect, ...]) -> Iterator[tuple[x.Effect, ...]]:
-    """Yield effects that happen together, and those under each `when` and `forall`."""
-    yield effects
-    for effect in effects:
-        if isinstance(effect, x.When | x.ForallEffect):
-            yield from _together(effect.effects)
-
-
-@rule("assigned-twice", local=True)
-def _assigned_twice(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find functions that one list of effects sets to two numbers."""
-    for what, schema in _schemas(subject):
-        for effects in _together(schema.effects):
-            first: dict[Hashable, x.ChangeFunction] = {}
-            for effect in effects:
-                if not isinstance(effect, x.ChangeFunction) or effect.change is not x.Change.ASSIGN:
-                    continue
-                known = first.setdefault(x.meaning(effect.function), effect)
-                if x.meaning(known.value) != x.meaning(effect.value):
-                    yield DomainWarning(
-                        f"`{effect.place.text}` in {what} sets what `{known.place.text}` sets, "
-                        "and is carried out only where both are equal",
-                        effect.place,
-                    )
-
-
 @rule("set-and-unset", local=True)
 def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find what one list of effects makes false and true: in PDDL, true wins."""
     for what, schema in _schemas(subject):
-        for effects in _together(schema.effects):
+        inner = (e.effects for e in x.nodes_in(schema.effects)
+                 if isinstance(e, x.When | x.ForallEffect))  # fmt: skip
+        for effects in (schema.effects, *inner):
             settings = [effect for effect in effects if isinstance(effect, x.SetPredicate)]
             made = {x.meaning(effect.atom) for effect in settings if effect.value}
             for effect in settings:
@@ -135,50 +122,3 @@ def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
                         f"`{effect.atom.place.text}` is made true at the same time",
                         effect.place,
                     )
-
-
-@rule("never-read", needs_problem=True)
-def _never_read(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find functions that effects change, and that nothing reads but these effects.
-
-    A domain without `(reward)` is for problems with a goal, which may read anything.
-    """
-    syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
-    if problem is None and x.REWARD not in syntax.declarations:
-        return
-    read = x.names_in(*map(x.conditions_of, syntax.schemas))
-    read |= x.names_in(problem.goal, problem.metric) if problem else set()
-    for _, effect in _changes(subject):
-        read |= x.names_in(effect.value) - {effect.function.name}
-    unread = x.changed_names(syntax.schemas) - read - {*_FLAGS}
-    for name, declaration in syntax.declarations.items():
-        if name not in unread:
-            continue
-        what = "function" if declaration.numeric else "predicate"
-        flags = "`(reward)` needs" if declaration.numeric else "`(unsafe)`, `(terminal)` need"
-        yield DomainWarning(
-            f"{what} `{name}` is changed, but nothing reads it: no condition, no reward",
-            declaration.place,
-            advice=f"only {flags} no reader",
-        )
-
-
-@rule("same-schema", local=True)
-def _same_schema(subject: LintSubject) -> Iterator[DomainWarning]:
-    """Find schemas that say the same as an earlier one.
-
-    Actions that do nothing, or cost something only, are described by their names: nobody has
-    measured what they do.
-    """
-    known: dict[Hashable, str] = {}
-    for what, schema in _schemas(subject):
-        if schema.kind is x.Kind.ACTION and not x.changed_names((schema,)) - {x.REWARD}:
-            continue
-        parts = (schema.kind, schema.parameters, schema.precondition, schema.effects)
-        first = known.setdefault(x.meaning(parts), what)
-        if first != what:
-            yield DomainWarning(
-                f"{what} says the same as {first}",
-                schema.place.opening,
-                advice="is one of them a copy that should have been changed?",
-            )

@@ -6,9 +6,9 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from serp._util.text import listed, plural, readable
+from serp.agent.agent import Agent
 from serp.agent.arbiter import Arbiter
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.decision import Decision, Reason
@@ -17,10 +17,11 @@ from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import between, lesser, lines_of
 from serp.agent.veto import VetoPolicy
 from serp.authoring.scenarios import syntax as s
+from serp.authoring.scenarios.reading import observed_in
 from serp.errors import RunError, SerpError
 from serp.model.domain import Domain
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.pddl.source import DomainError
+from serp.pddl.source import DomainError, Source
 from serp.pddl.syntax import REWARD, TERMINAL, UNSAFE
 from serp.planning.replanner import Plan
 from serp.runs.recording import open_recording
@@ -28,18 +29,12 @@ from serp.settings import PlannerSettings, Settings
 from serp.tasks.action_map import ActionMap
 from serp.tasks.task import Task
 
-if TYPE_CHECKING:
-    from serp.agent.agent import Agent
-
 
 @dataclass(frozen=True)
 class Decider:
     """Decides for the planner, within the vetoes; the model predicts the rest.
 
-    Attributes:
-        arbiter: Planner and vetoes.
-        domain: The domain, whose initial state scenarios begin with.
-        settings: Those of the planner.
+    Scenarios begin with the initial state of `domain`; `settings` are those of the planner.
     """
 
     arbiter: Arbiter
@@ -53,19 +48,16 @@ class Decider:
 
     @classmethod
     def of_domain(
-        cls, domain: Domain, settings: Settings, dt: float, task: Task | None = None
+        cls, source: Source, domain: Domain, settings: Settings, dt: float, task: Task | None = None
     ) -> Decider:
-        """Return the decider of a file, before anything is learned.
+        """Return the decider of a domain, before anything is learned, for a file of scenarios.
 
         No environment is made: of several ground actions that are one action of the environment,
-        each decides by itself.
-
-        Raises:
-            SettingsError: There is no such planner.
-            DomainError: The domain cannot be instantiated.
+        each decides by itself. What the scenarios give a value to is observed.
         """
         own = {} if task is None else task.planners
         refuse_unknown_names(settings, own)
+        domain = observed_in(source, domain)
         model = domain.model.replace(dt=dt)
         actions = ActionMap(model, len(model.actions))
         planner = make_planner(model, settings.planner, own)
@@ -78,9 +70,6 @@ class Decider:
         """Return planner and vetoes of a trained agent, with the model that it has learned.
 
         The learner does not decide: its input may be an observation, which no scenario states.
-
-        Raises:
-            RunError: The run is of a domain of another name.
         """
         learned = agent.task.domain
         if learned.name != domain.name:
@@ -100,11 +89,7 @@ class Decider:
         }
 
     def situation(self, scenario: s.Scenario) -> Vector:
-        """Return the state `[F]` that a scenario begins with.
-
-        Raises:
-            DomainError: It is none of the model, or the recorded step is missing.
-        """
+        """Return the state `[F]` that a scenario begins with."""
         values = self.start
         if scenario.recorded is not None:
             try:
@@ -118,7 +103,7 @@ class Decider:
                     scenario.recorded.place,
                 )
             values |= of_run
-        values |= {given.fluent: given.value for given in scenario.given}
+        values |= scenario.given
         try:
             return self.model.state(values)
         except StateError as error:
@@ -146,11 +131,7 @@ class Decider:
 
 
 def recorded_values(of: s.StepOfRun) -> dict[str, float]:
-    """Return fluent → value of a step that a scenario names.
-
-    Raises:
-        RunError: There is no such run, recording or step.
-    """
+    """Return fluent → value of a step that a scenario names."""
     recording = open_recording(Path(of.run))
     step = of.step if of.episode is None else recording.find(of.episode, of.step)
     return dict(zip(recording.layout.fluents, recording.step(step).state.tolist(), strict=True))
@@ -180,11 +161,7 @@ class Result:
 
 
 def check(scenario: s.Scenario, decider: Decider) -> Result:
-    """Check a scenario.
-
-    Raises:
-        DomainError: The situation is none of the model, or the recorded step is missing.
-    """
+    """Check a scenario."""
     checker = _Checker(decider, decider.situation(scenario))
     failures = tuple(
         Failure(expected.place.text, expected.place.line, found, checker.causes_behind(expected))
@@ -225,16 +202,14 @@ class _Checker:
                 if (self._chosen in actions) != negated:
                     return ""
                 return self._choice() + ("" if negated else self._why_not(actions[0]))
-            case s.Refuses(action, wanted):
+            case s.Refuses(action, wanted, negated):
                 reason = self._decider.refusal(self._decision, action)
                 if reason is None:
-                    return f"it is allowed, {self._worth(action)}"
-                if not wanted or reason is s.REASONS[wanted]:
+                    return "" if negated else f"it is allowed, {self._worth(action)}"
+                if not negated and (not wanted or reason is s.REASONS[wanted]):
                     return ""
-                return f"it is refused for another reason: {reason}{self._remark(action)}"
-            case s.Allows(action):
-                reason = self._decider.refusal(self._decision, action)
-                return "" if reason is None else f"it is refused: {reason}{self._remark(action)}"
+                other = "" if negated else " for another reason"
+                return f"it is refused{other}: {reason}{self._remark(action)}"
             case s.Indifferent():
                 return "" if self._decision.indifferent else self._choice()
             case s.Rates(what, action, bounds):

@@ -3,58 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from serp.agent.protocols import undisturbed
 from serp.authoring.scenarios.checking import Decider, Result, check
-from serp.authoring.scenarios.reading import observed_in, read_scenarios
-from serp.authoring.scenarios.syntax import REASONS, SUFFIX, Scenario
+from serp.authoring.scenarios.reading import read_scenarios
+from serp.authoring.scenarios.syntax import REASONS, SUFFIX
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.pddl.source import Source, newline_of
-from serp.settings import Settings
-from serp.tasks.task import Task
 
 
-@dataclass(frozen=True)
-class ScenarioFile:
-    """A scenario file, and who decides in it."""
+def run_scenarios(source: Source, decider: Decider, words: str = "") -> Iterator[Result]:
+    """Check the scenarios of a file one by one; with `words`, those whose title has them.
 
-    source: Source
-    decider: Decider
+    What the planner keeps of one is forgotten before the next, so that none depends on others.
 
-    @classmethod
-    def open(
-        cls, source: Source, domain: Domain, settings: Settings, dt: float, task: Task | None = None
-    ) -> ScenarioFile:
-        """Return the scenarios of a domain that nothing is learned of yet.
-
-        What the scenarios give a value to is observed, even where no effect changes it.
-        """
-        return cls(source, Decider.of_domain(observed_in(source, domain), settings, dt, task))
-
-    def scenarios(self) -> list[Scenario]:
-        """Read the file.
-
-        Raises:
-            DomainError: It is wrong.
-        """
-        return read_scenarios(self.source, self.decider.domain, self.decider.model)
-
-    def run(self, words: str = "") -> Iterator[Result]:
-        """Check scenarios one by one; with `words`, those whose title has them.
-
-        What the planner keeps of one is forgotten before the next, so that none depends on others.
-
-        Raises:
-            DomainError: The file is wrong.
-        """
-        for scenario in self.scenarios():
-            if words.lower() in scenario.title.lower():
-                with undisturbed(self.decider.arbiter.planner):
-                    result = check(scenario, self.decider)
-                yield result
+    Raises:
+        DomainError: The file is wrong.
+    """
+    for scenario in read_scenarios(source, decider.domain, decider.model):
+        if words.lower() in scenario.title.lower():
+            with undisturbed(decider.arbiter.planner):
+                result = check(scenario, decider)
+            yield result
 
 
 def scenarios_beside(domain: Domain) -> Path:
@@ -82,30 +54,24 @@ def read_beside(domain: Domain) -> Source:
     )
 
 
-def add_situation(file: ScenarioFile, title: str, values: Mapping[str, float], remark: str) -> str:
-    """Return the text of a file with a scenario of what holds in a situation.
+def add_situation(
+    source: Source, decider: Decider, title: str, values: Mapping[str, float], remark: str
+) -> str:
+    """Return the text of a file with a scenario of what holds where fluents have `values`.
 
-    Args:
-        file: The scenario file.
-        title: The title of the scenario, which replaces one that has it.
-        values: Every fluent → its value.
-        remark: Where the situation comes from, a comment of the scenario.
-
-    Raises:
-        DomainError: The file is wrong.
-        SerpError: Nothing can be expected there.
+    It replaces a scenario of the same title. `remark` is a comment on where the situation comes
+    from.
     """
-    source = file.source
     newline = newline_of(source.text)
     written = newline.join(
         [
             f"scenario {title}",
             f"  ; {remark}",
-            *_situation(values, file.decider),
-            *_expected(values, file.decider, title),
+            *_situation(values, decider),
+            *_expected(values, decider, title),
         ]
     )
-    for scenario in file.scenarios():
+    for scenario in read_scenarios(source, decider.domain, decider.model):
         if scenario.title.lower() == title.lower():
             begin = source.line_starts[scenario.place.line - 1]
             last = scenario.expectations[-1].place.line

@@ -40,11 +40,6 @@ def observed_in(source: Source, domain: Domain) -> Domain:
 def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> list[s.Scenario]:
     """Read a scenario file; where the source has a `recovery`, all of it that can be understood.
 
-    Args:
-        source: The file.
-        domain: The domain that it is about.
-        model: Its model, which has the actions and fluents.
-
     Raises:
         DomainError: A line is no statement, or names what the domain has not. The errors of later
             lines stand in its notes.
@@ -141,14 +136,14 @@ class _Statement:
                 )
             if first == "like":
                 return self._like(to, known)
-            return replace(to, given=(*to.given, self._given()))
+            return replace(to, given={**to.given, **self._given()})
         expectation = self._expectation()
         if (extra := self.next_word).text:
             problem = f"`{extra.text}` is more than this line can say"
             raise DomainError(problem, extra, "begin a new line for another expectation")
         return replace(to, expectations=(*to.expectations, expectation))
 
-    def _given(self) -> s.GivenValue:
+    def _given(self) -> dict[str, float]:
         negated = self.skip("not")
         name, numeric, place = self._fluent()
         if name in (REWARD, UNSAFE, TERMINAL):
@@ -165,7 +160,7 @@ class _Statement:
         else:
             self._expect("=", f"({name}) = 0")
             value = self._number()[0]
-        return s.GivenValue(name, value, place)
+        return {name: value}
 
     def _like(self, to: s.Scenario, known: dict[str, s.Scenario]) -> s.Scenario:
         if to.recorded is not None or to.given:
@@ -204,9 +199,9 @@ class _Statement:
                 case "refuses":
                     action = self._action(_BECAUSE)
                     reason = self._reason() if self.skip("because") else ""
-                    return s.Refuses(action, reason, self.place)
+                    return s.Refuses(action, reason, False, self.place)
                 case "allows":
-                    return s.Allows(self._action(), self.place)
+                    return s.Refuses(self._action(), "", True, self.place)
                 case "is indifferent":
                     return s.Indifferent(self.place)
                 case "after":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Final
@@ -56,15 +57,6 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class GivenValue:
-    """`(f) = 1`, `(p)` or `not (p)`: the value of a fluent in the situation; 0 and 1 for truth."""
-
-    fluent: str
-    value: float
-    place: Place
-
-
-@dataclass(frozen=True)
 class StepOfRun:
     """`like step 12 of RUN`, `like step 3 of episode 2 of RUN`: a situation of a run.
 
@@ -88,18 +80,11 @@ class Chooses:
 
 @dataclass(frozen=True)
 class Refuses:
-    """`refuses A`, `refuses A because unsafe`: the action is vetoed."""
+    """`refuses A`, `refuses A because unsafe`, `allows A`: the action is vetoed, or it is not."""
 
     action: int
     reason: str
-    place: Place
-
-
-@dataclass(frozen=True)
-class Allows:
-    """`allows A`: the action is not vetoed."""
-
-    action: int
+    negated: bool
     place: Place
 
 
@@ -124,11 +109,8 @@ class Rates:
 class After:
     """`after STEPS ...`: what holds after some steps by the model.
 
-    Attributes:
-        steps: Number of steps of the controller's choice, or the ground actions to be executed.
-        fluent: What is looked at: a fluent, `reward` (the sum over the steps), or the flags
-            `unsafe` and `terminal` (whether any of the steps sets them).
-        bounds: What a number is to be; for a predicate or a flag `at least 1` or `at most 0`.
+    `steps` is a number of steps of the controller's choice, or the ground actions to be executed.
+    `fluent` is a fluent, `reward` (the sum over the steps), or a flag (whether any step sets it).
     """
 
     steps: int | tuple[int, ...]
@@ -137,23 +119,19 @@ class After:
     place: Place
 
 
-Expectation = Chooses | Refuses | Allows | Indifferent | Rates | After
+Expectation = Chooses | Refuses | Indifferent | Rates | After
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A situation, and what is expected in it.
+    """A situation, and what is expected in it, in the order of the file.
 
-    Attributes:
-        title: What follows `scenario`.
-        place: The line of the title.
-        recorded: The recorded step that the situation begins with; None for the initial state.
-        given: Values that differ from that, later ones over earlier ones.
-        expectations: What is expected, in the order of the file.
+    The situation begins with a `recorded` step, or with the initial state; `given` are the values
+    that differ, 0 and 1 for truth. `place` is the line of the title.
     """
 
     title: str
     place: Place
     recorded: StepOfRun | None = None
-    given: tuple[GivenValue, ...] = ()
+    given: Mapping[str, float] = field(default_factory=dict)
     expectations: tuple[Expectation, ...] = field(default=(), repr=False)

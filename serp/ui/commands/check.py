@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +13,13 @@ import click
 from serp._util.text import plural
 from serp.errors import SerpError, TaskError
 from serp.ui.asked import asked_domain, asked_own_task
-from serp.ui.options import max_ground_schemas_option, own_task_name, own_task_option
-from serp.ui.output import examples, learned_from, open_console
+from serp.ui.options import own_task_name, own_task_option
+from serp.ui.output import examples, open_console
 from serp.ui.root import say
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from serp.authoring.lint.domain_pairs import DomainFiles
     from serp.authoring.lint.findings import Finding
     from serp.model.domain import Domain
@@ -30,26 +31,14 @@ if TYPE_CHECKING:
     "check",
     epilog=examples(
         "serp check domains/cartpole.pddl",
-        "serp check cartpole",
-        "serp check domains/*.pddl",
-        "serp check domain.pddl p01.pddl",
         "serp check --task my_robot.py",
-        "serp check robot.pddl --fix",
         "serp check domains/*.pddl --json > findings.json",
     ),
 )
 @click.argument("domains", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
-@click.option("--fix", is_flag=True,
-              help="Correct what can only be meant one way; print the changes.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print findings as JSON.")
-@max_ground_schemas_option
-def command(
-    domains: tuple[str, ...],
-    fix: bool,
-    as_json: bool,
-    max_ground_schemas: int | None,
-) -> int:
+def command(domains: tuple[str, ...], as_json: bool) -> int:
     """Check domain and problem files: print all mistakes with their places, and a summary.
 
     A problem file is checked with its domain: the given file of the domain that it names, or else
@@ -67,32 +56,30 @@ def command(
     own = asked_own_task()
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task")
-    checks = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
-    if fix:
-        if not any(Path(name).suffix == ".pddl" or Path(name).is_file() for name in domains):
-            raise click.UsageError("--fix needs files that are given by their paths")
-        _fix(checks)
-    checked = (_checked(pair, own, max_ground_schemas) for pair in checks)
-    if not as_json:
-        return _print(checked)
-    results = [*checked]
-    findings = [finding.as_dict() for result in results for finding in result.findings]
-    click.echo(json.dumps(findings, indent=2, ensure_ascii=False))
-    for result in results:
-        if result.failure:
-            say(result.failure)
-    return 1 if any(result.wrong for result in results) else 0
+    asked = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
+    console, checks = open_console(), list[_CheckedDomain]()
+    for pair in asked:
+        checks.append(_checked(pair, own))
+        if not as_json:
+            _print(console, checks[-1], first=len(checks) == 1)
+    wrong = sum(check.count("error") > 0 for check in checks)
+    if as_json:
+        findings = [finding.as_dict() for check in checks for finding in check.findings]
+        click.echo(json.dumps(findings, indent=2, ensure_ascii=False))
+        for check in checks:
+            if check.failure:
+                say(check.failure)
+    elif len(checks) > 1:
+        warnings = plural(sum(check.count("warning") for check in checks), "warning")
+        console.print(f"\n{plural(len(checks), 'domain')}: {wrong} wrong, {warnings}")
+    return 1 if wrong else 0
 
 
 @dataclass
 class _CheckedDomain:
-    """The result for one domain.
+    """The result for one domain; `summary` are lines about one without errors.
 
-    Attributes:
-        name: As it was given.
-        findings: The findings about its files.
-        summary: Lines about a domain without errors.
-        failure: Why it could not be checked; empty where it was.
+    `failure` says why it could not be checked; it is empty where it was.
     """
 
     name: str
@@ -100,24 +87,13 @@ class _CheckedDomain:
     summary: list[str] = field(default_factory=list)
     failure: str = ""
 
-    @property
-    def wrong(self) -> bool:
-        """Whether there is an error, or the domain could not be checked."""
-        return bool(self.failure) or any(f.severity == "error" for f in self.findings)
-
-    @property
-    def headline(self) -> str:
-        """How many findings of each severity there are."""
-        if self.failure:
-            return "not checked"
-        counts = Counter(finding.severity for finding in self.findings)
-        parts = [plural(counts[severity], severity)
-                 for severity in ("error", "warning", "note") if counts[severity]]  # fmt: skip
-        right = [] if counts["error"] or counts["warning"] else ["right"]
-        return ", ".join(right + parts)
+    def count(self, severity: str) -> int:
+        """Return the number of findings of a severity; a failure is an error."""
+        count = sum(finding.severity == severity for finding in self.findings)
+        return count + (severity == "error" and bool(self.failure))
 
 
-def _checked(pair: DomainFiles, own: Task | None, limit: int | None) -> _CheckedDomain:
+def _checked(pair: DomainFiles, own: Task | None) -> _CheckedDomain:
     """Check a domain, and the task that it belongs to."""
     from serp.authoring.lint.findings import Finding, examine
     from serp.pddl.source import DomainError
@@ -125,17 +101,15 @@ def _checked(pair: DomainFiles, own: Task | None, limit: int | None) -> _Checked
     check = _CheckedDomain(pair.name)
     asked = own is not None or pair.domain is None
     try:
-        domain, task = _load(pair, own, limit)
+        domain, task = _load(pair, own)
         check.findings = examine(
             domain.source,
             domain.problem_source,
-            max_ground_schemas=domain.max_ground_schemas,
             look=lambda _: _look(check, domain, task, asked=asked),
         ).findings
     except DomainError as error:
         if pair.domain is not None:
-            found = examine(pair.domain, pair.problem, max_ground_schemas=limit)
-            check.findings = found.findings
+            check.findings = examine(pair.domain, pair.problem).findings
         check.findings = check.findings or [Finding.of(error)]
     except SerpError as error:
         check.failure = str(error)
@@ -163,13 +137,10 @@ def _look(
             raise
         yield DomainWarning(str(error), code="task-mismatch")
         return
-    fits = f"task {task.name}: environment, grounding and actions fit together"
-    check.summary += [fits, learned_from(domain, task)]
+    check.summary.append(f"task {task.name}: environment, grounding and actions fit together")
 
 
-def _load(
-    pair: DomainFiles, own: Task | None, max_ground_schemas: int | None
-) -> tuple[Domain, Task | None]:
+def _load(pair: DomainFiles, own: Task | None) -> tuple[Domain, Task | None]:
     """Return a domain, and the task that it belongs to, with that domain; None for no task."""
     from serp.authoring.lint.domain_pairs import domain_not_found
     from serp.model.domain import load_domain
@@ -184,12 +155,12 @@ def _load(
         )
     try:
         name = None if pair.domain is None and own is not None else str(pair.domain or pair.name)
-        return asked_domain(name, pair.problem, max_ground_schemas)
+        return asked_domain(name, pair.problem)
     except TaskError:
         if pair.domain is None or own is not None:
             raise
         # The package that offers the task fails; the file may be right all the same.
-        return load_domain(pair.domain, pair.problem, max_ground_schemas=max_ground_schemas), None
+        return load_domain(pair.domain, pair.problem), None
 
 
 def _summary(domain: Domain) -> Iterator[str]:
@@ -231,59 +202,25 @@ def _summary(domain: Domain) -> Iterator[str]:
     yield f"terminal: {', '.join(ends) or 'nothing'}"
 
 
-def _print(checks: Iterator[_CheckedDomain]) -> int:
-    """Print each result as soon as it is there."""
-    console = open_console()
-    results: list[_CheckedDomain] = []
-    for check in checks:
-        if results:
-            console.print("")
-        results.append(check)
-        warned = any(finding.severity == "warning" for finding in check.findings)
-        style = "bold red" if check.wrong else "bold yellow" if warned else "bold green"
-        console.print(f"{check.name}: {check.headline}", style=style)
-        if check.failure:
-            say(check.failure)
-        remarks = [finding for finding in check.findings if finding.severity != "error"]
-        for finding in check.findings:
-            if finding.severity == "error":
-                say(finding.rendered)
-        for line in check.summary:
-            console.print(f"  {line}")
-        for finding in remarks[:100]:
-            style = "yellow" if finding.severity == "warning" else "dim"
-            console.print(f"  {finding.severity}: {finding.rendered}", style=style)
-        if len(remarks) > 100:
-            console.print(f"  ... and {len(remarks) - 100} more")
-        if fixable := sum(f.fix is not None and f.fix.sure for f in check.findings):
-            console.print(f"  {plural(fixable, 'finding')} can be corrected by --fix")
-    wrong = sum(check.wrong for check in results)
-    if len(results) > 1:
-        warnings = sum(f.severity == "warning" for check in results for f in check.findings)
-        console.print(
-            f"\n{plural(len(results), 'domain')}: {wrong} wrong, {plural(warnings, 'warning')}"
-        )
-    return 1 if wrong else 0
-
-
-def _fix(checks: list[DomainFiles]) -> None:
-    """Mend the files, and print what was changed on standard error."""
-    from serp.authoring.lint.fixing import difference, mended, write_changed
-    from serp.model.domain import problem_beside
-    from serp.pddl.source import Source
-
-    for pair in checks:
-        if pair.domain is None or not Path(pair.name).is_file():  # what is installed stays
-            continue
-        beside = problem_beside(pair.domain)
-        problem = pair.problem or (beside if beside.is_file() else None)
-        try:
-            before = Source.read(pair.domain), Source.read(problem) if problem else None
-        except SerpError:  # which the check reports
-            continue
-        changed = {}
-        for old, new in zip(before, mended(*before), strict=True):
-            if old is not None and new is not None and old.text != new.text:
-                click.echo(difference(old, new), err=True, nl=False)
-                changed[Path(old.name)] = new.text
-        write_changed(changed)
+def _print(console: Console, check: _CheckedDomain, *, first: bool) -> None:
+    counts = {kind: check.count(kind) for kind in ("error", "warning", "note")}
+    wrong, warned = counts["error"], counts["warning"]
+    style = "bold red" if wrong else "bold yellow" if warned else "bold green"
+    parts = [plural(count, kind) for kind, count in counts.items() if count]
+    headline = ", ".join(parts if wrong or warned else ["right", *parts])
+    if check.failure:
+        headline = "not checked"
+    console.print("\n" * (not first) + f"{check.name}: {headline}", style=style)
+    if check.failure:
+        say(check.failure)
+    remarks = [finding for finding in check.findings if finding.severity != "error"]
+    for finding in check.findings:
+        if finding.severity == "error":
+            say(finding.rendered)
+    for line in check.summary:
+        console.print(f"  {line}")
+    for finding in remarks[:100]:
+        style = "yellow" if finding.severity == "warning" else "dim"
+        console.print(f"  {finding.severity}: {finding.rendered}", style=style)
+    if len(remarks) > 100:
+        console.print(f"  ... and {len(remarks) - 100} more")

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import re
 import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from serp.ui.asked import asked_task
-from serp.ui.options import own_task_name, trials_options
-from serp.ui.output import examples, open_console, print_result, print_table
+from serp.ui.options import (
+    domain_option,
+    own_task_name,
+    own_task_option,
+    parse_seeds,
+    settings_option,
+)
+from serp.ui.output import examples, open_console, print_next, print_result, print_table
 from serp.ui.root import say, stopped_by
 
 if TYPE_CHECKING:
@@ -23,7 +30,6 @@ if TYPE_CHECKING:
         "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
         "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
         "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
-        "serp compare --out runs/soccer --algorithms ppo --seeds 10",
         "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
     ),
 )
@@ -41,14 +47,30 @@ if TYPE_CHECKING:
               help="Episodes of each such evaluation.  [default: 10]")  # fmt: skip
 @click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
               help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
-@trials_options(seeds=range(5), folder="compare")
-@click.pass_context
+@domain_option
+@own_task_option
+@click.option("--seeds", metavar="N|A-B|A,B",
+              callback=lambda ctx, parameter, value: parse_seeds(value),
+              help="How many seeds from 0 on, or the seeds themselves.  "
+                   "[default: 5]")  # fmt: skip
+@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
+              help="Budget of each training.")  # fmt: skip
+@settings_option
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Folder of the results; one that is there is continued.  "
+                   "[default: runs/compare-<domain>-<time>]")  # fmt: skip
+@click.option("--jobs", type=click.IntRange(min=1), metavar="N",
+              help="Trainings at the same time.  [default: one a core]")  # fmt: skip
+@click.option("--engine", metavar="local|ray", default="local", show_default=True,
+              help="What runs the trainings: processes of this machine, or a "
+                   "cluster.")  # fmt: skip
+@click.option("--address", metavar="ADDRESS",
+              help="The cluster of the engine.  [default: the engine starts workers "
+                   "here]")  # fmt: skip
+@click.option("--quiet", is_flag=True, help="No display; print the result alone.")
 def command(
-    ctx: click.Context,
-    /,
     domain: str | None,
     algorithms: tuple[str, ...],
-    max_ground_schemas: int | None,
     **options: Any,
 ) -> int | None:
     """Train several algorithms on one task, with the same budget, seeds, reward and observation.
@@ -58,15 +80,9 @@ def command(
     run folder. With the same --out only what is missing is run: more algorithms or seeds, or the
     rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
-    task = asked_task(domain, max_ground_schemas)
+    task = asked_task(domain)
     if task is None and options["out"] is None:
-        raise click.UsageError(
-            "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
-        )
-    if task is None and max_ground_schemas is not None:
-        raise click.UsageError(
-            "--max-ground-schemas cannot change in a comparison that is continued", ctx
-        )
+        raise click.UsageError("give --domain (`serp list` names the tasks), --task, or --out DIR")
     from serp.errors import Interrupted
     from serp.runs.comparison.compare import compare
 
@@ -98,14 +114,10 @@ def _print_results(comparison: Comparison, world: str | None) -> None:
     print_table(console, *comparison.overview())
     if comparison.results.caution is not None:
         console.print(f"\n{comparison.results.caution}")
-    console.print("\nNext:")
-    print_table(
+    print_next(
         console,
-        ("", ""),
-        [
-            (f"  {path / 'report.html'}", "the whole comparison on one page"),
-            (f"  {path / 'measures.csv'}", "all measures, a row a trial"),
-            (f"  {path / 'trials'}", "a run folder a trial, for serp why, report and evaluate"),
-            ("  " + shlex.join(more), "more seeds; what is there is kept"),
-        ],
-    )  # fmt: skip
+        (str(path / "report.html"), "the whole comparison on one page"),
+        (str(path / "measures.csv"), "all measures, a row a trial"),
+        (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
+        (shlex.join(more), "more seeds; what is there is kept"),
+    )

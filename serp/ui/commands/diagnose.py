@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -29,18 +29,16 @@ if TYPE_CHECKING:
 @click.argument("run", type=click.Path(path_type=Path))
 @own_task_option
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-@click.option("--png", type=OutputFile(".png"), metavar="FILE.png",
-              help="Draw predicted against observed there.")  # fmt: skip
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="The same as SVG.")  # fmt: skip
-def command(run: Path, as_json: bool, png: Path | None, svg: Path | None) -> None:
+              help="Draw predicted against observed there.")  # fmt: skip
+def command(run: Path, as_json: bool, svg: Path | None) -> None:
     """Report what is wrong or missing in the domain file of RUN, a folder of plan-and-learn.
 
     The predictions of the file are compared with the run's newest steps (up to 20,000): fluents,
     rewards and ends. The most costly findings come first. The environment is not needed, and
     nothing is changed.
     """
-    if png is not None or svg is not None:
+    if svg is not None:
         from serp.errors import needs_extra
 
         with needs_extra("plots", "a picture of a diagnosis"):
@@ -56,11 +54,9 @@ def command(run: Path, as_json: bool, png: Path | None, svg: Path | None) -> Non
         print_json(as_dict(diagnosis))
     else:
         _print(open_console(), diagnosis)
-    pictures: dict[Literal["png", "svg"], Path | None] = {"png": png, "svg": svg}
-    for kind, file in pictures.items():
-        if file is not None:
-            write_durably(file, picture(diagnosis, kind))
-            say(f"Predicted against observed is drawn in {file}")
+    if svg is not None:
+        write_durably(svg, picture(diagnosis, "svg"))
+        say(f"Predicted against observed is drawn in {svg}")
 
 
 def _print(console: Console, diagnosis: Diagnosis) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from importlib.metadata import Distribution, EntryPoint
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import click
@@ -23,12 +22,12 @@ def command() -> None:
 
     console = open_console()
     rows, styles = [], []
-    for name, entry in sorted(task_entries().items()):
+    for name in sorted(task_entries()):
         description, domain, broken = _about(name)
-        rows.append((name, description, domain, _package(entry)))
+        rows.append((name, description, domain))
         styles.append("red" if broken else "")
     if rows:
-        print_table(console, ("task", "", "domain file", "package"), rows, styles=styles)
+        print_table(console, ("task", "", "domain file"), rows, styles=styles)
     else:
         console.print("No task is installed.")
     own = {name: algorithm.description for name, algorithm in OWN.items()}
@@ -44,14 +43,14 @@ def command() -> None:
     ]
     print_table(console, ("preset", ""), presets)
     for group, (what, title, known) in groups.items():
-        shown = [(name, text, "") for name, text in known.items()]
+        shown = [*known.items()]
         styles = [""] * len(shown)
         for name, entry in sorted(offered(group).items()):
             description, broken = _first_line(entry, what)
-            shown.append((name, description, _package(entry)))
+            shown.append((name, description))
             styles.append("red" if broken else "")
         console.print("")
-        print_table(console, (title, "", "package"), shown, styles=styles)
+        print_table(console, (title, ""), shown, styles=styles)
 
 
 def _first_line(entry: EntryPoint, what: str) -> tuple[str, bool]:
@@ -80,13 +79,3 @@ def _about(name: str) -> tuple[str, str, bool]:
     used = find_domain_file(name) or shipped
     replaced = used.resolve() != shipped.resolve()
     return task.description, f"{used}{' (instead of the installed one)' * replaced}", False
-
-
-def _package(entry: EntryPoint) -> str:
-    return entry.value if entry.dist is None else _name_and_version(entry.dist)
-
-
-@functools.cache
-def _name_and_version(package: Distribution) -> str:
-    metadata = package.metadata  # the file is read and parsed at every access
-    return f"{metadata['Name']} {metadata['Version']}"

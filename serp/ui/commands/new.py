@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from serp.ui.output import examples, open_console, print_table
+from serp.ui.output import examples, open_console, print_next
 
 
 @click.command(
@@ -14,7 +14,6 @@ from serp.ui.output import examples, open_console, print_table
     epilog=examples(
         "serp new delivery",
         "serp new mountain --env MountainCar-v0",
-        "serp new highway --env highway_env:highway-fast-v0",
         "serp new my-robot --env my_env.py:Robot",
     ),
 )
@@ -39,18 +38,17 @@ def command(name: Path, env: str | None) -> None:
     for file in files:
         console.print(f"written: {file}")
     rows = [
-        (f"  serp play {domain}", "step it by hand; `?` asks the planner"),
-        (f"  serp check {domain}", "does it make sense, after each change"),
-        (f"  serp test {domain}", "does the planner do what you expect"),
-        (f"  serp plan-and-learn --domain {domain}", "let a learner practise in it"),
+        (f"serp play {domain}", "step it by hand; `?` asks the planner"),
+        (f"serp check {domain}", "does it make sense, after each change"),
+        (f"serp test {domain}", "does the planner do what you expect"),
+        (f"serp plan-and-learn --domain {domain}", "let a learner practise in it"),
     ]
     if env is not None:
         task = files[1]
         rows = [
-            (f"  {domain}", "say what the actions change, what is good, what must not happen"),
-            (f"  serp check {domain} --task {task}", "does it fit together, after each change"),
-            (f"  serp plan --task {task} --observe", "what the planner would do"),
-            (f"  serp plan-and-learn --task {task}", "train"),
+            (str(domain), "say what the actions change, what is good, what must not happen"),
+            (f"serp check {domain} --task {task}", "does it fit together, after each change"),
+            (f"serp plan --task {task} --observe", "what the planner would do"),
+            (f"serp plan-and-learn --task {task}", "train"),
         ]
-    console.print("\nNext:")
-    print_table(console, ("", ""), rows)
+    print_next(console, *rows)

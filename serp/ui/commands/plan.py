@@ -12,12 +12,11 @@ from serp.errors import SerpError, SettingsError
 from serp.ui.asked import MakePlanner, asked_domain, asked_state, open_run
 from serp.ui.options import (
     OutputFile,
-    max_ground_schemas_option,
     own_task_option,
     refuse_given,
     settings_option,
 )
-from serp.ui.output import examples, learned_from, open_console, print_json
+from serp.ui.output import examples, open_console, print_json
 from serp.ui.root import say
 
 if TYPE_CHECKING:
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     epilog=examples(
         "serp plan --domain cartpole",
         "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
-        "serp plan --domain my/world.pddl --problem my/world-problem.pddl --depth 4",
         "serp plan --domain my/world.pddl --set planner.discount=0.9 --svg decision.svg",
         "serp plan runs/seven --seed 3",
     ),
@@ -44,12 +42,11 @@ if TYPE_CHECKING:
 @own_task_option
 @click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
               help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
-@max_ground_schemas_option
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,
-              help="Take the state from the environment: the first one in which the actions have "
-                   "different best returns; with --state, the one after a reset.")  # fmt: skip
+              help="Take the state from the environment: the first one in which the planner has "
+                   "a choice; with --state, the one after a reset.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the reset.")  # fmt: skip
 @click.option(
@@ -71,7 +68,6 @@ def command(
     run: Path | None,
     name: str | None,
     problem: Path | None,
-    max_ground_schemas: int | None,
     assignments: tuple[str, ...],
     observe: bool,
     seed: int,
@@ -83,8 +79,7 @@ def command(
 
     The state is what --state says, the rest of it from the problem file or (with --observe) from
     the task's environment. With neither, the problem's initial state is taken, or else one that is
-    observed. While the planner is indifferent there, its action is executed, and the next state is
-    tried.
+    observed.
 
     The planner is the one that a training begins with, with the settings of the task. The picture
     is one of the lookahead, and says so where the planner sees something else.
@@ -97,7 +92,7 @@ def command(
 
     loaded = None if run is None else _opened(run)
     if loaded is None:
-        domain, task = asked_domain(name, problem, max_ground_schemas)
+        domain, task = asked_domain(name, problem)
         make_planner = _planning(task, **planning)
     else:
         domain, task, make_planner = loaded.agent.task.domain, loaded.task, _planner_of(loaded)
@@ -123,8 +118,6 @@ def command(
                 console.print(line)
         if loaded is not None:
             console.print(f"The model of {run} is {loaded.agent.adaptation.adoption}.")
-        elif task is not None and domain.model.rewarding:
-            console.print(learned_from(domain, task))
     if svg is not None:
         from serp._util.files import write_durably
         from serp.ui.pictures.plan_picture import plan_picture
@@ -139,7 +132,7 @@ def command(
 
 def _opened(folder: Path) -> Run:
     """Open the run that is asked for."""
-    own = ("name", "problem", "max_ground_schemas", "planner_name", "depth", "dt", "settings")
+    own = ("name", "problem", "planner_name", "depth", "dt", "settings")
     refuse_given(own, "cannot be given beside a run, which has its own")
     if not folder.is_dir():
         raise click.UsageError(

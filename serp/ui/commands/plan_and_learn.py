@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from serp._util.text import plural, readable
 from serp.ui.asked import asked_task
 from serp.ui.options import (
     domain_option,
-    max_ground_schemas_option,
+    own_task_name,
     own_task_option,
     refuse_given,
     settings_option,
 )
-from serp.ui.output import examples
-from serp.ui.trained import train
+from serp.ui.output import examples, open_console, print_next, print_result, print_table
+from serp.ui.root import say, stopped_by
+from serp.ui.trained import print_account, unsafe_text
+
+if TYPE_CHECKING:
+    from serp.runs.run import Run
 
 
 @click.command(
@@ -24,10 +30,6 @@ from serp.ui.trained import train
     epilog=examples(
         "serp plan-and-learn --domain cartpole",
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
-        "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
-        "serp plan-and-learn --domain cartpole --adapt off",
-        "serp plan-and-learn --domain delivery.pddl --planner far-sight",
-        "serp plan-and-learn --domain cartpole --num-envs 16",
         "serp plan-and-learn --task my_robot.py",
         "serp plan-and-learn --resume runs/seven --episodes 500",
     ),
@@ -51,7 +53,6 @@ from serp.ui.trained import train
 @click.option("--planner", metavar="NAME", help="The planner.  [default: by the preset]")
 @click.option("--num-envs", type=click.IntRange(min=1), metavar="N",
               help="Step N environments at the same time.  [default: 1]")  # fmt: skip
-@max_ground_schemas_option
 @settings_option
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
 def command(
@@ -61,7 +62,6 @@ def command(
     adapt: str | None,
     planner: str | None,
     num_envs: int | None,
-    max_ground_schemas: int | None,
     settings: dict[str, dict[str, Any]],
     quiet: bool,
     **options: Any,
@@ -80,14 +80,33 @@ def command(
     _set(settings, "training", "num_envs", "--num-envs", num_envs)
     resuming = resume is not None
     path = out if resume is None else _run_to_resume(resume, out)
-    task = asked_task(domain, max_ground_schemas)
+    task = asked_task(domain)
     if task is None and not resuming:
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --resume RUN"
         )
-    return train(
-        task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet, **options
-    )
+    from serp.errors import Interrupted
+    from serp.runs.train import plan_and_learn
+
+    try:
+        run = plan_and_learn(
+            task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet, **options
+        )
+    except BaseException as error:
+        notes = getattr(error, "__notes__", [])  # how the run goes on
+        if notes and (own := _own_task()):
+            error.add_note(f"and add{own} to the command, for this task is not installed")
+        stopped = isinstance(error, KeyboardInterrupt) and notes
+        if not (stopped or isinstance(error, Interrupted)):
+            raise
+        message = "Stopped at once." if stopped else str(error)
+        say("\n".join([message, *notes]))
+        return stopped_by(error)
+    if quiet:
+        print_result(run.path)
+    else:
+        _print_results(run)
+    return None
 
 
 def _set(
@@ -104,7 +123,7 @@ def _set(
 def _run_to_resume(given: str, out: Path | None) -> Path:
     """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
     refuse_given(
-        ("preset", "seed", "adapt", "planner", "num_envs", "max_ground_schemas", "settings"),
+        ("preset", "seed", "adapt", "planner", "num_envs", "settings"),
         "cannot change in a run that is resumed",
     )
     if given and out is not None and Path(given) != out:
@@ -113,3 +132,43 @@ def _run_to_resume(given: str, out: Path | None) -> Path:
     if path is None:
         raise click.UsageError("give the run to continue: --resume RUN")
     return path
+
+
+def _own_task() -> str:
+    """Return `--task` as it was given, for a command that is to be typed next."""
+    name = own_task_name()
+    return f" --task {shlex.quote(name)}" if name is not None else ""
+
+
+def _print_results(run: Run) -> None:
+    summary: dict[str, Any] = run.summary
+    episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
+    mean = f"{readable(returns['mean'])} on average"
+    if returns["last_20"] is not None:
+        mean += f", {readable(returns['first_10'])} in the first 10 episodes, "
+        mean += f"{readable(returns['last_20'])} in the last 20"
+    quoted = shlex.quote(str(run.path))
+    console = open_console()
+    console.print("")
+    print_table(
+        console,
+        ("", ""),
+        [
+            ("run", str(run.path)),
+            ("length", f"{episodes}, {plural(summary['env_steps'], 'env step')}"),
+            ("return", mean),
+            ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
+                           "(a fall, a crash, the goal)"),
+            ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
+            ("unsafe", unsafe_text(summary)),
+        ],
+    )  # fmt: skip
+    console.print("")
+    print_account(console, summary, summary["sight"])
+    print_next(
+        console,
+        (f"serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
+        (f"serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
+        (f"serp why {quoted}", "what happened in a step, and the lines behind it"),
+        (f"serp report {quoted}{_own_task()}", "the whole run as one page for the browser"),
+    )

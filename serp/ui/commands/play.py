@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp.ui.options import max_ground_schemas_option, own_task_option, settings_option
+from serp.ui.options import own_task_option, settings_option
 from serp.ui.output import examples
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 @own_task_option
 @click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
               help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
-@max_ground_schemas_option
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Where it begins, if not as :init says; may be repeated.")  # fmt: skip
 @click.option("--failure", type=float, default=0.0, metavar="P",
@@ -50,7 +49,6 @@ if TYPE_CHECKING:
 def command(
     name: str,
     problem: Path | None,
-    max_ground_schemas: int | None,
     assignments: tuple[str, ...],
     seed: int,
     dt: float | None,
@@ -85,7 +83,7 @@ def command(
         as_options = re.sub(r"\bworld\.(\w+)", r"--\1", str(error))
         raise click.UsageError(as_options) from None
     file = find_domain_file(name)
-    domain, task = asked_domain(name, problem, max_ground_schemas)
+    domain, task = asked_domain(name, problem)
     if planner is not None:
         settings.setdefault("planner", {})["name"] = planner
     dt = dt or (1.0 if task is None else task.dt)
@@ -104,9 +102,7 @@ def command(
     game = Game(starting(domain, begun) if begun else domain, world, dt=dt, seed=seed)
     player = Player(domain, task, dt, resolved, file is not None, game, begun, console)
     disturbed = "".join(f", {what} {size:g}" for what, size in disturbances.items() if size)
-    console.print(
-        f"the world of {game.moment.domain.source.name}, control period {dt:g}{disturbed}"
-    )
+    console.print(f"the world of {game.domain.source.name}, control period {dt:g}{disturbed}")
     player.print_state()
     player.print_actions()
     if by_hand:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
@@ -34,11 +33,9 @@ from serp.ui.output import examples, open_console
 def command(run: Path, out: Path | None, evaluation: str | None, steps: int, pictures: int) -> None:
     """Write what happened in RUN as one HTML file, which needs nothing else.
 
-    Curves, refusals, errors of the file; and every recorded step with its scene, its state, its
-    alternatives and the lines of the file behind the executed and the refused action. The curve
-    shows the planner alone where `serp evaluate --policy planner` has measured it.
+    Curves and refusals; and every recorded step with its scene, its state, its alternatives and the
+    lines of the file behind the executed and the refused action.
     """
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
     from serp.runs.run import load_run
     from serp.ui.report.report import write_report
 

@@ -8,7 +8,7 @@ import click
 
 from serp.ui.asked import asked_own_task
 from serp.ui.options import own_task_option
-from serp.ui.output import examples, print_result
+from serp.ui.output import examples
 from serp.ui.root import say
 
 
@@ -16,8 +16,6 @@ from serp.ui.root import say
     "studio",
     epilog=examples(
         "serp studio soccer",
-        "serp studio domains/cartpole.pddl",
-        "serp studio runs/seven",
         "serp studio my/world.pddl --port 8400 --no-browser",
     ),
 )
@@ -30,9 +28,10 @@ def command(name: str, port: int, no_browser: bool) -> None:
     """Edit a domain file in the browser and see at every keystroke what it means.
 
     Beside the text stand what is wrong in it, the planner's decision in a state of your choice, and
-    its planning graph. With RUN, the folder of a training, the states are those that it went
-    through. The page is served on this machine alone, at an address with a token; it loads nothing
-    from the network. Files are saved in the working folder alone.
+    its planning graph. The page is served on this machine alone, at an address with a token; it
+    loads nothing from the network. Files are saved in the working folder alone.
+
+    With RUN, the folder of a training, its copy of the file is opened.
 
     Ctrl-C ends it.
     """
@@ -44,4 +43,4 @@ def command(name: str, port: int, no_browser: bool) -> None:
 
     session = open_session(name, Path.cwd(), asked_own_task())
     say("serp studio runs at this address; Ctrl-C ends it.")
-    serve(session, port, browser=not no_browser, announce=print_result, warn=say)
+    serve(session, port, browser=not no_browser)

@@ -19,17 +19,16 @@ from serp.ui.root import say
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.authoring.scenarios.files import ScenarioFile
+    from serp.authoring.scenarios.checking import Decider, Result
+    from serp.pddl.source import Source
 
 
 @click.command(
     "test",
     epilog=examples(
         "serp test cartpole",
-        "serp test domains/*.pddl",
         "serp test domains/soccer.pddl -k goal",
         "serp test cartpole --run runs/seven",
-        "serp test new.pddl --scenarios domains/cartpole.scenarios",
     ),
 )
 @click.argument("names", metavar="FILE|NAME...", nargs=-1)
@@ -61,12 +60,22 @@ def command(
 
     Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
     """
+    from serp.authoring.scenarios.files import run_scenarios
+
     console = open_console()
-    wrong, results = 0, []
+    wrong, results = 0, list[dict[str, Any]]()
     for position, name in enumerate(_domains(names)):
         try:
-            file = _opened(name, **deciding)
-            results += _report(console if not as_json else None, file, words, first=not position)
+            source, decider = _opened(name, **deciding)
+            if not as_json:
+                console.print(("\n" if position else "") + source.name, style="bold")
+            for result in run_scenarios(source, decider, words):
+                place, title = result.scenario.place, result.scenario.title
+                failures = [dataclasses.asdict(failure) for failure in result.failures]
+                results.append({"file": source.name, "line": place.line, "title": title,
+                                "passed": result.passed, "failures": failures})  # fmt: skip
+                if not as_json:
+                    _print(console, result)
         except SerpError as error:
             say(with_notes(error), head="Error: ")
             wrong += 1
@@ -110,42 +119,28 @@ def _opened(
     preset: str,
     settings: Mapping[str, Mapping[str, Any]],
     dt: float | None,
-) -> ScenarioFile:
+) -> tuple[Source, Decider]:
     """Return the scenarios of a domain, with who decides in them."""
     from serp.authoring.scenarios.checking import Decider
-    from serp.authoring.scenarios.files import ScenarioFile, read_beside
+    from serp.authoring.scenarios.files import read_beside
     from serp.pddl.source import Source
     from serp.settings import resolve
 
     domain, task = asked_domain(name)
     source = read_beside(domain) if file is None else Source.read(file)
     if run is not None:
-        return ScenarioFile(source, Decider.of_agent(open_run(run).agent, domain))
+        return source, Decider.of_agent(open_run(run).agent, domain)
     used = resolve(preset, None if task is None else task.settings, settings)
     period = dt or (task.dt if task else 1.0)
-    return ScenarioFile.open(source, domain, used, period, task)
+    return source, Decider.of_domain(source, domain, used, period, task)
 
 
-def _report(
-    console: Console | None, file: ScenarioFile, words: str, *, first: bool
-) -> list[dict[str, Any]]:
-    """Check the scenarios of a file, print each as soon as it is checked, and return them."""
-    if console is not None:
-        console.print(("" if first else "\n") + file.source.name, style="bold")
-    results = []
-    for result in file.run(words):
-        place, title = result.scenario.place, result.scenario.title
-        failures = [dataclasses.asdict(failure) for failure in result.failures]
-        results.append({"file": file.source.name, "line": place.line, "title": title,
-                        "passed": result.passed, "failures": failures})  # fmt: skip
-        if console is None:
-            continue
-        mark, style = ("ok  ", "green") if result.passed else ("FAIL", "bold red")
-        console.print(f"  {mark}  {title}", style=style)
-        for failure in result.failures:
-            console.print(f"        line {failure.line}: {failure.expected}")
-            console.print(f"          {failure.found}", style="red")
-            for action, lines in failure.causes.items():
-                for line in lines:
-                    console.print(f"            {action}: {line}", style="dim")
-    return results
+def _print(console: Console, result: Result) -> None:
+    mark, style = ("ok  ", "green") if result.passed else ("FAIL", "bold red")
+    console.print(f"  {mark}  {result.scenario.title}", style=style)
+    for failure in result.failures:
+        console.print(f"        line {failure.line}: {failure.expected}")
+        console.print(f"          {failure.found}", style="red")
+        for action, lines in failure.causes.items():
+            for line in lines:
+                console.print(f"            {action}: {line}", style="dim")

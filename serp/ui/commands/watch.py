@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
     "watch",
     epilog=examples(
         "serp watch runs/seven",
-        "serp watch runs/seven --policy planner --episodes 10",
-        "serp watch runs/seven --out seven.gif",
         "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
     ),
 )
@@ -34,15 +31,9 @@ if TYPE_CHECKING:
               help="Episodes to show.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the environment; `serp evaluate` has the same episodes.")  # fmt: skip
-@click.option("-o", "--out", type=OutputFile(".gif", ".mp4"), metavar="FILE.gif|FILE.mp4",
+@click.option("-o", "--out", type=OutputFile(".mp4"), metavar="FILE.mp4",
               help="The film.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
-def command(
-    run: Path,
-    policy: Policy,
-    episodes: int,
-    seed: int,
-    out: Path | None,
-) -> None:
+def command(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None) -> None:
     """Film episodes of a policy of RUN, the folder that plan-and-learn made.
 
     Below the picture stands who acts and what is done; in red what was refused, and why in the
@@ -52,13 +43,11 @@ def command(
     """
     from serp.errors import needs_extra
 
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
     with needs_extra("watch", "watching a policy"):
-        from serp.ui.pictures.film import FilmSettings, write_film
+        from serp.ui.pictures.film import write_film
 
     path = out or run / "film.mp4"
-    fps, width = (50.0, 640) if path.suffix.lower() == ".gif" else (60.0, None)
-    write_film(open_run(run), path, FilmSettings(policy, episodes, seed, fps, width), _report)
+    write_film(open_run(run), path, policy, episodes, seed, _report)
     open_console().print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
     if out is None and sys.stdout.isatty():
         click.launch(str(path))
@@ -70,9 +59,8 @@ def _report(number: int, last: StepRecord) -> None:
 
     totals, counts = last.episode, last.episode.decisions
     outcome = f"{outcome_of(last.info)}, " if outcome_of(last.info) else ""
-    unsafe = f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
-    say(
-        f"episode {number}: {outcome}return {readable(totals.return_)} in "
-        f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
-        + (unsafe if counts.unsafe_executed else "")
-    )
+    text = f"episode {number}: {outcome}return {readable(totals.return_)} in "
+    text += f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
+    if counts.unsafe_executed:
+        text += f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
+    say(text)

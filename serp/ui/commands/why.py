@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     epilog=examples(
         "serp why runs/seven",
         "serp why runs/seven --step 1204",
-        "serp why runs/seven --episode 12 --step 37",
         "serp why runs/seven --evaluation serp-seed0 --episode 3 --step 8 --json",
     ),
 )

@@ -9,19 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.text import plural
 from serp.agent.decision import Reason
-from serp.errors import RunError
-from serp.runs.evaluation import interval_of
-from serp.runs.recording import (
-    REASONS,
-    VETO_COLUMNS,
-    Recording,
-    evaluations_of,
-    open_recording,
-    vetoed,
-)
-from serp.runs.run import Run
+from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, vetoed
 from serp.runs.summary import Metrics, binned_shares, moving_interval, moving_mean
 
 _NO_SAFE: Final = [REASONS.index(each) for each in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)]
@@ -29,17 +18,14 @@ _NO_SAFE: Final = [REASONS.index(each) for each in (Reason.NO_SAFE_ACTION, Reaso
 
 @dataclass(frozen=True)
 class RecordedEpisode:
-    """One recorded episode.
+    """One recorded episode, by its number, from 1, in the order in which episodes begin.
 
     Attributes:
-        number: Its number, from 1, in the order in which episodes begin.
         positions: Positions `[n]` of its steps in the recording.
         return_: Sum of the environment's rewards.
         vetoes: Number of proposals refused.
         no_safe_action: Number of steps without an action predicted safe.
-        end: How it ended: `terminated`, `truncated`, or `unfinished` where the recording ends
-            before the episode.
-        omitted: Number of its last steps that the report leaves out.
+        end: `terminated`, `truncated`, or `unfinished` where the recording ends before.
     """
 
     number: int
@@ -48,7 +34,6 @@ class RecordedEpisode:
     vetoes: int
     no_safe_action: int
     end: str
-    omitted: int = 0
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -56,15 +41,10 @@ class RecordedEpisode:
 
 @dataclass(frozen=True)
 class RecordedSteps:
-    """Steps of some episodes, each `[N, ...]` in the order of `episodes`.
+    """Steps of some episodes, `[N, ...]` in the order of `episodes`, with columns of a recording.
 
-    Attributes:
-        episodes: The episodes, in the order in which they begin.
-        positions: Positions in the recording.
-        columns: Columns of a recording.
-        ground: Ground action executed, -1 where the model does not know it.
-        vetoed: Whether a proposal was refused.
-        no_safe: Whether no action was predicted safe.
+    `positions` are those in the recording; `ground` the ground actions executed, -1 where the model
+    does not know them; `no_safe` tells where no action was predicted safe.
     """
 
     episodes: tuple[RecordedEpisode, ...]
@@ -132,14 +112,14 @@ def chosen_steps(
 ) -> RecordedSteps:
     """Return the steps of as many episodes as fit into a number of steps, see `by_interest`.
 
-    If not even one fits, its last steps are omitted.
+    If not even one fits, its last steps are left out.
     """
     chosen: list[RecordedEpisode] = []
     room = most
     for episode in by_interest(episodes):
         if not chosen and len(episode) > room:
-            shown = episode.positions[:most]
-            episode = replace(episode, positions=shown, omitted=len(episode) - most)
+            shown = episode.positions[:room]
+            episode = replace(episode, positions=shown, end="not shown to its end")
         if len(episode) <= room:
             chosen.append(episode)
             room -= len(episode)
@@ -165,9 +145,7 @@ def chosen_steps(
 def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[str, NDArray[Any]]:
     """Return what the page draws: the returns, their moving mean with its interval, the shares.
 
-    Args:
-        metrics: The metrics, whose episodes are numbered as they end.
-        recorded: The recorded episodes of the training, which are numbered as they begin.
+    The metrics number episodes as they end, the recording as they begin.
     """
     ended = [each for each in recorded if each.end != "unfinished"]
     ended.sort(key=lambda each: int(each.positions[-1]))
@@ -196,28 +174,3 @@ def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[
 def _spread(count: int, most: int) -> NDArray[np.int64]:
     """Return evenly spread positions, the first and the last among them."""
     return np.unique(np.linspace(0, max(0, count - 1), min(count, most)).astype(np.int64))
-
-
-def planner_baseline(run: Run) -> tuple[dict[str, Any] | None, list[str]]:
-    """Return the planner's return in its longest recorded evaluation, and what cannot be read.
-
-    It has `mean`, `low`, `high` (95 % interval) and a `label`; None without such an evaluation.
-    """
-    returns: dict[str, list[float]] = {}
-    notes: list[str] = []
-    for name in evaluations_of(run.path):
-        try:
-            recording = open_recording(run.path, name)
-            if recording.layout.policy == "planner" and recording.episodes:
-                rewards = recording.columns("env_reward")["env_reward"]
-                returns[name] = [float(rewards[own].sum()) for own in recording.episodes.values()]
-        except RunError as error:
-            notes.append(f"The evaluation {name} was left out: {error}")
-    if not returns:
-        return None, notes
-    best = max(returns, key=lambda name: len(returns[name]))
-    mean = float(np.mean(returns[best]))
-    low, high = interval_of(returns[best]) or (mean, mean)
-    count = plural(len(returns[best]), "episode")
-    label = f"the planner alone, mean of {count} with its 95 % interval (evaluation {best})"
-    return {"mean": mean, "low": low, "high": high, "label": label}, notes

@@ -5,8 +5,6 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
-import json
-import warnings
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
@@ -18,8 +16,7 @@ from serp._util.figures import PALETTE
 from serp._util.files import write_durably
 from serp._util.terminal import bar, visible
 from serp._util.text import percent, plural, readable
-from serp.errors import Notice, needs_extra
-from serp.pddl.source import Source
+from serp.errors import needs_extra
 from serp.runs.recording import ACTORS, RECORDING, Recording
 from serp.runs.results import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
@@ -27,20 +24,9 @@ from serp.runs.run import Run
 from serp.runs.run_model import RunModel
 from serp.runs.summary import WINDOW, summarize
 from serp.ui.report import step_data
-from serp.ui.report.recorded_steps import (
-    chosen_steps,
-    curve_arrays,
-    planner_baseline,
-    recorded_episodes,
-)
+from serp.ui.report.recorded_steps import chosen_steps, curve_arrays, recorded_episodes
 from serp.ui.report.scene import drawn_scenes
-from serp.ui.report.step_data import packed
-from serp.ui.report.tables import (
-    CauseTable,
-    error_table,
-    model_errors,
-    prevented,
-)
+from serp.ui.report.tables import CauseTable, model_errors, prevented
 
 with needs_extra("report", "a report of a run"):
     from markupsafe import Markup
@@ -49,12 +35,7 @@ with needs_extra("report", "a report of a run"):
 
 
 class _Page:
-    """The page of a run; see `write_report`.
-
-    Raises:
-        RunError: The run has no recording, or a file cannot be read.
-        SerpError: Its task cannot be loaded, or its environment failed.
-    """
+    """The page of a run; see `write_report`."""
 
     def __init__(self, run: Run, *, evaluation: str | None, steps: int, pictures: int) -> None:
         self.run, self.read = run, RunModel(run.path)
@@ -71,7 +52,6 @@ class _Page:
         with bar("explaining", max(1, len(shown)), quiet=False) as advance:
             self.causes = CauseTable(self.read.adapted or model, shown, advance)
         self.errors = model_errors(model, shown, recording.usual_change)
-        self.baseline, self.notes = planner_baseline(run)
         self.actions = [visible(name) for name in recording.layout.actions]
         self.cards = prevented(shown, self.causes, self.actions)
         name = recording.folder.name
@@ -85,7 +65,8 @@ class _Page:
         colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
         style = f":root {{ {colors}}}\n" + _text("style.css")
         script = "".join(_text(f"{name}.js") for name in scripts)
-        sources = self.read.domain.sources
+        sources, made = self.read.domain.sources, self.read.folder.metadata
+        version = made["versions"].get("serp")
         return render(
             "serp.ui.report",
             "page.html.j2",
@@ -94,21 +75,24 @@ class _Page:
             style=Markup(style),
             script=Markup(script),
             policy={"style": _digest(style), "script": _digest(script)},
-            meta=Markup(_json(meta)),
+            meta=meta,
             arrays=Markup(arrays),
             figures=self._figures(summary),
             curve={"window": WINDOW} if summary["episodes"] else None,
-            baseline=self.baseline,
-            notes=[visible(note) for note in self.notes],
             evaluation=self.evaluation,
             prevented=self._prevented(),
             more_prevented=max(0, len(self.cards) - 24),
-            errors=error_table(self.errors, self.read.model, self.actions, self.steps),
             steps=len(self.steps),
             steps_note=self._steps_note(),
-            files=[_file(number, source) for number, source in enumerate(sources)],
+            files=[
+                (
+                    visible(Path(source.name).name),
+                    [visible(source.line_text(n + 1)) for n in range(len(source.line_starts))],
+                )
+                for source in sources
+            ],
             **self._filters(),
-            origin=self._origin(),
+            origin=visible(f"{self.run.path.name}, begun {made['created']}, serp {version}."),
         )
 
     def _data(self) -> tuple[dict[str, Any], str]:
@@ -118,7 +102,7 @@ class _Page:
         card = np.zeros(len(steps), np.uint16)
         for number, each in enumerate(self.cards, 1):
             card[each["steps"]] = number
-        arrays, order = packed(
+        arrays, order = step_data.packed(
             {
                 **curve_arrays(metrics, () if self.evaluation else self.recorded),
                 **step_data.step_arrays(steps, self.errors, self.causes, scenes.drawn(steps)),
@@ -142,7 +126,6 @@ class _Page:
                 for fluent in model.fluents
             ],
             "largeError": self.errors.limit,
-            "baseline": self.baseline,
             "episodes": step_data.episode_data(steps, scenes),
             "causes": [step_data.shown_cause(cause, sources) for cause in self.causes.causes],
             "start": start,
@@ -156,12 +139,11 @@ class _Page:
         unsafe, came = summary["unsafe_executed"], summary["unsafe_observed"]
         recent, off = returns["last_20"] is not None, self.errors.mean
         learner = (shares["learner"] or 0.0) + (shares["exploration"] or 0.0)
-        planner = self.baseline and f"the planner alone: {readable(self.baseline['mean'])}"
         safety = f"{plural(summary['no_safe_action'], 'step')} without a safe action"
         safety += f", {plural(came, 'step')} observed unsafe" if came is not None else ""
         return [
             (f"Return, last {WINDOW} episodes" if recent else "Mean return",
-             readable(returns["last_20"] if recent else returns["mean"]), planner or "", False),
+             readable(returns["last_20"] if recent else returns["mean"]), "", False),
             ("Decisions", f"{steps:,}", f"in {plural(summary['episodes'], 'episode')}", False),
             ("By the learner", percent(learner) if steps else "–", acted, False),
             ("Proposals refused", f"{summary['vetoes']:,}",
@@ -228,28 +210,6 @@ class _Page:
             "last_episode": max((each.number for each in steps.episodes), default=1),
         }
 
-    def _origin(self) -> str:
-        metadata = self.read.folder.metadata
-        version = metadata["versions"].get("serp")
-        return visible(f"{self.run.path.name}, begun {metadata['created']}, serp {version}.")
-
-
-def _file(number: int, source: Source) -> dict[str, Any]:
-    """Return a file as lines, code and comment apart."""
-    lines = []
-    count = len(source.line_starts) - source.text.endswith("\n")
-    for line in range(1, count + 1):
-        code, mark, comment = source.line_text(line).partition(";")
-        lines.append({"id": f"f{number}-{line}", "code": visible(code),
-                      "comment": visible(mark + comment)})  # fmt: skip
-    return {"name": visible(source.name.rpartition("/")[2]), "lines": lines}
-
-
-def _json(value: Any) -> str:
-    """Return JSON that can stand in a script element."""
-    html = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})
-    return json.dumps(value, ensure_ascii=False, allow_nan=False).translate(html)
-
 
 def _text(name: str) -> str:
     return (files("serp.ui.report") / "templates" / name).read_text(encoding="utf-8")
@@ -269,30 +229,12 @@ def _seeds(run: Run, recording: Recording, evaluation: str | None) -> Callable[[
 
 
 def write_report(
-    run: Run,
-    path: Path,
-    *,
-    evaluation: str | None,
-    steps: int,
-    pictures: int,
+    run: Run, path: Path, *, evaluation: str | None, steps: int, pictures: int
 ) -> None:
     """Write the report of a run; an existing file is replaced.
 
-    A damaged evaluation, beside the one that is shown, is left out; the page and a `Notice` say so.
-
-    Args:
-        run: The run.
-        path: The file.
-        evaluation: Name of the recorded evaluation whose steps are shown; None: those of the
-            training.
-        steps: Most steps in the page; fewer where there are many fluents and actions.
-        pictures: Most pictures of the scene; 0 for none.
-
-    Raises:
-        RunError: The run has no recording, or a file cannot be read or written.
-        SerpError: Its task cannot be loaded, or its environment failed.
+    `evaluation` is the recorded evaluation whose steps are shown, None those of the training;
+    `steps` and `pictures` are the most that the page has (fewer steps of many fluents and actions).
     """
     page = _Page(run, evaluation=evaluation, steps=steps, pictures=pictures)
-    for note in page.notes:
-        warnings.warn(visible(note), Notice, stacklevel=2)
     write_durably(path, page.render())

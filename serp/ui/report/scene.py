@@ -6,7 +6,6 @@ where the two differ, another episode would be drawn, so the pictures end there.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,21 +16,18 @@ from numpy.typing import NDArray
 from serp.errors import RunError, SerpError, needs_extra
 from serp.runs.run import Run
 from serp.tasks.task import BoundTask
-from serp.ui.pictures.film import Camera
 from serp.ui.report.recorded_steps import RecordedSteps, by_interest
 
 with needs_extra("report", "a report of a run"):
-    from PIL import Image
+    from serp.ui.pictures.camera import Camera, webp
 
 
 @dataclass
 class DrawnScenes:
-    """The pictures of a report.
+    """The pictures of a report, each a WebP.
 
-    Attributes:
-        pictures: The pictures, each a WebP.
-        frames: Number of an episode → its first picture, and how many it has: one for each state.
-        notes: Number of an episode → why not all of it is drawn.
+    `frames` has, by episode, its first picture and how many it has, one for each state; `notes` why
+    not all of it is drawn.
     """
 
     pictures: list[bytes] = field(default_factory=list)
@@ -53,16 +49,11 @@ def drawn_scenes(
     seed_of: Callable[[int], int] | None,
     *,
     most: int,
-    on_picture: Callable[[], None] = lambda: None,
+    on_picture: Callable[[], None],
 ) -> DrawnScenes:
-    """Draw episodes, the most interesting ones first, see `by_interest`.
+    """Draw episodes, the most interesting ones first, see `by_interest`; at most `most` pictures.
 
-    Args:
-        run: The run.
-        steps: The steps that the report shows.
-        seed_of: Number of an episode, from 0 → seed of the environment; None if it is not known.
-        most: Most pictures.
-        on_picture: Called after each picture.
+    `seed_of` returns the seed of an episode, by its number from 0; None if it is not known.
     """
     differs = (
         "Not drawn from here: executed again with the same seed and the same actions, the "
@@ -83,7 +74,7 @@ def drawn_scenes(
                     number, first = episode.number, len(pictures)
                     states, actions = (steps[name][rows[number]] for name in ("state", "action"))
                     for picture in _pictures(task, seed_of(number - 1), states, actions):
-                        pictures.append(_webp(picture))
+                        pictures.append(webp(picture, 320))
                         room -= len(pictures[-1])
                         on_picture()
                         if len(pictures) >= most or room <= 0:
@@ -101,17 +92,6 @@ def drawn_scenes(
         if episode.number not in scenes.frames:
             scenes.notes.setdefault(episode.number, why)
     return scenes
-
-
-def _webp(picture: NDArray[np.uint8]) -> bytes:
-    width = 320
-    image = Image.fromarray(picture)
-    if image.width > width:
-        size = (width, max(1, round(image.height * width / image.width)))
-        image = image.resize(size, Image.Resampling.HAMMING)
-    buffer = io.BytesIO()
-    image.save(buffer, "WEBP", quality=60, method=2)
-    return buffer.getvalue()
 
 
 def _pictures(

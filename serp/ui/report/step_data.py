@@ -170,14 +170,13 @@ def episode_data(steps: RecordedSteps, scenes: DrawnScenes) -> list[dict[str, An
     data = []
     for episode, rows in zip(steps.episodes, steps.rows, strict=True):
         frame, frames = scenes.frames.get(episode.number, (0, 0))
-        omitted = f", {episode.omitted:,} steps omitted" if episode.omitted else ""
         data.append(
             {
                 "number": episode.number,
                 "first": rows.start,
                 "steps": len(episode),
                 "return": episode.return_,
-                "end": episode.end + omitted,
+                "end": episode.end,
                 "vetoes": episode.vetoes,
                 "frame": frame,
                 "frames": frames,

@@ -1,4 +1,4 @@
-"""The tables of a report: causes, errors of the model, what was refused and prevented."""
+"""What is behind the steps of a report: causes, errors of the model, what was prevented."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause
 from serp.agent.decision import Reason
 from serp.agent.explanation import step_causes
@@ -44,7 +43,7 @@ class CauseTable:
         self,
         model: TransitionModel,
         steps: RecordedSteps,
-        on_step: Callable[[], None] = lambda: None,
+        on_step: Callable[[], None],
     ) -> None:
         numbers: dict[Any, int] = {}
         ends, actions, positions, amounts = [0], [], [], []
@@ -92,14 +91,13 @@ class ModelErrors:
 
     Attributes:
         predicted: Next states `[N, F]`; NaN where there is no prediction.
-        units: `[F]` what a fluent usually changes by in a step (root mean square); of predicates 1.
-        errors: `[N, F]` absolute errors in these units; NaN without a prediction.
+        errors: `[N, F]` absolute errors in units of what a fluent usually changes by in a step
+            (root mean square); of predicates 0 or 1; NaN without a prediction.
         largest: `[N]` the largest error of a step; 0 without a prediction.
         limit: Errors from here on are called large: those of a twentieth of the steps, at least 1.
     """
 
     predicted: Vector
-    units: Vector
     errors: Vector
     largest: Vector
     limit: float
@@ -125,58 +123,7 @@ def model_errors(model: TransitionModel, steps: RecordedSteps, usual: Vector) ->
     errors = in_units(predicted - steps["next_state"], units)
     largest = np.nan_to_num(errors).max(axis=1, initial=0.0)
     limit = float(np.quantile(largest, 0.95)) if len(largest) else 0.0
-    return ModelErrors(predicted, units, errors, largest, max(1.0, limit))
-
-
-def error_table(
-    of: ModelErrors, model: TransitionModel, actions: list[str], steps: RecordedSteps
-) -> dict[str, Any]:
-    """Return the table of errors by fluent and action, for the page."""
-    squares, executed = np.nan_to_num(of.errors) ** 2, steps["action"]
-    known = np.isfinite(of.errors).all(axis=1)
-    if not known.any():
-        return {"rows": [], "says": "There are no predictions to compare."}
-    count = plural(int(known.sum()), "step")
-    by_fluent = squares[known].mean(axis=0)
-    wrong = [int(f) for f in np.argsort(-by_fluent, kind="stable") if by_fluent[f] > 0.0]
-    if not wrong:
-        return {"rows": [], "says": f"Every prediction of the file was correct, in {count}."}
-    used = [a for a in range(len(actions)) if (executed[known] == a).any()]
-    used.sort(key=lambda a: -float(squares[known & (executed == a)].mean()))
-    shown = sorted(used[:12])
-
-    def cell(f: int, a: int) -> dict[str, Any]:
-        errors, about = of.errors[known & (executed == a), f], model.fluents[f]
-        size = float(np.sqrt(np.mean(errors**2)))
-        large = (errors >= (of.limit if about.numeric else 1.0)).any()
-        wrong = f"off by {readable(of.limit)} or more" if about.numeric else "predicted wrongly"
-        text = "0" if size == 0.0 else "< 0.01" if size < 0.01 else f"{size:.2f}"
-        return {
-            "shown": text if about.numeric else percent(size**2),
-            "heat": sum(size >= limit for limit in (0.1, 0.5, 1.0, 2.0)),
-            "test": {"executed": a, "fluent": f} if large else None,
-            "says": f"{actions[a]}: ({about.name}) {wrong}",
-        }
-
-    omitted = [
-        f"{plural(len(of_all) - 12, what)} with smaller errors omitted"
-        for of_all, what in ((wrong, "fluent"), (used, "action"))
-        if len(of_all) > 12
-    ]
-    return {
-        "says": "One-step predictions of the file as written, without what the run learned, "
-        f"compared with what was observed in {count}.",
-        "rows": [
-            {
-                "fluent": model.fluents[f].name,
-                "unit": readable(float(of.units[f])) if model.fluents[f].numeric else "–",
-                "cells": [cell(f, a) for a in shown],
-            }
-            for f in wrong[:12]
-        ],
-        "actions": [actions[a] for a in shown],
-        "omitted": " and ".join(omitted),
-    }
+    return ModelErrors(predicted, errors, largest, max(1.0, limit))
 
 
 def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> list[dict[str, Any]]:
@@ -206,7 +153,6 @@ def prevented(steps: RecordedSteps, causes: CauseTable, actions: list[str]) -> l
                 "examples": [
                     {"step": step, "says": steps.place_of(step)} for step in sorted({first, last})
                 ],
-                "test": {"card": len(cards) + 1},
                 "steps": where,
             }
         )

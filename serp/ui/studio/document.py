@@ -2,39 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from pathlib import Path
 
 from serp._util.files import write_durably
 from serp.errors import SerpError
-from serp.pddl.source import Source
-
-
-class ChangedOnDisk(SerpError):
-    """Another program changed, made or removed a file that is to be saved."""
+from serp.pddl.source import Source, newline_of
 
 
 class Document:
     """A text that is edited, and the file that it came from.
 
     Lines end with a line feed while they are edited; the file keeps its own line ends, and its byte
-    order mark.
-
-    Args:
-        path: The file; it need not exist.
-        folder: The only folder that files are written in. A document from elsewhere is saved in it
-            under the same name.
-        name: Name in `folder`, or path, under which it is saved, where the file itself must stay
-            as it is.
-
-    Raises:
-        DomainError: The file exists and cannot be read.
-
-    Attributes:
-        text: The text as it is edited.
-        saved: The text as it was read or last written.
-        target: Where it is saved.
+    order mark. It is saved as `target`: the file itself where that is in `folder`, or else the same
+    name, or `name`, in `folder`. `saved` is the text as it was read or last written.
     """
 
     def __init__(self, path: Path, folder: Path, name: str | None = None) -> None:
@@ -42,21 +23,19 @@ class Document:
         self._folder = folder.resolve()
         inside = name is None and self._inside(path)
         self.target = path if inside else self._folder / (name or path.name)
-        self._newline, self._mark = "\n", ""
-        self._digest: bytes | None = None  # of the file at `target` as far as it is known
+        self._newline, self._mark = "\n", b""
+        self._known: bytes | None = None  # the file at `target` as far as it is known
         self.text = self.saved = ""
         if path.exists():
-            self._read(path)
-        if self.elsewhere:
-            self._digest = None
+            self.reload()
 
-    def _read(self, path: Path) -> None:
-        mark = "\ufeff"
-        text = Source.read(path).text
-        content = path.read_bytes()
-        self._digest = hashlib.sha256(content).digest()
-        self._mark = mark if content.startswith(mark.encode()) else ""
-        self._newline = "\r\n" if "\r\n" in text else "\n"
+    def reload(self) -> None:
+        """Take the text that is on the disk."""
+        path, mark = self.path, "\ufeff".encode()
+        text, content = Source.read(path).text, path.read_bytes()
+        self._known = None if self.elsewhere else content
+        self._mark = mark if content.startswith(mark) else b""
+        self._newline = newline_of(text)
         self.text = self.saved = text.replace("\r\n", "\n").replace("\r", "\n")
 
     def _inside(self, path: Path) -> bool:
@@ -74,34 +53,32 @@ class Document:
 
     @property
     def outdated(self) -> bool:
-        """Whether the file on the disk is not the one that was read or last written.
+        """Whether the file on the disk is not the one that was read or last written."""
+        return self._on_disk() != self._known
 
-        Raises:
-            SerpError: It cannot be read.
-        """
+    def _on_disk(self) -> bytes | None:
         if not self.target.exists():
-            return self._digest is not None
+            return None
         if not self.target.is_file():  # reading a pipe would never end
             raise SerpError(f"{self.target} is no regular file any more")
         try:
-            return hashlib.sha256(self.target.read_bytes()).digest() != self._digest
+            return self.target.read_bytes()
         except OSError as error:
             raise SerpError(f"{self.target}: {error.strerror}") from error
 
-    def save(self, *, anyway: bool = False) -> Path:
+    def save(self) -> Path:
         """Write the text to `target` atomically, and return that.
 
-        Args:
-            anyway: Whether to replace what another program has written there.
-
-        Raises:
-            ChangedOnDisk: The file there is not the one that was read or last written.
-            SerpError: It cannot be written.
+        A file that another program has changed is replaced the second time only.
         """
-        if not anyway and self.outdated:
-            raise ChangedOnDisk(f"{self.target} was changed by another program since it was read")
-        content = self._write(self.target)
-        self._digest = hashlib.sha256(content).digest()
+        there = self._on_disk()
+        if there != self._known:
+            self._known = there
+            raise SerpError(
+                f"{self.target} was changed by another program since it was read; save again to "
+                "replace it"
+            )
+        self._known = self._write(self.target)
         self.saved, self.path = self.text, self.target
         return self.target
 
@@ -121,14 +98,7 @@ class Document:
     def _write(self, path: Path) -> bytes:
         if not self._inside(path):  # a link may have been put there
             raise SerpError(f"{path} leads out of the working folder {self._folder}")
-        content = (self._mark + self.text.replace("\n", self._newline)).encode(errors="replace")
+        text = self.text.replace("\n", self._newline)
+        content = self._mark + text.encode(errors="replace")
         write_durably(path, content)
         return content
-
-    def reload(self) -> None:
-        """Take the text that is on the disk.
-
-        Raises:
-            DomainError: It cannot be read.
-        """
-        self._read(self.target if self.target.exists() else self.path)

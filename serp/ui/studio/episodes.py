@@ -1,36 +1,29 @@
-"""Episodes whose steps can be shown: played with the text as it is, or recorded in a run."""
+"""Episodes whose steps can be shown, played with the text as it is."""
 
 from __future__ import annotations
 
 import base64
+import contextlib
 import dataclasses
-import io
-import os
+import itertools
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from serp.errors import MissingExtra, TaskError, needs_extra
+from serp.errors import EnvironmentFailure, MissingExtra, TaskError, needs_extra
 from serp.model.domain import Domain
 from serp.pddl.source import DomainError
 from serp.planning.replanner import MonitorReplanner
-from serp.runs.recording import VETO_COLUMNS, open_recording, vetoed
 from serp.tasks.file_world import file_task
 from serp.tasks.task import BoundTask, Task
+from serp.ui.asked import rolled_out
 from serp.ui.studio.view import Ranges, Surroundings, Version
 
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeStep:
-    """A moment of an episode.
+    """A moment of an episode: the values of the fluents, who does what there (empty at the end).
 
-    Attributes:
-        values: Fluent → value.
-        action: Who does what there; empty at the end.
-        indifferent: Whether all actions promise the same there.
-        picture: The environment's picture as a data URL of a PNG; empty where there is none.
+    `indifferent`: whether all actions promise the same; `picture`: the environment's, as a data
+    URL, or empty.
     """
 
     values: dict[str, float | bool]
@@ -41,13 +34,10 @@ class EpisodeStep:
 
 @dataclasses.dataclass(frozen=True)
 class ShownEpisode:
-    """An episode.
+    """An episode, from the reset on, and what it is, for people.
 
-    Attributes:
-        steps: Its moments, from the reset on.
-        name: What it is, for people.
-        supplied: Facts of `:init` that the grounding observes.
-        note: Why there are no pictures; empty where there are.
+    `supplied` has the facts of `:init` that the grounding observes, `note` why there are no
+    pictures.
     """
 
     steps: tuple[EpisodeStep, ...]
@@ -68,9 +58,6 @@ def play(
     """Play an episode with the planner of a version, for at most 100 steps.
 
     Without a task it is played in the file's own world.
-
-    Raises:
-        SerpError: The version is wrong, does not fit the task, or the environment fails.
     """
     domain = Domain.parse(*version.sources(), observed=task is not None and not task.closed)
     note = ""
@@ -92,10 +79,9 @@ def play(
 
 def _drawable(task: Task) -> tuple[BoundTask, str]:
     """Return the task with an environment that can be drawn, else with one that cannot, and why."""
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
     try:
         with needs_extra("watch", "a picture of the environment"):
-            import PIL  # noqa: F401
+            import serp.ui.pictures.camera  # noqa: F401
         return task.bind(render_mode="rgb_array"), ""
     except (MissingExtra, TaskError) as error:
         return task.bind(), f"There is no picture of the environment: {error}"
@@ -104,83 +90,21 @@ def _drawable(task: Task) -> tuple[BoundTask, str]:
 def _played(
     bound: BoundTask, planner: MonitorReplanner, seed: int, *, pictures: bool
 ) -> Iterator[EpisodeStep]:
-    raw, info = bound.reset(seed)
-    over = False
-    for number in range(101):
-        state = bound.ground(raw, info, bound.env)
-        plan = planner.plan(state)
-        over = over or plan.action is None or number == 100
-        picture = _picture(bound.env) if pictures else ""
+    played = itertools.islice(rolled_out(bound, planner, seed), 101)
+    for number, (state, plan, over) in enumerate(played):
+        over = over or number == 100
         action = "" if over else f"planner: {plan.name}"
+        picture = _picture(bound) if pictures else ""
         yield EpisodeStep(bound.model.values(state), action, plan.indifferent, picture)
-        if over or plan.action is None:
+        if over:
             return
-        action_of = bound.actions.environment_action
-        raw, _, terminated, truncated, info = bound.step(action_of[plan.action])
-        over = terminated or truncated
 
 
-def _picture(env: Any) -> str:
+def _picture(bound: BoundTask) -> str:
     """Return what an environment draws as a data URL; empty where it draws nothing."""
-    from PIL import Image
+    from serp.ui.pictures.camera import Camera, webp
 
-    try:
-        drawn = env.render()
-    except Exception:  # a picture is not worth a failure
-        return ""
-    if not isinstance(drawn, np.ndarray) or drawn.ndim != 3 or drawn.dtype != np.uint8:
-        return ""
-    image, buffer = Image.fromarray(drawn), io.BytesIO()
-    image.thumbnail((640, 640))
-    image.save(buffer, "PNG")
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
-
-
-class RecordedRun:
-    """The recording of a run, checked as a whole.
-
-    Attributes:
-        ranges: The least and greatest value of each fluent in the run.
-        vetoes: Positions of the steps in which a proposal was refused.
-
-    Raises:
-        RunError: It has no recording, or a part of that is damaged.
-    """
-
-    def __init__(self, run: Path) -> None:
-        self._name = run.name
-        self._recording = recording = open_recording(run)
-        recording.check()
-        self.ranges: Ranges = {}
-        if len(recording):
-            low, high = recording.ranges
-            names = recording.layout.fluents
-            limits = zip(low.tolist(), high.tolist(), strict=True)
-            self.ranges = dict(zip(names, limits, strict=True))
-        self.vetoes: list[int] = np.flatnonzero(vetoed(recording.columns(*VETO_COLUMNS))).tolist()
-
-    def episode(self, number: int) -> ShownEpisode:
-        """Return an episode, from 1.
-
-        Raises:
-            RunError: There is none of that number.
-        """
-        self._recording.find(number, 1)
-        steps = self._recording.episodes[number]
-        name = f"episode {number} of {self._name}"
-        return ShownEpisode(tuple(self._step(int(step)) for step in steps), name)
-
-    def place_of(self, step: int) -> tuple[int, int]:
-        """Return episode, from 1, and number in it, from 0, of a step."""
-        stored = self._recording.step(step)
-        return stored.episode, stored.number - 1
-
-    def _step(self, step: int) -> EpisodeStep:
-        layout, stored = self._recording.layout, self._recording.step(step)
-        decision = stored.decision
-        action = f"{decision.executed_by}: {layout.actions[decision.action]}"
-        if decision.vetoed:
-            proposed = layout.actions[decision.proposed] if decision.proposed >= 0 else "nothing"
-            action += f" instead of {proposed}: {decision.reason}"
-        values = dict(zip(layout.fluents, stored.state.tolist(), strict=True))
-        return EpisodeStep(values, action, bool(decision.forecast.indifferent))
+    with contextlib.suppress(EnvironmentFailure):  # a picture is not worth a failure
+        drawn = webp(Camera(bound).take()[-1], 640)
+        return f"data:image/webp;base64,{base64.b64encode(drawn).decode()}"
+    return ""

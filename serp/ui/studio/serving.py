@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import secrets
 import signal
 import socket
 import webbrowser
-from collections.abc import Callable
 from typing import Final
 
 import uvicorn
@@ -19,6 +17,8 @@ from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from serp.errors import SerpError
+from serp.ui.output import print_result
+from serp.ui.root import say
 from serp.ui.studio.pages.page import show_page
 from serp.ui.studio.session import Session
 
@@ -39,15 +39,11 @@ _HEADERS: Final = {
 
 
 class Guard:
-    """An ASGI application in front of another one.
+    """An ASGI application in front of another one, at a port of this machine.
 
     The address has a random token. Whoever calls it gets a cookie, which all other requests need,
     those of websockets included. Requests that name another host (a name that somebody lets point
     to this machine) or come from a page of another origin are refused.
-
-    Args:
-        app: What is guarded.
-        port: The port of this machine at which it is served.
     """
 
     def __init__(self, app: ASGIApp, port: int) -> None:
@@ -63,14 +59,13 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):  # start and end of the server
             await self.app(scope, receive, send)
             return
-        request = HTTPConnection(scope)
-        refusal = self._refusal(request)
-        if refusal:
-            pass
-        elif _equal(request.cookies.get(self._cookie_name, ""), self._cookie):
-            await self.app(scope, receive, _private(send, request.headers["host"]))
-            return
-        elif self._has_token(request):
+        request, page = HTTPConnection(scope), scope["type"] == "http"
+        hosts, origins = (request.headers.getlist(name) for name in ("host", "origin"))
+        own = len(hosts) == 1 and hosts[0] in self._hosts
+        own = own and origins in ([f"http://{hosts[0]}"], *([[]] if page else []))
+        if own and _equal(request.cookies.get(self._cookie_name, ""), self._cookie):
+            await self.app(scope, receive, _private(send, hosts[0]))
+        elif own and page and _equal(request.query_params.get("token", ""), self.token):
             # The page calls again, without the token in the address: a redirection that began at
             # another site would come without the cookie.
             welcome = HTMLResponse(
@@ -80,30 +75,11 @@ class Guard:
             )
             welcome.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="strict")
             await welcome(scope, receive, send)
-            return
+        elif page:
+            refusal = "Refused: open the address that serp studio has printed.\n"
+            await PlainTextResponse(refusal, 403, _HEADERS)(scope, receive, send)
         else:
-            refusal = "open the address that serp studio has printed"
-        if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
-        else:
-            await PlainTextResponse(f"Refused: {refusal}.\n", 403, _HEADERS)(scope, receive, send)
-
-    def _refusal(self, request: HTTPConnection) -> str:
-        """Return why a request is refused whatever it knows; empty where it is not."""
-        hosts, origins = (request.headers.getlist(name) for name in ("host", "origin"))
-        if len(hosts) != 1 or hosts[0] not in self._hosts:
-            return "this is not the name of this server"
-        if not origins and request.scope["type"] == "websocket":
-            return "no origin is given"
-        if origins and origins != [f"http://{hosts[0]}"]:
-            return "requests of other pages are refused"
-        return ""
-
-    def _has_token(self, request: HTTPConnection) -> bool:
-        scope = request.scope
-        if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != "/":
-            return False
-        return _equal(request.query_params.get("token", ""), self.token)
 
 
 def _private(send: Send, host: str) -> Send:
@@ -122,27 +98,16 @@ def _equal(given: str, secret: str) -> bool:
     return secrets.compare_digest(given.encode(), secret.encode())
 
 
-def serve(
-    session: Session,
-    port: int,
-    *,
-    browser: bool,
-    announce: Callable[[str], None],
-    warn: Callable[[str], None],
-) -> None:
-    """Serve the studio until the process is interrupted.
-
-    Args:
-        session: What is open.
-        port: Port; 0 for any that is free.
-        browser: Whether to open a browser.
-        announce: Called with the address as soon as it can be called.
-        warn: Called at the end with what was not saved.
-
-    Raises:
-        SerpError: The port is taken.
-    """
-    with _listening(port) as listening:
+def serve(session: Session, port: int, *, browser: bool) -> None:
+    """Serve the studio until it is interrupted; print its address, and what is not saved."""
+    try:
+        listening = socket.create_server(("127.0.0.1", port))  # who calls at once waits
+    except OSError as error:
+        raise SerpError(
+            f"port {port} cannot be used ({error.strerror}); give another one, or --port 0 for any "
+            "that is free"
+        ) from error
+    with listening:
         app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
         ui.run_with(
             app,
@@ -161,11 +126,9 @@ def serve(
             server_header=False,
             timeout_graceful_shutdown=1,
         )
-        announce(guard.address)
+        print_result(guard.address)
         if browser:
             webbrowser.open(guard.address)
-        gc.collect()
-        gc.freeze()  # what was imported: passing over it took longer than a whole view
         server = uvicorn.Server(config)
         for name in ("SIGHUP", "SIGTERM"):  # a closed terminal keeps what was not saved, too
             if hasattr(signal, name):
@@ -176,16 +139,4 @@ def serve(
             server.run(sockets=[listening])
         finally:
             for message in session.close():
-                warn(message)
-
-
-def _listening(port: int) -> socket.socket:
-    try:
-        return socket.create_server(
-            ("127.0.0.1", port)
-        )  # who calls before the server is ready waits
-    except OSError as error:
-        raise SerpError(
-            f"port {port} cannot be used ({error.strerror}); give another one, or --port 0 for any "
-            "that is free"
-        ) from error
+                say(message)

@@ -5,85 +5,62 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-from serp.authoring.lint.findings import Finding
-from serp.authoring.scenarios.syntax import SUFFIX
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
-from serp.pddl.source import Place, Source, edited
+from serp.pddl.source import Place, Source
 from serp.runs.folder import CONFIG, RunFolder
 from serp.runs.run import read_run_metadata
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
 from serp.ui.studio.document import Document
-from serp.ui.studio.episodes import RecordedRun, ShownEpisode, play
+from serp.ui.studio.episodes import ShownEpisode
 from serp.ui.studio.view import Request, ShownState, Surroundings, Version
 
-DOMAIN, PROBLEM, SCENARIOS = "domain", "problem", "scenarios"
+DOMAIN, PROBLEM = "domain", "problem"
 
 
 class Session:
-    """The files that are open, and the state that decisions are shown for.
+    """The files that are open (`domain`, `problem`), and the state that decisions are for.
 
-    Args:
-        folder: The working folder: nothing outside of it is written.
-        domain: The domain file.
-        problem: The problem file; None where there is none.
-        surroundings: Control period and planner.
-        task: The task that the file belongs to; None for a file alone.
-        recorded: The run whose steps can be looked at; None for none.
-
-    Attributes:
-        documents: `domain`, `problem` where there is one, and `scenarios`, which need not exist.
-        shown: The state that decisions are shown for.
-        played: The episode that was played last, if any.
-        step: The step of it that is shown, from 0; None for none.
-        owner: Number of the page that changes the session, counted up from 1; 0 for none.
+    `task` is the one that the file belongs to, if any; `played` the episode that was played last,
+    and `step` that of it which is shown, from 0; `owner` counts the pages, of which the last one
+    changes the session.
     """
 
     def __init__(
         self,
-        folder: Path,
         domain: Document,
         problem: Document | None,
         surroundings: Surroundings,
         task: Task | None = None,
-        recorded: RecordedRun | None = None,
     ) -> None:
-        self.folder = folder
         self.documents = {DOMAIN: domain} | ({} if problem is None else {PROBLEM: problem})
-        beside = [path.with_suffix(SUFFIX) for path in (domain.target, domain.path)]
-        scenarios = next((path for path in beside if path.exists()), beside[0])
-        self.documents[SCENARIOS] = Document(scenarios, folder)
         self.surroundings = surroundings
         self.task = task
         self.shown = ShownState(
             {}, "all fluents 0 or false" if problem is None else "the initial state of the problem"
         )
-        self.recorded = recorded
         self.played: ShownEpisode | None = None
         self.step: int | None = None
         self.owner = 0
-        self._veto = -1  # the step of the run that was shown last for its veto
         self._let_go: Callable[[], None] = lambda: None
 
     def take_over(self, let_go: Callable[[], None]) -> int:
         """Let go of the page that owned the session; return the number of the new owner.
 
-        Where nothing waits to be saved, the new page shows what other programs have written.
-
-        Args:
-            let_go: Called when another page takes over; this one may no longer change anything.
+        `let_go` is called when another page takes over. Where nothing waits to be saved, the new
+        page shows what other programs have written.
         """
         self._let_go()
         self._let_go = let_go
         self.owner += 1
         with suppress(SerpError):  # a file that cannot be read is reported when it is saved
             if not self.changed and any(each.outdated for each in self.documents.values()):
-                self.reload()
+                for document in self.documents.values():
+                    document.reload()
         return self.owner
 
     # Editing -----------------------------------------------------------------------------------
@@ -98,42 +75,22 @@ class Session:
         documents = self.documents.items()
         return next((which for which, document in documents if str(document.path) == name), None)
 
-    def mend(self, finding: Finding) -> bool:
-        """Make the change that mends a finding; return whether its text is still the same."""
-        which = self.document_of(finding.place)
-        if which is None or finding.place is None or finding.fix is None:
-            return False
-        text = self.documents[which].text
-        if text != finding.place.source.text:
-            return False
-        self.edit(which, edited(text, finding.fix.edits))
-        return True
-
     @property
     def version(self) -> Version:
         """The texts as they are edited."""
-        domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
-        if problem is None:
-            return Version(str(domain.path), domain.text, str(domain.path), None)
-        return Version(str(domain.path), domain.text, str(problem.path), problem.text)
+        domain, *problem = ((str(each.path), each.text) for each in self.documents.values())
+        return Version(domain, problem[0] if problem else None)
 
     @property
     def changed(self) -> bool:
         """Whether a text is not saved."""
         return any(document.changed for document in self.documents.values())
 
-    def save(self, *, anyway: bool = False) -> list[Path]:
-        """Save the documents that were changed; return their files.
+    def save(self) -> list[Path]:
+        """Save the documents that were changed, see `Document.save`; return their files.
 
         Domain and problem move into the working folder together: commands look for the problem
         beside the domain.
-
-        Args:
-            anyway: Whether to replace what other programs have written.
-
-        Raises:
-            ChangedOnDisk: Another program changed one of the files; those before it are saved.
-            SerpError: A file cannot be written.
         """
         domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
         beside = problem_beside(domain.path).resolve()
@@ -141,31 +98,17 @@ class Session:
             problem is not None and (problem.changed or problem.path.resolve() != beside)
         )
         return [
-            document.save(anyway=anyway)
-            for which, document in self.documents.items()
-            if document.changed or (moving and document.elsewhere and which != SCENARIOS)
+            document.save()
+            for document in self.documents.values()
+            if document.changed or (moving and document.elsewhere)
         ]
-
-    def reload(self) -> None:
-        """Take the texts that are on the disk; what was edited is lost."""
-        for document in self.documents.values():
-            document.reload()
-
-    def set_depth(self, depth: int) -> None:
-        """Change the depth of the planner's lookahead."""
-        planner = self.surroundings.planner.replace(depth=depth)
-        self.surroundings = replace(self.surroundings, planner=planner)
 
     # The state ---------------------------------------------------------------------------------
 
     def request(self) -> Request:
         """Return what the view of this moment is asked of."""
         seen = {} if self.played is None else self.played.ranges()
-        if self.recorded is not None:
-            seen = self.recorded.ranges
-        document = self.documents[SCENARIOS]
-        scenarios = Source(str(document.path), document.text)
-        return Request(self.version, self.surroundings, self.shown, seen, self.task, scenarios)
+        return Request(self.version, self.surroundings, self.shown, seen, self.task)
 
     def set_fluent(self, name: str, value: float | bool) -> None:
         """Change one fluent of the state."""
@@ -189,38 +132,12 @@ class Session:
             return False
         return dict(self.shown.values) == self.played.steps[self.step].values
 
-    def player(self, seed: int) -> Callable[[], ShownEpisode]:
-        """Return what plays an episode with the planner of this moment; it may run in a thread."""
-        return partial(play, self.task, self.version, self.surroundings, seed)
-
     def take(self, played: ShownEpisode) -> None:
         """Take over an episode, and show the first of its steps with something to decide."""
         self.played = played
         if played.supplied:
             self.surroundings = replace(self.surroundings, supplied=played.supplied)
         self.show_step(next((k for k, s in enumerate(played.steps) if not s.indifferent), 0))
-
-    def show_episode(self, number: int) -> None:
-        """Show an episode of the run, from 1.
-
-        Raises:
-            RunError: There is none of that number.
-        """
-        assert self.recorded is not None
-        self.take(self.recorded.episode(number))
-        self._veto = -1
-
-    def show_next_veto(self) -> bool:
-        """Show the next step of the run in which a proposal was refused; return whether one is."""
-        assert self.recorded is not None
-        vetoes = self.recorded.vetoes
-        if not vetoes:
-            return False
-        self._veto = next((step for step in vetoes if step > self._veto), vetoes[0])
-        episode, number = self.recorded.place_of(self._veto)
-        self.played = self.recorded.episode(episode)
-        self.show_step(number)
-        return True
 
     def close(self) -> list[str]:
         """Keep unsaved texts; return what became of each."""
@@ -233,25 +150,28 @@ class Session:
 def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
-    Args:
-        name: A domain file, its scenarios, the name of an installed task, or the folder of a run.
-        folder: The working folder.
-        own: The task of `--task`.
-
-    Raises:
-        SerpError: There is no such file, task or run.
+    `name` is the file, an installed task, or the folder of a run, whose copies are saved elsewhere;
+    `folder` the working folder; `own` the task of `--task`.
     """
     if (Path(name) / CONFIG).is_file():
-        return _open_run(Path(name), folder, own)
-    if Path(name).suffix == SUFFIX:
-        name = str(Path(name).with_suffix(".pddl"))
+        run = RunFolder.open(Path(name))
+        made, (copy, other) = read_run_metadata(run), run.copies()
+        title, observed = Domain.parse(Source.read(copy)).name, made.observed is not None
+        return Session(
+            Document(copy, folder, f"{title}.pddl"),
+            None if other is None else Document(other, folder, f"{title}-problem.pddl"),
+            Surroundings(
+                made.control_period, made.settings.planner, observed, frozenset(made.observed or ())
+            ),
+            own or (load_task(made.task) if made.world is None else None),
+        )
     file, task, problem = find_domain_file(name), own, None
     if file is None:
         task = own or load_task(name)
         domain, problem = task.domain, task.problem
         file = Path(domain.source.name if isinstance(domain, Domain) else domain)
     if file.is_dir():
-        raise SerpError(f"{file}: a folder, but not that of a run; give a domain file")
+        raise SerpError(f"{file} is a folder; give a domain file, such as the one in a run")
     if not file.is_file():
         raise SerpError(f"{file}: there is no such file")
     documents = _documents(file, problem_beside(file) if problem is None else Path(problem), folder)
@@ -260,36 +180,7 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     if task is not None:
         planner = resolve("default", task.settings).planner
         surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
-    return Session(folder, *documents, surroundings, task)
-
-
-def _open_run(path: Path, folder: Path, own: Task | None) -> Session:
-    """Open the steps of a run, and the file of its name in the working folder.
-
-    Where there is none, the run's copies are opened, and saved elsewhere: they stay as they are.
-    """
-    run = RunFolder.open(path)
-    metadata = read_run_metadata(run)
-    domain, problem = run.copies()
-    name = Domain.parse(Source.read(domain)).name
-    file = find_domain_file(name)
-    if file is not None and file.is_file() and Domain.parse(Source.read(file)).name == name:
-        documents = _documents(file, problem_beside(file), folder)
-    else:
-        documents = (
-            Document(domain, folder, f"{name}.pddl"),
-            None if problem is None else Document(problem, folder, f"{name}-problem.pddl"),
-        )
-    surroundings = Surroundings(
-        dt=metadata.control_period,
-        planner=metadata.settings.planner,
-        observed=metadata.observed is not None,
-        supplied=frozenset(metadata.observed or ()),
-    )
-    task = None
-    if metadata.world is None:
-        task = own or load_task(metadata.task)
-    return Session(folder, *documents, surroundings, task, RecordedRun(path))
+    return Session(*documents, surroundings, task)
 
 
 def _documents(file: Path, problem: Path, folder: Path) -> tuple[Document, Document | None]:

@@ -12,20 +12,18 @@ from typing import NamedTuple
 import numpy as np
 
 from serp._util.text import plural
-from serp.agent.explanation import Explanation, explain
+from serp.agent.explanation import Alternative, Explanation, explain
 from serp.agent.sentences import between, special_about
-from serp.authoring.lint.conditions import threshold
+from serp.authoring.lint.conditions import limits_in
 from serp.authoring.lint.findings import Finding, examine
-from serp.authoring.scenarios.checking import Result
-from serp.authoring.scenarios.files import ScenarioFile
 from serp.errors import SerpError
-from serp.model import ground_model as g
 from serp.model.domain import Domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import DomainError, Source
 from serp.planning.replanner import MonitorReplanner, Plan
-from serp.settings import PlannerSettings, resolve
+from serp.settings import PlannerSettings
 from serp.tasks.task import Task
+from serp.ui.decision import best_of
 from serp.ui.pictures.plan_picture import plan_svg
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -33,28 +31,22 @@ Ranges = Mapping[str, tuple[float, float]]
 
 
 class Version(NamedTuple):
-    """The texts of a domain and its problem, and the names of their files in messages."""
+    """Name of the file and text of a domain, and of its problem."""
 
-    domain_name: str
-    domain: str
-    problem_name: str
-    problem: str | None
+    domain: tuple[str, str]
+    problem: tuple[str, str] | None
 
     def sources(self) -> tuple[Source, Source | None]:
         """Return the domain and the problem as sources."""
-        problem = None if self.problem is None else Source(self.problem_name, self.problem)
-        return Source(self.domain_name, self.domain), problem
+        return Source(*self.domain), None if self.problem is None else Source(*self.problem)
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a decision depends on beside the texts.
+    """What a decision depends on beside the texts: control period, and settings of the lookahead.
 
-    Attributes:
-        dt: Control period.
-        planner: Settings of the lookahead.
-        observed: Whether any state can be shown, or only what is reached from `:init`.
-        supplied: Names of the fluents that are observed.
+    `observed`: whether any state can be shown, or only what is reached from `:init`; `supplied`:
+    the names of the fluents that are observed.
     """
 
     dt: float = 1.0
@@ -129,26 +121,15 @@ def controls(model: TransitionModel, state: Vector, seen: Ranges) -> list[Contro
     The range of a number covers what was seen of it, the numbers that conditions of the file
     compare it with, and some more.
     """
-    compared = _thresholds(model)
+    compared: dict[int, list[float]] = {}
+    for limit in limits_in(model.ground, model.theta.tolist()):
+        compared.setdefault(limit.fluent, []).append(limit.number)
     settable = []
     for fluent, value in zip(model.fluents, state.tolist(), strict=True):
         known = (0.0, value, *compared.get(fluent.index, ()))
         limits = _slider(known, seen.get(fluent.name, ()))
         settable.append(Control(fluent.name, fluent.numeric, value, *limits))
     return settable
-
-
-def _thresholds(model: TransitionModel) -> dict[int, list[float]]:
-    """Return fluent → the numbers that conditions compare it with."""
-    theta = model.theta.tolist()
-    compared: dict[int, list[float]] = {}
-    for schema in model.ground.schemas:
-        conditions = [*schema.preconditions, *(effect.condition for effect in schema.effects)]
-        for test in (c for condition in conditions for c in g.comparisons_of(condition)):
-            limit = threshold(test, theta)
-            if limit is not None and math.isfinite(limit[2]):
-                compared.setdefault(limit[0], []).append(limit[2])
-    return compared
 
 
 def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float, float]:
@@ -168,14 +149,10 @@ def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float
 
 @dataclass(frozen=True)
 class ShownDecision:
-    """A decision of the planner, its summary, and its planning graph as SVG.
-
-    `order` has the positions of the actions that are shown: as in the file, those that are not
-    applicable last; or the best first where there are too many.
-    """
+    """A decision of the planner, the actions to show, a summary, the planning graph as SVG."""
 
     account: Explanation
-    order: tuple[int, ...]
+    shown: list[Alternative]
     verdict: str
     graph: str
     controls: tuple[Control, ...]
@@ -183,12 +160,9 @@ class ShownDecision:
 
 @dataclass(frozen=True)
 class View:
-    """What is shown at a time.
+    """What is shown at a time: findings, a decision, the state as the task draws it, an SVG.
 
-    Attributes:
-        findings: What is wrong in the files.
-        failure: Why there is no decision though the files are right; else empty.
-        drawing: The state as the task draws it, an SVG; empty where it does not.
+    `failure` says why there is no decision though the files are right; else it is empty.
     """
 
     findings: tuple[Finding, ...]
@@ -201,13 +175,7 @@ class View:
 class Request:
     """What is shown is asked of this; whatever is edited meanwhile does not change it.
 
-    Attributes:
-        version: The texts.
-        surroundings: Control period and planner.
-        shown: The state.
-        seen: The ranges of the fluents.
-        task: The task that the file belongs to; None for a file alone.
-        scenarios: The scenarios, as they are edited.
+    `seen` has the ranges of the fluents; `task` is None for a file alone.
     """
 
     version: Version
@@ -215,7 +183,6 @@ class Request:
     shown: ShownState
     seen: Ranges
     task: Task | None
-    scenarios: Source
 
     def view(self) -> View:
         """Read the version and decide in the state; this may run in a thread."""
@@ -235,37 +202,17 @@ class Request:
                 drawing = str(self.task.draw(planner.model.values(state)))
         return View(findings, "", decision, drawing)
 
-    def run_scenarios(self) -> list[Result]:
-        """Check all scenarios as `serp test` does; this may take some seconds.
-
-        Raises:
-            SerpError: A text is wrong.
-        """
-        task = self.task
-        observed = task is not None and not task.closed
-        domain = Domain.parse(*self.version.sources(), observed=observed)
-        settings = resolve("default", None if task is None else task.settings)
-        file = ScenarioFile.open(self.scenarios, domain, settings, self.surroundings.dt, task)
-        return list(file.run())
-
 
 def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecision:
     """Return what is shown of the planner's decision in a state `[F]`."""
-    most_actions = 60
     plan, model = planner.plan(state), planner.model
     discount = planner.settings.discount
     account = explain(model, state, plan.forecast, plan.action, paths=plan.paths, discount=discount)
-    applicable = plan.forecast.applicable
-    order = sorted(range(len(applicable)), key=lambda k: not applicable[k])
-    if len(order) > most_actions:
-        order.sort(key=lambda k: (k != plan.action, -plan.forecast.value[k]))
-    order = order[:most_actions]
-    for k in order:
-        account.alternatives[k].as_dict()  # traced now, in this thread
-    graph = plan_svg(plan, planner)
-    return ShownDecision(
-        account, tuple(order), _verdict(plan, account), graph, tuple(controls(model, state, seen))
-    )
+    shown = best_of(account, 60)
+    for each in shown:
+        each.as_dict()  # traced now, in this thread
+    settable = tuple(controls(model, state, seen))
+    return ShownDecision(account, shown, _verdict(plan, account), plan_svg(plan, planner), settable)
 
 
 def _verdict(plan: Plan, account: Explanation) -> str:

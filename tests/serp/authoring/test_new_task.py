@@ -123,7 +123,8 @@ def test_nothing_is_overwritten_and_names_do_not_clash(folder):
     game = Game(load_domain("rail.pddl"))
     for name in ("charge", *["forward"] * 3, "pick-up", *["back"] * 3):
         played = game.step(game.model.action_index(name))
-    assert played.over and not played.unsafe and played.total > 10
+    assert game.moment.over and game.moment.total > 10
+    assert all(cause.what != "unsafe" for cause in played.brought)
     text = written[0].read_text()
     for name, env, said in (
         ("rail", None, "rail.scenarios: there is such a file already"),

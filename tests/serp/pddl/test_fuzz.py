@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.authoring.lint.findings import CODES, findings_of
+from serp.authoring.lint.findings import CODES
 from serp.pddl.source import DomainError, Source
 from tests.generated import FULL, Texts, examples, load_texts, write_texts
 from tests.generated.models import DOMAIN_FILE, PROBLEM_FILE
+from tests.serp.authoring.lint.found import findings_of
 from tests.serp.pddl.rendering import check_rendering
 
 REPOSITORY = Path(__file__).parents[3]

@@ -48,11 +48,10 @@ function area(xs, low, high, x, y) {
 }
 
 function drawCurve(box) {
-  const c = curves, planner = meta.baseline;
+  const c = curves;
   const seen = Array.from(c.curveReturns).sort((a, b) => a - b);
   const bounds = [seen[Math.floor(0.01 * seen.length)], seen[Math.floor(0.99 * (seen.length - 1))],
     ...c.mean];
-  if (planner) bounds.push(planner.low, planner.high);
   let low = Math.min(...bounds), high = Math.max(...bounds);
   const room = 0.06 * (high - low || 1);
   [low, high] = [low - room, high + room];
@@ -61,11 +60,6 @@ function drawCurve(box) {
   const add = (tag, attributes) => plot.appendChild(element(`svg:${tag}`, attributes));
   const dots = Array.from(c.curveAt, (v, k) => `M${x(v).toFixed(1)} ${y(c.curveReturns[k]).toFixed(1)}h0`);
   add("path", { class: "dots", d: dots.join("") });
-  if (planner) {
-    add("rect", { class: "baseline-band", x: left, width: right - left, y: y(planner.high),
-      height: Math.max(1, y(planner.low) - y(planner.high)) });
-    add("line", { class: "baseline", x1: left, x2: right, y1: y(planner.mean), y2: y(planner.mean) });
-  }
   add("path", { class: "mean-band", d: area(c.meanAt, c.meanLow, c.meanHigh, x, y) });
   add("path", { class: "mean-line", d: line(c.meanAt, c.mean, x, y) });
   const mark = add("line", { class: "chosen", y1: MARGIN.top, y2: 300 - MARGIN.bottom, x1: -9, x2: -9 });

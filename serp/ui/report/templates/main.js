@@ -39,7 +39,7 @@ function connectSteps() {
   for (const button of document.querySelectorAll("button[data-step]")) {
     button.addEventListener("click", () => jump(Number(button.dataset.step)));
   }
-  for (const button of document.querySelectorAll("button[data-test]")) {
+  for (const button of document.querySelectorAll("button[data-card]")) {
     button.addEventListener("click", () => filterBy(button));
   }
   for (const button of document.querySelectorAll("button[data-line]")) {

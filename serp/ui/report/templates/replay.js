@@ -201,7 +201,7 @@ function refilter() {
     hits = new Uint8Array(total());
     for (let i = 0; i < total(); i++) {
       hits[i] = (!kinds || steps.bits[i] & kinds) && (!actors || actors >> steps.executedBy[i] & 1)
-        && (!extra || extra.test(i)) ? 1 : 0;
+        && (!extra || steps.card[i] === extra.card) ? 1 : 0;
     }
     hitList = Uint32Array.from(hits.keys()).filter((i) => hits[i]);
   }
@@ -236,15 +236,9 @@ function toHit(direction) {
   if (beyond !== undefined) show(beyond);
 }
 
-/** Filters that the tables above set: `data-test` holds what a step must have. */
+/** The filter that a card sets: its vetoes. */
 function filterBy(button) {
-  const wanted = JSON.parse(button.dataset.test);
-  extra = {
-    says: button.dataset.says,
-    test: (i) => wanted.card === undefined
-      ? steps.executed[i] === wanted.executed && isWrong(wanted.fluent, errorOf(wanted.fluent, i))
-      : steps.card[i] === wanted.card,
-  };
+  extra = { says: button.dataset.says, card: Number(button.dataset.card) };
   refilter();
   if (hitList.length) jump(hitList[0]);
 }

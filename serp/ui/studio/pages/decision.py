@@ -13,21 +13,17 @@ from serp.agent.causes import Cause
 from serp.agent.explanation import Alternative
 from serp.agent.sentences import kind_of_return, line_of_run, runs_of
 from serp.ui.studio.pages.live import Live
-from serp.ui.studio.session import Session
 from serp.ui.studio.view import Request, View
 
 
 class DecisionPane:
     """Shows decisions; where an error leaves none, the last one stays, faint.
 
-    Args:
-        session: What is open.
-        live: Follows the session.
-        jump: Shows a line and column of a file.
+    `jump` shows a line and column of a file.
     """
 
-    def __init__(self, session: Session, live: Live, jump: Callable[[str, int, int], None]) -> None:
-        self._session, self._live, self._jump = session, live, jump
+    def __init__(self, live: Live, jump: Callable[[str, int, int], None]) -> None:
+        self._jump = jump
         with (
             ui.element("section")
             .classes("serp-decision")
@@ -40,18 +36,9 @@ class DecisionPane:
                 js_handler="(e) => { const b = e.target.closest('[data-place]'); "
                 "if (b) emit(b.dataset.place) }",
             )
-            with ui.element("div").classes("serp-row"):
-                depth = session.surroundings.planner.depth
-                ui.number("actions ahead", value=depth, min=1, max=30, precision=0,
-                          on_change=self._deeper).props("dense").classes("serp-seed")  # fmt: skip
-                self._verdict = ui.label().classes("serp-faint").props('role="status"')
+            self._verdict = ui.label().classes("serp-faint").props('role="status"')
             self._graph = ui.html().classes("serp-graph").props('tabindex="0"')
         live.shows(self.show)
-
-    def _deeper(self, event: Any) -> None:
-        if event.value is not None:
-            self._session.set_depth(min(30, max(1, int(event.value))))
-            self._live.changed()
 
     def _clicked(self, event: Any) -> None:
         line, column, file = (*str(event.args).split(":", 2), "", "")[:3]
@@ -72,9 +59,8 @@ class DecisionPane:
             return
         self._root.classes(remove="serp-stale")
         account = decision.account
-        alternatives = account.alternatives
-        rows = "".join(_row(alternatives[k], account.chosen) for k in decision.order)
-        if more := len(alternatives) - len(decision.order):
+        rows = "".join(_row(each, account.chosen) for each in decision.shown)
+        if more := len(account.alternatives) - len(decision.shown):
             rows += f'<tr><td></td><td colspan="5">… and {more:,} more</td></tr>'
         head = columns.format(kind_of_return(account.partial))
         self._table.set_content(f'<table class="serp-actions">{head}<tbody>{rows}</tbody></table>')

@@ -2,17 +2,14 @@
 
 The text is what the browser shows; what is typed comes from there as changes of it. Nothing here
 sets the text of an editor, nor any of its properties: with them NiceGUI sends the text that it
-knows, over what has been typed since. A change that is made elsewhere is proposed to the browser
-with the text that it is a change of, and dropped where that is no longer what is shown.
+knows, over what has been typed since.
 """
 
 from __future__ import annotations
 
 import asyncio
 import functools
-import json
 from collections import Counter
-from collections.abc import Callable
 from html import escape
 from typing import Any, Final
 
@@ -21,20 +18,10 @@ from nicegui import ui
 from serp._util.text import plural
 from serp.authoring.lint.findings import Finding
 from serp.errors import SerpError
-from serp.ui.studio.document import ChangedOnDisk
 from serp.ui.studio.pages.live import Live
-from serp.ui.studio.session import DOMAIN, SCENARIOS, Session
+from serp.ui.studio.session import DOMAIN, Session
 from serp.ui.studio.view import Request, Version, View
 
-_REPLACE: Final = """((id, known, text) => {
-  const editor = getElement(id).editor, most = Math.min(known.length, text.length);
-  if (editor.state.doc.toString() !== known) return;
-  let from = 0, behind = 0;
-  while (from < most && known[from] === text[from]) from++;
-  while (behind < most - from && known.at(-1 - behind) === text.at(-1 - behind)) behind++;
-  const to = known.length - behind, insert = text.slice(from, text.length - behind);
-  editor.dispatch({changes: {from, to, insert}});
-})"""
 _REVEAL: Final = """((id, number, column) => {
   const editor = getElement(id).editor, doc = editor.state.doc;
   const line = doc.line(Math.min(number, doc.lines));
@@ -61,7 +48,7 @@ class EditorPane:
                 with ui.element("div").classes("serp-document") as panel:
                     self._editors[which] = ui.codemirror(
                         documents[which].text,
-                        language=None if which == SCENARIOS else "Common Lisp",
+                        language="Common Lisp",
                         indent="  ",
                         on_change=functools.partial(self._edited, which),
                         keymap={"Mod-s": lambda: self.save()},
@@ -96,12 +83,10 @@ class EditorPane:
 
     # Saving ------------------------------------------------------------------------------------
 
-    def save(self, *, anyway: bool = False) -> None:
-        """Save what was changed; ask where a file was changed by another program."""
+    def save(self) -> None:
+        """Save what was changed; where another program has changed a file, the second time."""
         try:
-            saved = self._session.save(anyway=anyway)
-        except ChangedOnDisk as conflict:
-            self._ask(str(conflict))
+            saved = self._session.save()
         except SerpError as error:
             ui.notify(str(error), type="negative", close_button=True, timeout=0)
         else:
@@ -109,49 +94,16 @@ class EditorPane:
             ui.notify(f"Saved {names}" if saved else "Nothing to save", position="bottom-left")
         self._live.changed()
 
-    def _ask(self, conflict: str) -> None:
-        def choose(action: Callable[[], None]) -> None:
-            dialog.close()
-            action()
-
-        with ui.dialog() as dialog, ui.card():
-            ui.label(conflict)
-            with ui.row():
-                for text, action in (
-                    ("Keep mine, replace the file", lambda: self.save(anyway=True)),
-                    ("Take the file's text", self.reload),
-                    ("Cancel", lambda: None),
-                ):
-                    ui.button(text, on_click=functools.partial(choose, action)).props("no-caps")
-        dialog.open()
-
-    def reload(self) -> None:
-        """Take the texts that are on the disk."""
-        try:
-            self._session.reload()
-        except SerpError as error:
-            ui.notify(str(error), type="negative")
-        self.refresh()
-        self._live.changed()
-
-    def refresh(self) -> None:
-        """Propose the texts of the session to the browser, from where they come back as changes."""
-        for which, editor in self._editors.items():
-            texts = editor.value or "", self._session.documents[which].text
-            if texts[0] != texts[1]:
-                arguments = ", ".join(map(json.dumps, (editor.id, *texts)))
-                editor.client.run_javascript(f"{_REPLACE}({arguments})")
-
 
 class FindingsPane:
-    """The list of findings; each can be gone to, and mended where it is known how."""
+    """The list of findings; each can be gone to."""
 
     def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
         clicked = (
             "(e) => { const b = e.target.closest('[data-finding]'); "
-            "if (b) emit(b.dataset.what, b.dataset.finding) }"
+            "if (b) emit(b.dataset.finding) }"
         )
-        self._session, self._live, self._editor = session, live, editor
+        self._session, self._editor = session, editor
         self._findings: tuple[Finding, ...] = ()
         self._listed: list[str] | None = None
         self._underlined: dict[str, list[tuple[str, int]]] = {}
@@ -196,30 +148,19 @@ class FindingsPane:
             name = self._session.documents[which].path.name
             where = f'<span class="serp-place">{escape(name)}:{place.line}:{place.column}</span> '
         advice = finding.advice and f'<span class="serp-advice">{escape(finding.advice)}</span>'
-        mend = ""
-        if finding.fix is not None:
-            mend = (
-                f'<button type="button" class="serp-mend" data-what="mend" '
-                f'data-finding="{position}">{"Mend" if finding.fix.sure else "Try this"}</button>'
-            )
         return (
-            f'<li><button type="button" class="serp-{severity}" data-what="go" '
+            f'<li><button type="button" class="serp-{severity}" '
             f'data-finding="{position}"><span class="serp-kind">{severity}</span> {where}'
             f'{escape(finding.message)} <span class="serp-place">[{escape(finding.code)}]</span>'
-            f"{advice}</button>{mend}</li>"
+            f"{advice}</button></li>"
         )
 
     def _clicked(self, event: Any) -> None:
-        what, position = event.args
-        if not str(position).isdecimal() or not int(position) < len(self._findings):
-            return
-        finding = self._findings[int(position)]
-        if what == "mend":
-            if self._session.mend(finding):
-                self._editor.refresh()
-                self._live.changed()
-        elif (which := self._session.document_of(finding.place)) and finding.place:
-            self._editor.reveal(which, finding.place.line, finding.place.column)
+        position = str(event.args)
+        if position.isdecimal() and int(position) < len(self._findings):
+            place = self._findings[int(position)].place
+            if place is not None:
+                self._editor.jump(place.source.name, place.line, place.column)
 
 
 def _mark(finding: Finding) -> dict[str, Any] | None:

@@ -11,9 +11,8 @@ from serp.ui.studio.document import Document
 from serp.ui.studio.pages.decision import DecisionPane
 from serp.ui.studio.pages.editor import EditorPane, FindingsPane
 from serp.ui.studio.pages.live import Live
-from serp.ui.studio.pages.scenarios import ScenariosPane
 from serp.ui.studio.pages.situation import ScenePane
-from serp.ui.studio.session import SCENARIOS, Session
+from serp.ui.studio.session import Session
 from serp.ui.studio.view import Request, View
 
 _COLOURS = {
@@ -57,25 +56,12 @@ async def show_page(session: Session) -> None:
             FindingsPane(session, live, editor)
         with splitter.after, ui.element("div").classes("serp-right"):
             scene = ScenePane(session, live)
-            with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as tabs:
-                ui.tab("Decision")
-                ui.tab("Scenarios")
-            with ui.tab_panels(tabs, value="Decision", animated=False, keep_alive=True).classes(
-                "serp-views"
-            ):
-                with ui.tab_panel("Decision"), ui.element("section").classes("serp-panel"):
-                    DecisionPane(session, live, editor.jump)
-                with ui.tab_panel("Scenarios"), ui.element("section").classes("serp-panel"):
-                    ScenariosPane(session)
+            with ui.element("section").classes("serp-panel"):
+                DecisionPane(live, editor.jump)
     save.on_click(lambda: editor.save())
 
     def show_state(request: Request, view: View) -> None:
-        files = [
-            _described(document)
-            for which, document in session.documents.items()
-            if which != SCENARIOS or document.text
-        ]
-        state.set_text(", ".join(files))
+        state.set_text(", ".join(map(_described, session.documents.values())))
         save.set_enabled(session.changed)
 
     live.shows(show_state)
@@ -90,12 +76,10 @@ async def show_page(session: Session) -> None:
     await client.connected()
     if session.owner != owner:
         return
-    prefers_dark = bool(
-        await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")
-    )
+    prefers_dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")
     if session.owner != owner:
         return
-    set_dark(prefers_dark)
+    set_dark(bool(prefers_dark))
     live.begin()
     await scene.begin()
 

@@ -10,6 +10,7 @@ from typing import Any
 from nicegui import run, ui
 
 from serp.errors import SerpError
+from serp.ui.studio.episodes import play
 from serp.ui.studio.pages.live import Live, busy, button
 from serp.ui.studio.session import PROBLEM, Session
 from serp.ui.studio.view import Control, Request, View
@@ -23,10 +24,6 @@ class StatePane:
         self._controls: tuple[Control, ...] = ()
         self._elements: dict[str, list[Any]] = {}
         with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
-            self._search = ui.input(
-                placeholder="find a fluent", on_change=lambda _: self._build()
-            ).props("dense clearable")
-            self._search.set_visibility(False)
             self._switches = ui.element("div").classes("serp-switches")
             self._grid = ui.element("div").classes("serp-controls")
             self._more = ui.label().classes("serp-faint")
@@ -48,18 +45,15 @@ class StatePane:
 
     def _build(self) -> None:
         most_fluents = 60
-        part = (self._search.value or "").lower()
-        wanted = [each for each in self._controls if part in each.name]
-        self._search.set_visibility(len(self._controls) > 12)
         self._elements = {}
         self._grid.clear()
         self._switches.clear()
-        for control in wanted[:most_fluents]:
+        for control in self._controls[:most_fluents]:
             changed = functools.partial(self._changed, control)
             make = self._slider if control.numeric else self._switch
             with self._grid if control.numeric else self._switches:
                 self._elements[control.name] = make(control, changed)
-        hidden = len(wanted) - most_fluents
+        hidden = len(self._controls) - most_fluents
         self._more.set_text(f"… and {hidden:,} more" if hidden > 0 else "")
 
     def _switch(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
@@ -102,11 +96,6 @@ class ScenePane:
                 self._play = button("Play an episode", self.play)
                 self._seed = ui.number("seed", value=0, min=0, precision=0).props("dense")
                 self._seed.classes("serp-seed")
-                if session.recorded is not None:
-                    self._episode = ui.number("episode", value=1, min=1, precision=0)
-                    self._episode.props("dense").classes("serp-seed")
-                    button("Show", self._show_episode)
-                    button("Next veto", self._next_veto)
                 self._origin = ui.label().classes("serp-faint")
             self._steps = ui.slider(min=0, max=1, step=1, value=0, on_change=self._chosen)
             self._steps.props('dense snap aria-label="Step of the episode"')
@@ -125,7 +114,9 @@ class ScenePane:
         """
         with busy(self._play):
             try:
-                played = await run.io_bound(self._session.player(int(self._seed.value or 0)))
+                session, seed = self._session, int(self._seed.value or 0)
+                of = session.task, session.version, session.surroundings
+                played = await run.io_bound(play, *of, seed)
             except SerpError as error:
                 if not unasked:  # a place in a file stands beside the text, with its line
                     ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
@@ -147,29 +138,10 @@ class ScenePane:
         self._steps.set_value(self._session.step)
         self._live.changed()
 
-    def _show_episode(self) -> None:
-        try:
-            self._session.show_episode(int(self._episode.value or 1))
-        except SerpError as error:
-            ui.notify(str(error), type="warning", multi_line=True)
-        else:
-            self._taken()
-
-    def _next_veto(self) -> None:
-        if self._session.show_next_veto():
-            self._taken()
-        else:
-            ui.notify("Nothing was refused in this run.")
-
     async def begin(self) -> None:
-        """Show steps at the beginning: of the run, or else of an episode of the task."""
+        """Show an episode at the beginning: the last one, or else one of the task."""
         if self._session.played is not None:
             self._taken()
-        elif self._session.recorded is not None:
-            if self._session.show_next_veto():
-                self._taken()
-            else:
-                self._show_episode()
         elif self._session.task is not None:
             await self.play(unasked=True)
 

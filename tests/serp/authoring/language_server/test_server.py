@@ -15,8 +15,8 @@ from pygls.lsp.client import LanguageClient
 from serp.authoring.language_server.completion import completions, explained
 from serp.authoring.language_server.index import Index
 from serp.authoring.language_server.server import Positions, code_actions, uri_of
-from serp.authoring.lint.findings import findings_of
 from serp.pddl.source import Source
+from tests.serp.authoring.lint.found import findings_of
 from tests.serp.pddl.test_fuzz import SHIPPED, damage
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 

@@ -11,6 +11,7 @@ from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Source, edited
 from serp.pddl.syntax import meaning
 from serp.tasks.registry import task_of
+from tests.serp.authoring.lint.found import findings_of
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 EDITED = "edited.pddl"

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 
 from serp.authoring.lint.conditions import contradiction
-from serp.authoring.lint.findings import findings_of
 from serp.model.flags import APPLICABLE
 from serp.pddl.source import Source
 from tests.generated.models import load_texts, models_with_states
 from tests.generated.profile import examples
 from tests.generated.writer import Texts
+from tests.serp.authoring.lint.found import findings_of
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 from tests.worlds import text
 

@@ -18,7 +18,8 @@ SETTINGS = Settings().replace({"planner": {"name": "lookahead", "depth": 3}})
 
 def run(text, **options):
     source = Source("cartpole.scenarios", f"scenario one\n{text}")
-    (result,) = ScenarioFile.open(source, CARTPOLE, SETTINGS, 0.02).run()
+    decider = Decider.of_domain(source, CARTPOLE, SETTINGS, 0.02)
+    (result,) = run_scenarios(source, decider)
     return result
 
 
@@ -80,7 +81,7 @@ def test_the_planner_keeps_nothing_of_a_scenario_for_the_next_one():
         return repr(planner.state_dict())
 
     before = kept()
-    assert not all(result.passed for result in file.run())
+    assert not all(result.passed for result in run_scenarios(source, decider))
     assert kept() == before
-    file.decider.chosen(np.zeros(4))
+    decider.chosen(np.zeros(4))
     assert kept() != before

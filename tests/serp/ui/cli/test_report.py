@@ -168,7 +168,7 @@ def test_somebody_goes_through_the_steps(tab, page):
     tab.check("#filters input[name=kind][value='1']")
     assert press("n", "n", "p") == vetoes[vetoes > start][0]
     tab.uncheck("#filters input[name=kind][value='1']")
-    tab.click("#refused button[data-test] >> nth=0")
+    tab.click("#refused button[data-card] >> nth=0")
     assert press() in arrays["position"][vetoes]
     assert re.search(r"[1-9]", tab.inner_text("#hit-count"))
     tab.click("#extra")

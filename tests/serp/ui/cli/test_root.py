@@ -189,7 +189,7 @@ def test_everything_installed_is_listed(run):
         assert load_task(name).description in shown
     for name in (*PRESETS, *OWN, *algorithm_entries(), "evidence", "mixture", "lookahead", "dqn"):
         assert f"\n{name} " in shown
-    table = re.sub(" +", " ", shown.partition("\nplanner.name (--planner) ")[2])
+    table = re.sub(" +", " ", shown.partition("\nplanner.name (--planner)")[2])
     assert "\nfar-sight the planner that sees to the end of a finite task" in table
 
 

@@ -1,21 +1,17 @@
 """What is drawn is in the file, and a file is whole or not there; what cannot be drawn is named."""
 
-import io
 import json
 import os
 
 import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled
-from PIL import Image, ImageColor
 
-from serp._util import figures
 from serp.errors import EnvironmentFailure, RunError
 from serp.runs.recording import EVALUATIONS, open_recording
 from serp.runs.run import load_run
 from serp.ui.pictures.film import (
     Camera,
-    FilmSettings,
     film,
     write_film,
     write_gif,
@@ -23,9 +19,6 @@ from serp.ui.pictures.film import (
 )
 from tests.serp.sample_tasks import CableCut
 from tests.serp.ui.pictures.scene import Drawn, bound, drawn
-
-RED = np.array(ImageColor.getrgb(figures.REFUSED))
-SETTINGS = FilmSettings(episodes=2)
 
 
 def frames_of(run, folder):
@@ -63,21 +56,19 @@ def test_equal_films_give_equal_files_and_change_nothing_else(run, tmp_path):
     before = dict(os.environ)
     kept = files_of(run)
     agent = json.dumps(run.agent.state_dict()[1], sort_keys=True)
-    for name in ("one.gif", "other.gif"):
-        write_film(run, tmp_path / name, SETTINGS)
-    assert (tmp_path / "one.gif").read_bytes() == (tmp_path / "other.gif").read_bytes()
+    for name in ("one.mp4", "other.mp4"):
+        write_film(run, tmp_path / name, episodes=2)
+    assert (tmp_path / "one.mp4").read_bytes() == (tmp_path / "other.mp4").read_bytes()
     assert dict(os.environ) == before
     assert files_of(run) == kept
-    name = f"{SETTINGS.policy}-seed{SETTINGS.seed}"
-    recorded = open_recording(run.path, name)
-    assert list(recorded.episodes) == list(range(1, SETTINGS.episodes + 1))
+    assert list(open_recording(run.path, "serp-seed0").episodes) == [1, 2]
     assert json.dumps(run.agent.state_dict()[1], sort_keys=True) == agent
 
 
 def test_an_mp4_lasts_as_long_as_the_film(run, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "x.mp4"
-    write_film(run, path, SETTINGS)
+    write_film(run, path, episodes=2)
     filmed = frames_of(run, tmp_path)
     _, seconds = ffmpeg.count_frames_and_secs(str(path))
     assert seconds == pytest.approx(sum(frame.seconds for frame in filmed), abs=0.2)
@@ -96,10 +87,10 @@ def test_a_film_that_fails_leaves_the_former_one(recorded, tmp_path, kind):
     def make_env(render_mode=None):
         return CableCut(Drawn(render_mode), 3)
 
-    path = tmp_path / f"x{kind}"
+    path = tmp_path / "x.mp4"
     path.write_bytes(b"former")
     with pytest.raises(EnvironmentFailure, match="cable cut"):
-        write_film(load_run(recorded, drawn(tmp_path, make_env)), path, SETTINGS)
+        write_film(load_run(recorded, drawn(tmp_path, make_env)), path, episodes=2)
     assert path.read_bytes() == b"former"
     assert list(tmp_path.glob("x.*")) == [path]
 

@@ -2,18 +2,15 @@
 
 import asyncio
 import os
-import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from serp.errors import SerpError
 from serp.model.domain import load_domain
 from serp.planning.replanner import MonitorReplanner
-from serp.runs.recording import open_recording
 from serp.runs.train import plan_and_learn
-from serp.ui.studio.document import ChangedOnDisk, Document
+from serp.ui.studio.document import Document
 from serp.ui.studio.serving import Guard
 from serp.ui.studio.session import open_session
 from serp.ui.studio.view import ShownState, read
@@ -56,9 +53,9 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
     assert document.save() == folder / "theirs.pddl" and outside.read_text() == "theirs"
     (folder / "theirs.pddl").write_text("changed meanwhile")
     document.text = "mine again"
-    with pytest.raises(ChangedOnDisk):
+    with pytest.raises(SerpError, match="save again to replace it"):
         document.save()
-    document.save(anyway=True)
+    document.save()
     assert (folder / "theirs.pddl").read_text() == "mine again"
     document.text = "not saved"
     assert document.keep() == f"The unsaved text is kept in {folder / 'theirs.pddl.unsaved'}"
@@ -78,11 +75,14 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
 
 def test_each_text_that_was_not_saved_is_kept(tmp_path, session):
     outside = tmp_path.parent / f"{tmp_path.name}.pddl"
-    scenarios = session.documents["scenarios"]
-    earlier = scenarios.target.with_name(scenarios.target.name + ".unsaved")
+    (tmp_path / "switch.pddl").write_text(SWITCH)
+    (tmp_path / "switch-problem.pddl").write_text(PROBLEM)
+    session = open_session(str(tmp_path / "switch.pddl"), tmp_path)
+    problem = session.documents["problem"]
+    earlier = problem.target.with_name(problem.target.name + ".unsaved")
     earlier.write_text("earlier")
     session.edit("domain", "mine")
-    session.edit("scenarios", "mine, too \ud800")  # a half of a character
+    session.edit("problem", "mine, too \ud800")  # a half of a character
     session.documents["domain"].target = outside  # cannot be written
     lost, kept = session.close()
     assert "is lost" in lost and not outside.exists()
@@ -159,7 +159,7 @@ def test_a_websocket_of_another_page_is_refused(host, origin, let_in):
     assert answer(guard, headers, kind="websocket")["type"] == "websocket.close"
 
 
-# Scenarios, trainings -----------------------------------------------------------------------------
+# Runs, tabs -------------------------------------------------------------------------------------
 
 
 def test_the_steps_of_a_run_are_shown_with_the_file_in_the_working_folder(tmp_path):
