@@ -203,6 +203,7 @@ def test_planning_and_learning_need_no_extra_and_what_needs_one_says_which(tmp_p
         "plots": "diagnose run --svg diagnosis.svg",
         "minigrid": "plan --domain four-rooms --observe",
         "box2d": "plan --domain lunar-lander",
+        "tune": "tune --domain cartpole --vary planner.depth=2..3 --env-steps 30",
         "report": "compare --domain cartpole --algorithms mrp --env-steps 30",
         "soccer": "plan-and-learn --domain soccer --env-steps 30",
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -51,6 +52,35 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
                                "explores.")  # fmt: skip
     run = click.argument("run", type=click.Path(path_type=Path))
     return run(option(own_task_option(command)))
+
+
+def trials_options(seeds: range, folder: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that gives a command the options of whatever runs trials.
+
+    `folder` is the first part of the name of the default folder.
+    """
+    options = (
+        domain_option,
+        own_task_option,
+        click.option("--seeds", metavar="N|A-B|A,B",
+                     callback=lambda ctx, parameter, value: parse_seeds(value),
+                     help=f"How many seeds from {seeds.start} on, or the seeds themselves.  "
+                          f"[default: {len(seeds)}]"),
+        click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
+                     help="Budget of each training."),
+        settings_option,
+        click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+                     help="Folder of the results; one that is there is continued.  "
+                          f"[default: runs/{folder}-<domain>-<time>]"),
+        click.option("--jobs", type=click.IntRange(min=1), metavar="N",
+                     help="Trainings at the same time.  [default: one a core]"),
+        click.option("--engine", metavar="local|ray", default="local", show_default=True,
+                     help="What runs the trainings: processes of this machine, or a cluster."),
+        click.option("--address", metavar="ADDRESS",
+                     help="The cluster of the engine.  [default: the engine starts workers here]"),
+        click.option("--quiet", is_flag=True, help="No display; print the result alone."),
+    )  # fmt: skip
+    return lambda command: functools.reduce(lambda f, option: option(f), options[::-1], command)
 
 
 def refuse_given(names: Iterable[str], why: str) -> None:

@@ -117,6 +117,7 @@ SECTIONS = {
     "Training": {
         "plan-and-learn": "Train: the planner acts first, the learner takes over.",
         "compare": "Compare algorithms on one task, under one protocol.",
+        "tune": "Search settings by the returns of whole trainings.",
         "list": "List what is installed: tasks, algorithms, strategies.",
     },
     "After a training": {

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import re
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from serp.ui.asked import asked_task
-from serp.ui.options import (
-    domain_option,
-    own_task_name,
-    own_task_option,
-    parse_seeds,
-    settings_option,
-)
+from serp.ui.options import own_task_name, trials_options
 from serp.ui.output import examples, open_console, print_next, print_result, print_table
 from serp.ui.root import say, stopped_by
 
@@ -47,27 +40,7 @@ if TYPE_CHECKING:
               help="Episodes of each such evaluation.  [default: 10]")  # fmt: skip
 @click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
               help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
-@domain_option
-@own_task_option
-@click.option("--seeds", metavar="N|A-B|A,B",
-              callback=lambda ctx, parameter, value: parse_seeds(value),
-              help="How many seeds from 0 on, or the seeds themselves.  "
-                   "[default: 5]")  # fmt: skip
-@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
-              help="Budget of each training.")  # fmt: skip
-@settings_option
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-              help="Folder of the results; one that is there is continued.  "
-                   "[default: runs/compare-<domain>-<time>]")  # fmt: skip
-@click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-              help="Trainings at the same time.  [default: one a core]")  # fmt: skip
-@click.option("--engine", metavar="local|ray", default="local", show_default=True,
-              help="What runs the trainings: processes of this machine, or a "
-                   "cluster.")  # fmt: skip
-@click.option("--address", metavar="ADDRESS",
-              help="The cluster of the engine.  [default: the engine starts workers "
-                   "here]")  # fmt: skip
-@click.option("--quiet", is_flag=True, help="No display; print the result alone.")
+@trials_options(seeds=range(5), folder="compare")
 def command(
     domain: str | None,
     algorithms: tuple[str, ...],

@@ -64,7 +64,7 @@ def test_output_is_the_golden_one(name, walk, request):
     text += re.sub(r"(?m)^.*[\r\x1b].*\n?|^\|.*\n", "", result.stderr)
     if of_training:
         text = text.replace(str(run), "RUN").replace(f"{Path(__file__).parents[4]}/", "")
-    if of_training or name in ("compare", "plan-and-learn"):
+    if of_training or name in ("compare", "plan-and-learn", "tune"):
         text = re.sub(r"[−-]?(?<![\w:])\d[\d,]*(\.\d+)?(e[-−+]?\d+)?", "#", text)
         text = re.sub(r"#(?: #)+|< #", "#", re.sub(r"([ ─])+", r"\1", text))
         nouns = "step|episode|(?:unsafe )?action|proposal|number|state|other"
