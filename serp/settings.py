@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from pydantic_core import ErrorDetails
 
+from serp._util.did_you_mean import did_you_mean
 from serp._util.numbers import COUNTED, SIZE
-from serp._util.text import did_you_mean
 from serp.errors import SettingsError
 
 _WANTED = {

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 
-from serp._util.text import did_you_mean
+from serp._util.did_you_mean import did_you_mean
 from serp.errors import SerpError
 
 

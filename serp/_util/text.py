@@ -1,37 +1,8 @@
-"""Parts of messages: suggestions for misspelt words, lists of names, counts."""
+"""Parts of messages: counts, numbers, shares and durations in words."""
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return advice naming the closest known word, or listing a few of them."""
-    candidates = sorted(set(known))
-    if (close := closest(word, candidates)) is not None:
-        return f"did you mean `{close}`?"
-    return f"known here: {listed(candidates)}" if candidates else ""
-
-
-def closest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that is most like another one; None where none is like it.
-
-    Nothing is more like `ball-to-robot` than `robot-to-ball`.
-    """
-    names = sorted(set(known))
-    parts = sorted(word.split("-"))
-    turned = [name for name in names if sorted(name.split("-")) == parts]
-    close = turned or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
-    return close[0] if close else None
-
-
-def listed(names: Iterable[str], most: int = 8) -> str:
-    """Return names in quotes, and how many more there are; empty for none."""
-    known = list(names)
-    more = f" and {len(known) - most:,} more" if len(known) > most else ""
-    return ", ".join(f"`{name}`" for name in known[:most]) + more
 
 
 def plural(count: int, noun: str, several: str | None = None) -> str:

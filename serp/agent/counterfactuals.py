@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from serp._util.text import listed
+from serp._util.did_you_mean import listed
 from serp.model.transition_model import StateError
 
 if TYPE_CHECKING:

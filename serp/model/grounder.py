@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from serp._util.text import listed
+from serp._util.did_you_mean import listed
 from serp.model import ground_model as g
 from serp.model.ground_model import ELAPSED, linear
 from serp.model.reachability import (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp._util.text import did_you_mean, listed
+from serp._util.did_you_mean import did_you_mean, listed
 from serp.errors import SerpError
 from serp.model.ground_model import Fluent, GroundModel, GroundSchema, Parameter
 

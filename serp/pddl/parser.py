@@ -7,7 +7,7 @@ import re
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
 
-from serp._util.text import closest, did_you_mean
+from serp._util.did_you_mean import closest, did_you_mean
 from serp.pddl import syntax as x
 from serp.pddl.expressions import (
     as_function,

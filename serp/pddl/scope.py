@@ -6,7 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from serp._util.text import closest, did_you_mean, plural
+from serp._util.did_you_mean import closest, did_you_mean
+from serp._util.text import plural
 from serp.pddl import syntax as x
 from serp.pddl.reader import Group, Node, Word
 from serp.pddl.source import DomainError, Place

@@ -10,8 +10,8 @@ from typing import Any, Final, NamedTuple, get_args
 
 import numpy as np
 
+from serp._util.did_you_mean import did_you_mean
 from serp._util.numbers import seed_of, whole
-from serp._util.text import did_you_mean
 from serp.agent.agent import Agent
 from serp.agent.step_record import EpisodeTotals, StepRecord, sight_of
 from serp.errors import SettingsError

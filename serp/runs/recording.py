@@ -28,6 +28,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from serp._util.did_you_mean import listed
 from serp._util.files import (
     Closing,
     json_text,
@@ -36,7 +37,7 @@ from serp._util.files import (
     read_regular,
     write_durably,
 )
-from serp._util.text import listed, plural
+from serp._util.text import plural
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.step_record import StepRecord
 from serp.errors import Notice, RunError

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.did_you_mean import did_you_mean
 from serp._util.numbers import whole
-from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import StateError, TransitionModel

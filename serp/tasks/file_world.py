@@ -14,8 +14,8 @@ from gymnasium import spaces
 from gymnasium.wrappers import TimeLimit
 from pydantic import Field, model_validator
 
+from serp._util.did_you_mean import did_you_mean
 from serp._util.numbers import COUNTED
-from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.domain import Domain, load_domain, problem_beside
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE

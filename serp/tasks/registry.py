@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 from serp._util import plugins
-from serp._util.text import did_you_mean
+from serp._util.did_you_mean import did_you_mean
 from serp.errors import SerpError, TaskError
 from serp.model.domain import Domain, load_domain
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from serp._util.text import did_you_mean, listed, plural
+from serp._util.did_you_mean import did_you_mean, listed
+from serp._util.text import plural
 from serp.errors import SerpError
 from serp.ui.options import own_task_name
 from serp.ui.root import say

@@ -11,9 +11,10 @@ from typing import Final
 
 from rich.console import Console
 
+from serp._util.did_you_mean import did_you_mean
 from serp._util.files import write_durably
 from serp._util.terminal import visible
-from serp._util.text import did_you_mean, plural, readable
+from serp._util.text import plural, readable
 from serp.agent.causes import Cause
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.sentences import line_of_cause, signed

@@ -17,8 +17,8 @@ from typing import Any, NoReturn
 import click
 
 from serp import __version__
+from serp._util.did_you_mean import did_you_mean
 from serp._util.terminal import visible
-from serp._util.text import did_you_mean
 from serp.errors import Notice, SerpError, with_notes
 from serp.ui.output import examples
 

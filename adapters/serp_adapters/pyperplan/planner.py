@@ -14,7 +14,7 @@ from pyperplan import task as pyperplan_task
 from pyperplan.heuristics.lm_cut import LmCutHeuristic
 
 from serp import SettingsError, TransitionModel
-from serp._util.text import did_you_mean
+from serp._util.did_you_mean import did_you_mean
 from serp.model.transition_model import Vector
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings

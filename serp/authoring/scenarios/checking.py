@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from serp._util.text import listed, plural, readable
+from serp._util.did_you_mean import listed
+from serp._util.text import plural, readable
 from serp.agent.agent import Agent
 from serp.agent.arbiter import Arbiter
 from serp.agent.chosen_planner import ChosenPlanner

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from serp._util.text import closest, did_you_mean, listed
+from serp._util.did_you_mean import closest, did_you_mean, listed
 from serp.authoring.scenarios import syntax as s
 from serp.model.domain import Domain
 from serp.model.transition_model import StateError, TransitionModel

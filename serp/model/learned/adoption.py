@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
-from serp._util.text import listed, percent, plural
+from serp._util.did_you_mean import listed
+from serp._util.text import percent, plural
 
 BETTER: Final = 0.95
 """Fraction of the error of the file below which a learned part replaces it; for residuals see

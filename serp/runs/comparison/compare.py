@@ -27,8 +27,8 @@ from pydantic import (
     field_validator,
 )
 
+from serp._util.did_you_mean import did_you_mean
 from serp._util.files import make_inside, read_regular, write_durably
-from serp._util.text import did_you_mean
 from serp.agent.agent import Agent
 from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError, needs_extra
 from serp.model.domain import Domain, load_domain

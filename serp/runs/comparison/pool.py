@@ -219,14 +219,16 @@ def _opened(
         return
     assert most is not None
     context = multiprocessing.get_context("spawn")
-    stop, others = context.Event(), set(multiprocessing.active_children())
-    with safe_path(), ProcessPoolExecutor(most, context, _begin_worker, (stop,)) as executor:
-        try:
-            yield executor, most, _attempt_in_worker, stop.set
-        except BaseException:
-            for process in set(multiprocessing.active_children()) - others:
-                process.kill()
-            raise
+    others = set(multiprocessing.active_children())
+    with safe_path():
+        stop = context.Event()  # begins a process, too
+        with ProcessPoolExecutor(most, context, _begin_worker, (stop,)) as executor:
+            try:
+                yield executor, most, _attempt_in_worker, stop.set
+            except BaseException:
+                for process in set(multiprocessing.active_children()) - others:
+                    process.kill()
+                raise
 
 
 _stop: Any = None
