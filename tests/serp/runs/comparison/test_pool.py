@@ -20,6 +20,9 @@ def test_processes_find_what_this_one_finds_and_a_lost_one_is_named(
     tmp_path, external, monkeypatch
 ):
     """Nothing of the working folder is run in another process."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("pickle", "random", "socket", "numpy", "torch"):
+        Path(f"{name}.py").write_text("open('planted', 'a').close()")
     good, bad, deadly = walk(tmp_path), walk(tmp_path, Pothole), walk(tmp_path, Deadly)
 
     def jobs(folder):
@@ -31,9 +34,6 @@ def test_processes_find_what_this_one_finds_and_a_lost_one_is_named(
     assert "cable cut" in (errors["bad"] or "")
     assert set(run(jobs(tmp_path / "here"), 1).values()) == {None}
     assert everything(tmp_path / "there") == everything(tmp_path / "here")
-    monkeypatch.chdir(tmp_path)
-    for name in ("pickle", "random", "socket", "numpy", "torch"):
-        Path(f"{name}.py").write_text("open('planted', 'a').close()")
     dead = [job(deadly, "dqn", tmp_path / f"dead{seed}", seed=seed) for seed in (1, 2, 3)]
     errors = run(dead, 2)
     assert "its worker was lost" in (errors["dead1"] or "")
