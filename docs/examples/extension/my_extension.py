@@ -24,11 +24,10 @@ class PlannerFirst(serp.Strategy):
 
     def propose(self, situation: Any, learner: Any) -> Any:
         """Return the learner's proposal, or None where it is the planner's turn."""
-        return None if self._left else learner.propose(situation.admissible)
-
-    def end_episode(self, return_: float, length: int) -> None:
-        """Count the env steps."""
-        self._left = max(0, self._left - length)
+        if self._left:
+            self._left -= 1
+            return None
+        return learner.propose(situation.admissible)
 
     def state_dict(self) -> dict[str, Any]:
         """Return what a checkpoint keeps."""
