@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import secrets
 import signal
 import socket
@@ -65,7 +66,7 @@ class Guard:
         own = own and origins in ([f"http://{hosts[0]}"], *([[]] if page else []))
         if own and _equal(request.cookies.get(self._cookie_name, ""), self._cookie):
             await self.app(scope, receive, _private(send, hosts[0]))
-        elif own and page and _equal(request.query_params.get("token", ""), self.token):
+        elif own and page and scope["path"] == "/" and self._has_token(request):
             # The page calls again, without the token in the address: a redirection that began at
             # another site would come without the cookie.
             welcome = HTMLResponse(
@@ -80,6 +81,10 @@ class Guard:
             await PlainTextResponse(refusal, 403, _HEADERS)(scope, receive, send)
         else:
             await send({"type": "websocket.close", "code": 1008})
+
+    def _has_token(self, request: HTTPConnection) -> bool:
+        given = request.query_params.get("token", "")
+        return request.scope["method"] == "GET" and _equal(given, self.token)
 
 
 def _private(send: Send, host: str) -> Send:
@@ -129,6 +134,8 @@ def serve(session: Session, port: int, *, browser: bool) -> None:
         print_result(guard.address)
         if browser:
             webbrowser.open(guard.address)
+        gc.collect()
+        gc.freeze()  # what was imported: passing over it takes longer than a whole view
         server = uvicorn.Server(config)
         for name in ("SIGHUP", "SIGTERM"):  # a closed terminal keeps what was not saved, too
             if hasattr(signal, name):
