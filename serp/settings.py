@@ -148,8 +148,9 @@ class PlannerSettings(Section):
     `Task.planners`. What follows a colon is for the planner itself."""
     depth: Periods = 5
     """Lookahead in control periods, each with an action."""
-    discount: Annotated[float, Field(gt=0, lt=1)] = 0.99
-    """γ: weight of a reward one control period later, for planner and learner."""
+    discount: Annotated[float, Field(gt=0, le=1)] = 0.99
+    """γ: weight of a reward one control period later, for planner and learner. A learner needs less
+    than 1."""
     max_nodes: PositiveCount = 10_000
     """Most nodes that are expanded. A layer that would exceed the budget is not expanded, and the
     plan ends at the deepest complete layer. The first layer is always expanded."""

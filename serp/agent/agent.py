@@ -20,7 +20,7 @@ from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
 from serp.agent.veto import NoVeto, VetoPolicy
-from serp.errors import EnvironmentFailure, TaskError
+from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
@@ -87,6 +87,8 @@ class Agent:
         # Wrong names are refused first, because what follows takes time.
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
         make_learner = find_learner(settings.learner.name)
+        if settings.planner.discount >= 1.0:
+            raise SettingsError("planner.discount: a learner needs less than 1, such as 0.999")
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)
         strategy_seed, learner_seed, random_seed, adaptation_seed = seeds

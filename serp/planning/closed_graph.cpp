@@ -224,64 +224,50 @@ const double* state_of(const ClosedGraph& of, const State& state) {
     return state.data();
 }
 
-template <class To, class From>
-Array<To> copy_of(const std::vector<From>& column) {
-    return array_of(std::vector<To>(column.begin(), column.end()), {column.size()});
+/// Calls `visit` with name and numbers of every column that is saved.
+template <class Of, class Visit>
+void for_each_column(Of& of, Visit visit) {
+    visit("states", of.states);
+    visit("layer", of.layer);
+    visit("undefined", of.undefined);
+    visit("value", of.value);
+    visit("risk", of.risk);
+    visit("steps", of.steps);
+    visit("inside", of.inside);
+    visit("first_edge", of.first_edge);
+    visit("action", of.action);
+    visit("flags", of.flags);
+    visit("reward", of.reward);
+    visit("step_risk", of.step_risk);
+    visit("first_outcome", of.first_outcome);
+    visit("target", of.target);
+    visit("chance", of.chance);
 }
 
 nb::dict columns_of(const ClosedGraph& closed) {
     const Graph& of = closed.graph();
     nb::dict columns;
-    columns["states"] = copy_of<double>(of.states);
-    columns["layer"] = copy_of<std::int32_t>(of.layer);
-    columns["undefined"] = copy_of<std::uint8_t>(of.undefined);
-    columns["value"] = copy_of<double>(of.value);
-    columns["risk"] = copy_of<double>(of.risk);
-    columns["steps"] = copy_of<std::int64_t>(of.steps);
-    columns["inside"] = copy_of<std::uint8_t>(of.inside);
-    columns["first_edge"] = copy_of<std::int64_t>(of.first_edge);
-    columns["action"] = copy_of<std::int32_t>(of.action);
-    columns["flags"] = copy_of<Flags>(of.flags);
-    columns["reward"] = copy_of<double>(of.reward);
-    columns["step_risk"] = copy_of<double>(of.step_risk);
-    columns["first_outcome"] = copy_of<std::int64_t>(of.first_outcome);
-    columns["target"] = copy_of<std::int32_t>(of.target);
-    columns["chance"] = copy_of<double>(of.chance);
-    columns["dead_end"] = copy_of<std::uint8_t>(of.dead_end);
-    columns["best"] = copy_of<std::int64_t>(of.best);
-    columns["inert"] = copy_of<std::int64_t>(closed.inert());
+    const auto add = [&columns](const char* name, auto numbers) {
+        const std::size_t length = numbers.size();
+        columns[name] = array_of(std::move(numbers), {length});
+    };
+    for_each_column(of, add);
+    add("dead_end", of.dead_end);
+    add("best", of.best);
+    add("inert", closed.inert());
     return columns;
-}
-
-template <class T>
-std::vector<T> column_of(const nb::dict& columns, const char* name) {
-    return vector_of(nb::cast<In<T, nb::ndim<1>>>(columns[name]));
-}
-
-std::vector<std::int32_t> positions_of(const nb::dict& columns, const char* name) {
-    const auto numbers = column_of<std::int64_t>(columns, name);
-    check_range(numbers, 0, INT32_MAX, name);
-    return {numbers.begin(), numbers.end()};
 }
 
 void restore(ClosedGraph& closed, const nb::dict& columns) {
     Graph of;
-    of.states = column_of<double>(columns, "states");
-    of.layer = column_of<std::int32_t>(columns, "layer");
-    of.undefined = column_of<std::uint8_t>(columns, "undefined");
-    of.value = column_of<double>(columns, "value");
-    of.risk = column_of<double>(columns, "risk");
-    of.steps = column_of<std::int64_t>(columns, "steps");
-    of.inside = column_of<std::uint8_t>(columns, "inside");
-    of.first_edge = positions_of(columns, "first_edge");
-    of.action = column_of<std::int32_t>(columns, "action");
-    of.flags = column_of<Flags>(columns, "flags");
-    of.reward = column_of<double>(columns, "reward");
-    of.step_risk = column_of<double>(columns, "step_risk");
-    of.first_outcome = positions_of(columns, "first_outcome");
-    of.target = column_of<std::int32_t>(columns, "target");
-    of.chance = column_of<double>(columns, "chance");
-    closed.clear(column_of<std::int64_t>(columns, "inert"));
+    const auto take = [&columns](const char* name, auto& numbers) {
+        using Number = typename std::decay_t<decltype(numbers)>::value_type;
+        numbers = vector_of(nb::cast<In<Number, nb::ndim<1>>>(columns[name]));
+    };
+    for_each_column(of, take);
+    std::vector<std::int64_t> inert;
+    take("inert", inert);
+    closed.clear(std::move(inert));
     closed.restore(std::move(of));
 }
 
