@@ -34,7 +34,7 @@ from serp.settings import Settings
 from serp.tasks.file_world import WorldOptions
 from serp.tasks.task import BoundTask, Task
 
-FORMAT: Final = 3
+FORMAT: Final = 4
 MANIFEST, DOMAIN, PROBLEM = "manifest.json", "domain.pddl", "problem.pddl"
 AGENT: Final = "agent.safetensors"
 NETWORK: Final = "learner.onnx"

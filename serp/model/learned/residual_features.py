@@ -142,9 +142,8 @@ def restore_regression(regression: Regression, arrays: Mapping[str, NDArray[Any]
         getattr(regression, name)[:] = values
 
 
-def learnable(group: FeatureGroup, heads: int) -> bool:
-    """Return whether there are few enough inputs to learn from."""
-    depth = len(group.inputs)
+def learnable(depth: int, heads: int) -> bool:
+    """Return whether a regression has few enough inputs to learn from."""
     return depth <= _MAX_INPUTS and (1 + heads) * (1 + depth) <= _MAX_COLUMNS
 
 
