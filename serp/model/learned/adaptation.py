@@ -38,11 +38,14 @@ class GroupLearners:
     """Learns residuals and outcome counts from env steps, and publishes them in the model.
 
     Each fluent has its own predictor: the one that has predicted new samples best, which may be the
-    file. So have the reward, where the file gives any, and the end.
+    file. So have the end, and the reward if `rewards` and the file gives any.
     """
 
-    def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self, model: AdaptedModel, seed: np.random.SeedSequence, rewards: bool = False
+    ) -> None:
         self._model = model
+        self._rewarded = rewards and model.rewarding
         self._seed = seed
         self._groups = {group.key: group for groups in model.feature_groups for group in groups}
         self._columns = [
@@ -135,7 +138,7 @@ class GroupLearners:
         if not step.over:
             self._share_wholeness(step.count_whole(self._whole, self._numeric))
         if self._worth is not None:
-            self._worth.learn_worth(action, step, self._model.rewarding)
+            self._worth.learn_worth(action, step, self._rewarded)
         for key, inputs, targets in self._columns[action]:
             if not self._counts[key].learn(inputs, step, self._whole):
                 self._whole[targets] = False
@@ -215,7 +218,7 @@ class ModelAdaptation:
             self._adapted = adapted = AdaptedModel(written)
             self._alike = _alike_actions(adapted)
             if settings.residual:
-                self._learners = GroupLearners(adapted, seed)
+                self._learners = GroupLearners(adapted, seed, settings.rewards)
                 self.notice = self._learners.notice
             if settings.parameters:
                 from serp.model.learned.parameter_fit import ParameterEstimation

@@ -367,10 +367,11 @@ private:
         return worth;
     }
 
-    /// Returns flags with a chance of an end; TERMINAL remains where it is hardly in doubt.
-    static Flags ending(Flags flags, double chance) {
+    /// Returns flags with a chance of an end; see `AdaptedModel`.
+    Flags ending(Flags flags, double chance) const {
         if (!(flags & TERMINAL)) return with_end(flags, chance);
-        return chance >= CERTAIN_END ? flags : with_end(flags & ~TERMINAL, chance);
+        const bool doubtful = chance < CERTAIN_END && model_.worth()->predictors()[0] != FILE_ALONE;
+        return doubtful ? with_end(flags & ~TERMINAL, chance) : flags;
     }
 
     /// Corrects what is expected over some outcomes, in all of these that are not flagged unsafe:

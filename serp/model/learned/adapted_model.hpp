@@ -62,8 +62,9 @@ struct ObservedStep {
 /// its expectation over the counted outcomes. UNSAFE is set only where the file as written sets it;
 /// everything else is a risk: the probability that the file's events flag an outcome.
 ///
-/// Last, reward and end are corrected, within the range of the data: an end has a chance then, and
-/// TERMINAL remains only where it is hardly in doubt. A step that is flagged UNSAFE remains as it is.
+/// Last, reward and end are corrected, within the range of the data. An end has a chance then. One
+/// that the file foresees remains TERMINAL, unless it is doubtful and the reward is corrected, too:
+/// or else it might be earned again and again. A step that is flagged UNSAFE remains as it is.
 class AdaptedModel : public Model {
 public:
     /// `flagging`: whether events can make `unsafe` true. `worth`, if any, is the regression of

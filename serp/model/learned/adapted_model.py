@@ -34,8 +34,9 @@ class AdaptedModel(TransitionModel):
     sets it; everything else is a risk (`serp.model.flags.risk_of`): the probability that the file's
     events flag an outcome.
 
-    Last, reward and end are corrected, within the range of the data: an end has a chance then
-    (`serp.model.flags.going_on`), and `TERMINAL` remains only where it is hardly in doubt. A step
+    Last, reward and end are corrected, within the range of the data. An end has a chance then
+    (`serp.model.flags.going_on`). One that the file foresees remains `TERMINAL`, unless it is
+    doubtful and the reward is corrected, too: or else it might be earned again and again. A step
     that is flagged `UNSAFE` remains as it is.
 
     Attributes:

@@ -115,7 +115,7 @@ public:
     std::vector<double> spread;     ///< [T] mean change
     std::vector<double> samples;    ///< [H, T] samples of each head
     std::vector<double> surprises;  ///< [1] fraction of surprises
-    /// [5, 3] by predicted chance of an end: steps, sum of these chances, ends that came.
+    /// [5, 3] by corrected chance of an end: steps, sum of these chances, ends that came.
     std::vector<double> reliability;
     std::vector<double> low, high;  ///< [d] ends of the ranges of inputs; infinite at first
     /// A ring of `kept` samples: inputs [d], errors [T], whether these are observed, head, weight.
@@ -248,11 +248,12 @@ Due RegressionSamples::learn_worth(int head, const ObservedStep& step, bool rewa
     }
     if (!accept()) return NOTHING;
     const Due due = take(head, moved);
-    const double error = errors_[2 * regression_->predictors()[1] + 1];
-    const double chance = std::clamp(seen[1] - error, 0.0, 1.0);
-    const auto place = std::upper_bound(std::begin(LIMITS), std::end(LIMITS), chance);
-    double* of = reliability.data() + 3 * (place - std::begin(LIMITS));
-    of[0] += 1.0, of[1] += chance, of[2] += seen[1];
+    if (const std::int64_t kind = regression_->predictors()[1]; kind != FILE_ALONE) {
+        const double chance = std::clamp(seen[1] - errors_[2 * kind + 1], 0.0, 1.0);
+        const auto place = std::upper_bound(std::begin(LIMITS), std::end(LIMITS), chance);
+        double* of = reliability.data() + 3 * (place - std::begin(LIMITS));
+        of[0] += 1.0, of[1] += chance, of[2] += seen[1];
+    }
     if (due == NOTHING) choose(nullptr, nullptr);
     return due;
 }
@@ -454,7 +455,7 @@ void bind_regression(nb::module_& module) {
         .def_ro("count", &Regression::count)
         .def_ro("columns", &Regression::columns)
         .def_prop_rw("features", &Regression::features, &Regression::use_features,
-                     "Number of random features in use: 0 or FEATURES.")
+                     "Number of random features in use: 0, SMOOTH or FEATURES.")
         .def_prop_rw("known", &Regression::known, &Regression::use_known,
                      "Rows of the inverse in use; 0 before the first solution.")
         .def_prop_rw(
@@ -662,7 +663,7 @@ void bind_regression_samples(nb::module_& module) {
               "`[4, T]` moving averages of the squared differences between errors and the file's.");
     bind_view(bound, "reliability", &Of::reliability,
               [](const Of& of) { return std::vector<size_t>{of.reliability.size() / 3, 3}; },
-              "`[5, 3]` by predicted chance of an end: steps, sum of chances, ends that came.");
+              "`[5, 3]` by corrected chance of an end: steps, sum of chances, ends that came.");
     bind_view(bound, "seen", &Of::seen, targets, "`[T]` samples in them.");
     bind_view(bound, "spread", &Of::spread, targets, "`[T]` mean change.");
     bind_view(bound, "samples", &Of::samples,

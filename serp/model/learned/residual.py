@@ -27,12 +27,13 @@ class ResidualRegression:
     _SQUARED = False
     """Whether the errors by which predictors are chosen are squared."""
     _ALONE = 0
-    """Number of the last inputs that random features do not depend on."""
+    _FEATURES = r.FEATURES
+    """Number of the last inputs that random features do not depend on, and of these features."""
 
     def __init__(self, parameters: Regression, seed: np.random.SeedSequence) -> None:
         self._parameters = parameters
         self._samples = RegressionSamples(parameters, self._SQUARED)
-        self._fit = FittedWeights(parameters, self._samples, seed, self._ALONE)
+        self._fit = FittedWeights(parameters, self._samples, seed, self._ALONE, self._FEATURES)
         self.reset()
 
     def reset(self) -> None:
@@ -121,11 +122,12 @@ class WorthRegression(ResidualRegression):
 
     Ends are rare: of absolute errors "never" has the smallest ones, so errors are squared, and none
     is an outlier. What the model predicts is an input, which random features do not depend on:
-    where it is wrong its weight is small, and features are the same for all actions.
+    where it is wrong its weight is small, and features are the same for all actions. All features
+    would make a step of soccer slower by a third, and predict better by 3 %; the smoothest suffice.
     """
 
     _SQUARED = True
-    _ALONE = 2
+    _ALONE, _FEATURES = 2, r.SMOOTH
 
     def learn_worth(self, head: int, step: ObservedStep, rewarded: bool) -> None:
         """Learn from a step by the head of its ground action; the reward only if `rewarded`."""

