@@ -178,13 +178,14 @@ public:
     void add(int head, const std::vector<int>& targets, double* out) {
         std::int64_t most = regression_.most();
         if (most > LINEAR && !inside_ && leverage(head) >= UNKNOWN) most = LINEAR;
-        if (most > LINEAR) compute_waves(most == CURVED ? 1 : Regression::CHUNKS);
+        const int all = regression_.features() / Regression::SMOOTH;
+        if (most > LINEAR) compute_waves(most == CURVED ? 1 : all);
         for (int t = 0; t < regression_.count; ++t) {
             const std::int64_t kind = std::min(regression_.predictors()[t], most);
             if (kind == FILE_ALONE) continue;
             double value = out[targets[t]];
             value += regression_.linear_of(head, kind, t, u_.data());
-            const int chunks = kind == FULL ? Regression::CHUNKS : kind == CURVED ? 1 : 0;
+            const int chunks = kind == FULL ? all : kind == CURVED ? 1 : 0;
             const double* waves = waves_.data() + t * Regression::CHUNKS;
             for (int chunk = 0; chunk < chunks; ++chunk) value += waves[chunk];
             out[targets[t]] = value;

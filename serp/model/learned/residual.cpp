@@ -376,7 +376,7 @@ void RegressionSamples::update(int head, int t, double weight, double share, dou
 ///
 /// Of the file and the residuals, the simplest one that no other beats clearly: by 5 %, and features
 /// by a hundredth of the change too. One that is in use is kept until it is beaten at all. No fluents
-/// are whole where `whole` is null.
+/// are whole where `whole` is null. Of squared errors the least one is chosen once the file is beaten.
 void RegressionSamples::choose(const std::int64_t* targets, const bool* whole) {
     Regression& of = *regression_;
     std::vector<std::int64_t> chosen(of.count, FILE_ALONE);
@@ -384,10 +384,11 @@ void RegressionSamples::choose(const std::int64_t* targets, const bool* whole) {
         if ((whole && whole[targets[t]]) || !(seen[t] >= (squared_ ? ENOUGH : 2.0))) continue;
         double least = loss[t];
         for (std::int64_t kind = LINEAR; kind <= (of.features() > 0 ? FULL : LINEAR); ++kind) {
-            const double factor = kind == of.predictors()[t] ? 1.0 : BETTER;
+            const bool in_use = kind == of.predictors()[t];
+            const double factor = in_use || (squared_ && chosen[t] != FILE_ALONE) ? 1.0 : BETTER;
             const double fine = squared_ || chosen[t] == FILE_ALONE ? 0.0 : 0.01 * spread[t];
             const double own = loss[kind * of.count + t];
-            const bool doubted = squared_ && chosen[t] == FILE_ALONE && kind != of.predictors()[t];
+            const bool doubted = squared_ && chosen[t] == FILE_ALONE && !in_use;
             if (own + (doubted ? doubt_of(kind, t) : 0.0) < factor * least - fine) {
                 chosen[t] = kind;
                 least = own;
@@ -455,7 +456,7 @@ void bind_regression(nb::module_& module) {
         .def_ro("count", &Regression::count)
         .def_ro("columns", &Regression::columns)
         .def_prop_rw("features", &Regression::features, &Regression::use_features,
-                     "Number of random features in use: 0, SMOOTH or FEATURES.")
+                     "Number of random features in use: a multiple of SMOOTH, at most FEATURES.")
         .def_prop_rw("known", &Regression::known, &Regression::use_known,
                      "Rows of the inverse in use; 0 before the first solution.")
         .def_prop_rw(

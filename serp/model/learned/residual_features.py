@@ -132,7 +132,7 @@ def restore_regression(regression: Regression, arrays: Mapping[str, NDArray[Any]
     shapes = {name: getattr(regression, name).shape for name in _WEIGHTS}
     weights = {name: saved.array(name, np.float64, shape) for name, shape in shapes.items()}
     if (
-        features not in (0, SMOOTH, FEATURES)
+        features not in range(0, FEATURES + 1, SMOOTH)
         or known not in (0, regression.columns, regression.columns + SMOOTH)
         or (known > regression.columns and not features)
     ):
