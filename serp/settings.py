@@ -170,6 +170,9 @@ class AdaptationSettings(Section):
     estimated. `residual`: a model of the remaining one-step error is learned. `full`: both.
     With any mode but `off`, the planner prefers in its turns of a training actions observed fewer
     than 4 times that are predicted safe."""
+    rewards: bool = False
+    """Whether the rewards of the file are corrected, too, by those that the task learns from: for
+    files whose rewards estimate these. Where they are hints for the planner, they would be lost."""
 
     @property
     def residual(self) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from serp._util.text import percent, plural
 from serp.agent.causes import Cause, causes_of, why_not_applicable
-from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, going_on, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.preference import PathScore, path_score, rank_of
@@ -274,20 +274,25 @@ def step_causes(
 def causes_ahead(model: TransitionModel, state: Vector, path: Sequence[int]) -> list[Cause]:
     """Return what follows the first control period of a path, until the task ends.
 
+    Where that is uncertain, rewards are those expected: times the probability that it goes on.
     An action that is not applicable any more, in the middle of its repetitions, is left out.
     """
     causes: list[Cause] = []
-    after = 0
+    after, reached = 0, 1.0
     for action in path:
         out, flags = model.transition(state.tolist(), action)
         if not flags & APPLICABLE:
             continue
         if after:
             own = step_causes(model, state, action, flags, out[-1])
-            causes += [replace(cause, after=after) for cause in own]
+            for cause in own:
+                amount = cause.amount
+                if cause.what == "reward" and amount is not None:
+                    amount *= reached
+                causes.append(replace(cause, after=after, amount=amount))
         if flags & TERMINAL:
             break
-        state, after = np.array(out[:-1]), after + 1
+        state, after, reached = np.array(out[:-1]), after + 1, reached * going_on(flags)
     return causes
 
 
@@ -313,6 +318,8 @@ def _remark(of: Alternative, ground: int, flags: int) -> str:
         remarks.append(f"risk of its path {percent(of.path_risk)}")
     if flags & TERMINAL:
         remarks.append("ends the task")
+    elif (chance := 1.0 - going_on(flags)) >= 0.01:
+        remarks.append(f"ends the task in {percent(chance)} of the cases, as was learned")
     return "; ".join(remarks)
 
 

@@ -177,7 +177,7 @@ std::int64_t CellGraph::expand_node(Stepper& first, Stepper& further, int action
             edge.step_risk += (1.0 - edge.step_risk) * risk;
             edge.reward += edge.weight * out[width];
             edge.periods += edge.weight;
-            edge.weight *= discount_;
+            edge.weight *= discount_ * going_on(flags);
             ++held;
             now.swap(out);
             ended = flags & TERMINAL;

@@ -144,22 +144,23 @@ void ClosedGraph::expand_node() {
         const double risk = step_risk(flags, preferences_.accepted);
         graph_.add_edge(action, marked(flags, risk), risk);
         if (!branches) {
-            add_outcome(row, row[width], flags & TERMINAL, 1.0, layer);
+            add_outcome(row, flags, 1.0, layer);
             continue;
         }
         const int count = stepper_->outcomes(action, row);
         for (int k = 0; k < count; ++k, row += width + 3)
-            add_outcome(row, row[width], static_cast<Flags>(row[width + 1]) & TERMINAL,
-                        row[width + 2], layer);
+            add_outcome(row, static_cast<Flags>(row[width + 1]), row[width + 2], layer);
     }
     graph_.end_node();
 }
 
-/// Adds an outcome, the state `row`, to the newest edge.
-void ClosedGraph::add_outcome(double* row, double reward, bool terminal, double chance, int layer) {
-    graph_.reward.back() += chance * reward;
+/// Adds an outcome, the state and reward `row`, to the newest edge. A learned chance of an end takes
+/// from the probability that it goes on, but it is no way out of a dead end: no outcome is ENDED.
+void ClosedGraph::add_outcome(double* row, Flags flags, double chance, int layer) {
+    graph_.reward.back() += chance * row[graph_.width];
     std::int32_t target = ENDED;
-    if (!terminal) {
+    if (!(flags & TERMINAL)) {
+        chance *= going_on(flags);
         for (const std::int64_t column : inert_) row[column] = 0.0;
         target = index_.find_or_add(graph_, row, layer);
     }

@@ -56,7 +56,7 @@ public:
 
 private:
     void expand_node();
-    void add_outcome(double* row, double reward, bool terminal, double chance, int layer);
+    void add_outcome(double* row, Flags flags, double chance, int layer);
     void measure();
     int find(const double* state) const;
 

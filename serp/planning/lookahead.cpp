@@ -67,7 +67,8 @@ bool LookaheadSearch::expand(int start, int end, int depth, const LeafValues* le
             const double risk = step_risk(predicted, rules_.accepted);
             const Flags flags = marked(predicted, risk);
             *edge = {out[width_], risk, -1, static_cast<std::uint8_t>(flags & BITS),
-                     static_cast<std::uint8_t>(rank_of(flags))};
+                     static_cast<std::uint8_t>(rank_of(flags)),
+                     static_cast<std::uint16_t>(flags >> END_SHIFT)};
             if (depth == 0) {
                 found.first.reward[action] = edge->reward;
                 found.first.flags[action] = flags;
@@ -78,7 +79,7 @@ bool LookaheadSearch::expand(int start, int end, int depth, const LeafValues* le
             if (!last)
                 edge->child = child_of(position);
             else if (leaves)
-                edge->reward += rules_.discount * leaves->at(out);
+                edge->reward += rules_.discount * going_on(flags) * leaves->at(out);
         }
         if (found.followed > rules_.max_edges && depth > 0) return false;
     }
@@ -117,7 +118,8 @@ void LookaheadSearch::choose(int node, int expanded, FirstActions& first) {
         PathScore score{edge.rank, edge.risk, SAFE, edge.reward};
         if (0 <= edge.child && edge.child < expanded) {
             const Path& rest = paths_[edge.child];
-            score.value += rules_.discount * rest.value;
+            const double weight = edge.end ? going_on(Flags{edge.end} << END_SHIFT) : 1.0;
+            score.value += rules_.discount * weight * rest.value;
             score.risk += (1.0 - score.risk) * rest.risk;
             score.steps = rest.steps == SAFE ? SAFE : rest.steps + 1;
         }

@@ -65,6 +65,7 @@ private:
         double reward, risk;
         std::int32_t child;  ///< -1 for none
         std::uint8_t flags, rank;
+        std::uint16_t end;  ///< the learned chance that the task ends, as in `Flags`
     };
 
     bool expand(int start, int end, int depth, const LeafValues* leaves, LookaheadForecast& found);

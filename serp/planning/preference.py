@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.flags import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, UNSAFE
+from serp.model.flags import APPLICABLE, RISK_UNIT, RISKY, UNSAFE, risk_units
 
 PathScore = tuple[int, float, int, float]
 """The score of a path: (-rank, -risk, steps, value); a better path has a larger one."""
@@ -27,7 +27,7 @@ PathScore = tuple[int, float, int, float]
 
 def step_risk(flags: int, accepted: float) -> float:
     """Return the risk of one step, `serp.model.flags.risk_of`; 0 where it is accepted."""
-    risk = (flags >> RISK_SHIFT) * RISK_UNIT
+    risk = risk_units(flags) * RISK_UNIT
     if flags & UNSAFE:
         return 1.0
     return risk if risk > accepted else 0.0

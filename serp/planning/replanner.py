@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from serp._util.numbers import real
 from serp.errors import SettingsError
-from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, going_on, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE, Forecast
@@ -155,7 +155,7 @@ class PlanningGraph:
         _, spared, safe, value = self._scores[edge.target]
         steps = 0 if edge.risk > 0.0 else safe if safe == SAFE else safe + 1
         risk = edge.risk - (1.0 - edge.risk) * spared
-        total = edge.reward + self.settings.discount * value
+        total = edge.reward + self.settings.discount * going_on(edge.flags) * value
         return path_score(rank_of(edge.flags), risk, steps, total)
 
     def to_networkx(self) -> nx.MultiDiGraph:

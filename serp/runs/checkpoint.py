@@ -27,7 +27,7 @@ from safetensors import SafetensorError
 from serp._util.files import read_regular, replaced_durably, write_durably, write_flushed
 from serp.errors import RunError
 
-FORMAT: Final = 12
+FORMAT: Final = 13
 NEWEST: Final = "checkpoint.safetensors"
 PREVIOUS: Final = "checkpoint-previous.safetensors"
 DAMAGED: Final = "checkpoint-damaged.safetensors"

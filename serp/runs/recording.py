@@ -106,7 +106,7 @@ _COLUMNS: Final[Mapping[str, _Column]] = {
     "path_risk": _Column("<f8", "E", "decision.forecast.path_risk", 0.0, 1.0),
     "safe_steps": _Column("<i4", "E", "decision.forecast.safe_steps", -1, SAFE),
     "reward": _Column("<f8", "E", "decision.forecast.reward"),
-    "flags": _Column("<i8", "E", "decision.forecast.flags", 0, 1 << 40),
+    "flags": _Column("<i8", "E", "decision.forecast.flags", 0, 1 << 50),
     "admissible": _Column("|b1", "E", "decision.admissible", 0, 1),
     "env_reward": _Column("<f8", "", "env_reward", -_SUMMED, _SUMMED),
     "domain_reward": _Column("<f8", "", "domain_reward", -_SUMMED, _SUMMED),

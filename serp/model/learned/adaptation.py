@@ -16,11 +16,12 @@ from serp.model.learned.adoption import (
     FluentAdoption,
     ModelAdoption,
     TrackRecord,
+    WorthAdoption,
     adoption_of,
     parameters_in_use,
 )
 from serp.model.learned.outcome_counts import OutcomeCounts
-from serp.model.learned.residual import ResidualRegression
+from serp.model.learned.residual import ResidualRegression, WorthRegression
 from serp.model.learned.residual_features import Key
 from serp.model.learned.transitions import OVER, TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
@@ -37,11 +38,14 @@ class GroupLearners:
     """Learns residuals and outcome counts from env steps, and publishes them in the model.
 
     Each fluent has its own predictor: the one that has predicted new samples best, which may be the
-    file.
+    file. So have the end, and the reward if `rewards` and the file gives any.
     """
 
-    def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self, model: AdaptedModel, seed: np.random.SeedSequence, rewards: bool = False
+    ) -> None:
         self._model = model
+        self._rewarded = rewards and model.rewarding
         self._seed = seed
         self._groups = {group.key: group for groups in model.feature_groups for group in groups}
         self._columns = [
@@ -69,6 +73,8 @@ class GroupLearners:
                 regressions.items(), seed.spawn(len(regressions)), strict=True
             )
         }
+        worth, (own,) = self._model.worth, seed.spawn(1)
+        self._worth = None if worth is None else WorthRegression(worth, own)
         for shared in self._model.shared.values():
             shared.outcomes = None
 
@@ -114,11 +120,15 @@ class GroupLearners:
             if residuals[symbol] or outcomes[symbol]
         )
 
+    def worth_adoption(self) -> tuple[WorthAdoption, ...]:
+        """Return what predicts reward and end; nothing where they cannot be learned."""
+        return () if self._worth is None else self._worth.adoption()
+
     def learn(self, step: ObservedStep, action: int) -> None:
         """Learn from an env step of a ground action, unless it holds NaN or huge numbers.
 
         After the end of an episode the state need not be what the file says: only the outcomes that
-        ended it are learned.
+        ended it are learned, and its reward and end.
         """
         if step.over:
             for residual in self._residuals.values():
@@ -127,6 +137,8 @@ class GroupLearners:
             return
         if not step.over:
             self._share_wholeness(step.count_whole(self._whole, self._numeric))
+        if self._worth is not None:
+            self._worth.learn_worth(action, step, self._rewarded)
         for key, inputs, targets in self._columns[action]:
             if not self._counts[key].learn(inputs, step, self._whole):
                 self._whole[targets] = False
@@ -174,6 +186,7 @@ class GroupLearners:
         residuals = self._residuals.values()
         return [
             *((f"residual{k}", residual) for k, residual in enumerate(residuals)),
+            *([] if self._worth is None else [("worth", self._worth)]),
             *((f"outcome_counts{k}", counts) for k, counts in enumerate(self._counts.values())),
         ]
 
@@ -205,7 +218,7 @@ class ModelAdaptation:
             self._adapted = adapted = AdaptedModel(written)
             self._alike = _alike_actions(adapted)
             if settings.residual:
-                self._learners = GroupLearners(adapted, seed)
+                self._learners = GroupLearners(adapted, seed, settings.rewards)
                 self.notice = self._learners.notice
             if settings.parameters:
                 from serp.model.learned.parameter_fit import ParameterEstimation
@@ -228,7 +241,7 @@ class ModelAdaptation:
         self.experience.add(state, action, next_state, ending, reward)
         adapted = self._adapted
         if action >= 0 and adapted is not None and self._learners is not None:
-            self._learn(adapted, state, action, next_state, ending == OVER)
+            self._learn(adapted, state, action, next_state, ending == OVER, reward)
         if self._estimation is not None and self._estimation.due(self.experience.seen):
             self._estimate_parameters()
         if adapted is not None:
@@ -248,6 +261,7 @@ class ModelAdaptation:
                 adapted.core.parameters.tolist(),
             ),
             fluents=() if self._learners is None else self._learners.adoption(),
+            worth=() if self._learners is None else self._learners.worth_adoption(),
         )
 
     def reset_visits(self) -> None:
@@ -255,10 +269,11 @@ class ModelAdaptation:
         self.visits[:] = 0
 
     def _learn(
-        self, adapted: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool
-    ) -> None:
+        self, adapted: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool,
+        reward: float,
+    ) -> None:  # fmt: skip
         assert self._learners is not None
-        step = adapted.core.observe(state, action, next_state, over)
+        step = adapted.core.observe(state, action, next_state, over, reward)
         if step is not None:
             self._learners.learn(step, action)
 
@@ -281,8 +296,10 @@ class ModelAdaptation:
         self._learners.reset()
         states, next_states = self.experience.states, self.experience.next_states
         actions, over = self.experience.actions, self.experience.over
+        rewards = self.experience.rewards
         for k in _newest_of_each(actions, 500):
-            self._learn(adapted, states[k], int(actions[k]), next_states[k], bool(over[k]))
+            row = states[k], int(actions[k]), next_states[k], bool(over[k]), float(rewards[k])
+            self._learn(adapted, *row)
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""

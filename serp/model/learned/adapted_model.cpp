@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <map>
+#include <numeric>
 #include <set>
 #include <stdexcept>
 #include <tuple>
@@ -40,14 +41,18 @@ bool ObservedStep::usable() const {
 }
 
 AdaptedModel::AdaptedModel(std::shared_ptr<const WrittenModel> written, SameArguments others,
-                           bool flagging, std::vector<std::vector<FeatureGroup>> groups)
+                           bool flagging, std::vector<std::vector<FeatureGroup>> groups,
+                           std::shared_ptr<Regression> worth)
     : written_(std::move(written)), parameters_(written_->theta()), others_(std::move(others)),
-      flagging_(flagging), groups_(std::move(groups)) {
+      flagging_(flagging), groups_(std::move(groups)), worth_(std::move(worth)) {
     const auto count = static_cast<std::size_t>(actions());
     require(groups_.size() == count && others_.schemas >= 0 &&
                 others_.action.size() == count * static_cast<std::size_t>(others_.schemas),
             "there are not as many actions as in the model");
     require(inside(others_.action, -1, actions()), "there is no such other action");
+    require(!worth_ || (worth_->heads == actions() && worth_->depth == fluents() + 2 &&
+                        worth_->count == 2),
+            "the regression of reward and end is of another shape");
     place_groups();
 }
 
@@ -90,7 +95,7 @@ bool AdaptedModel::branches() const {
 }
 
 bool AdaptedModel::active() const {
-    return revised_ || std::any_of(shared_.begin(), shared_.end(), [](const auto& shared) {
+    return revised_ || worth() || std::any_of(shared_.begin(), shared_.end(), [](const auto& shared) {
                const Regression* regression = shared->regression.get();
                return shared->outcomes != nullptr ||
                       (regression != nullptr && regression->most() != FILE_ALONE);
@@ -123,11 +128,15 @@ void AdaptedModel::adopt(const std::vector<double>& parameters) {
 
 namespace {
 
+/// Chance of an end from which on one that is predicted without `AdaptedModel::worth` is certain.
+constexpr double CERTAIN_END = 0.9;
+const std::vector<int> REWARD_AND_END{0, 1};
+
 /// What a regression says of a state, the same for all actions. Computed as far as it is asked for.
 class Residual {
 public:
     Residual(const Regression& regression, const std::vector<int>& inputs)
-        : regression_(regression), inputs_(inputs), x_(inputs.size()), u_(inputs.size()),
+        : regression_(regression), inputs_(inputs), x_(regression.depth), u_(regression.depth),
           z_(Regression::FEATURES), waves_(regression.count * Regression::CHUNKS),
           leverages_(regression.heads) {}
 
@@ -138,9 +147,19 @@ public:
         for (std::size_t i = 0; i < inputs_.size(); ++i) x_[i] = state[inputs_[i]];
         regression_.normalise(x_.data(), u_.data());
         inside_ = true;
-        for (const double u : u_) inside_ = inside_ && std::abs(u) <= Regression::RANGE;
+        for (std::size_t i = 0; i < inputs_.size(); ++i) {
+            inside_ = inside_ && std::abs(u_[i]) <= Regression::RANGE;
+        }
         chunks_ = waves_known_ = 0;
         std::fill(leverages_.begin(), leverages_.end(), -1.0);
+    }
+
+    /// Whether the state is within the range of the data.
+    bool inside() const { return inside_; }
+
+    /// Sets an input behind those of the state, on which random features do not depend.
+    void set(int input, double x) {
+        u_[input] = (x - regression_.centre[input]) * regression_.shrink[input];
     }
 
     double leverage(int head) {
@@ -159,13 +178,14 @@ public:
     void add(int head, const std::vector<int>& targets, double* out) {
         std::int64_t most = regression_.most();
         if (most > LINEAR && !inside_ && leverage(head) >= UNKNOWN) most = LINEAR;
-        if (most > LINEAR) compute_waves(most == CURVED ? 1 : Regression::CHUNKS);
+        const int all = regression_.features() / Regression::SMOOTH;
+        if (most > LINEAR) compute_waves(most == CURVED ? 1 : all);
         for (int t = 0; t < regression_.count; ++t) {
             const std::int64_t kind = std::min(regression_.predictors()[t], most);
             if (kind == FILE_ALONE) continue;
             double value = out[targets[t]];
             value += regression_.linear_of(head, kind, t, u_.data());
-            const int chunks = kind == FULL ? Regression::CHUNKS : kind == CURVED ? 1 : 0;
+            const int chunks = kind == FULL ? all : kind == CURVED ? 1 : 0;
             const double* waves = waves_.data() + t * Regression::CHUNKS;
             for (int chunk = 0; chunk < chunks; ++chunk) value += waves[chunk];
             out[targets[t]] = value;
@@ -209,7 +229,10 @@ public:
     explicit AdaptedStepper(const AdaptedModel& model)
         : model_(model), width_(model.fluents()), file_(model.file_step()),
           written_(model.written_step()), adoptions_(model.adoptions()), outcomes_(width_),
-          flowed_(width_ + 1), usual_(width_ + 1), other_(width_ + 1), residuals_(model.places()) {}
+          flowed_(width_ + 1), usual_(width_ + 1), other_(width_ + 1), residuals_(model.places()),
+          columns_(width_) {
+        std::iota(columns_.begin(), columns_.end(), 0);
+    }
 
     void from(const double* state) override {
         if (adoptions_ != model_.adoptions()) {
@@ -223,9 +246,22 @@ public:
     }
 
     Flags step(int action, double* out) override {
+        const Flags flags = unweighed(action, out);
+        if (!model_.worth() || !(flags & APPLICABLE) || (flags & UNSAFE)) return flags;
+        const Worth worth = weigh(action, {out[width_], expected_end_});
+        out[width_] = worth.reward;
+        return worth.ends ? ending(flags, worth.end) : flags;
+    }
+
+    /// Predicts a step as `step` does, but does not correct reward and end.
+    Flags unweighed(int action, double* out) {
         const bool revised = model_.revised(), known = revised || model_.flagging();
         const bool counted = model_.counted(action);
-        if (!revised && !counted && !model_.corrected(action)) return file_.step(action, out);
+        if (!revised && !counted && !model_.corrected(action)) {
+            const Flags flags = file_.step(action, out);
+            expected_end_ = flags & TERMINAL ? 1.0 : 0.0;
+            return flags;
+        }
         // UNSAFE is set by the file as written. With its parameters, effects and processes set the
         // same flags in both steps, but events may not.
         Flags flagged = revised ? UNSAFE & written_.step(action, other_.data()) : 0;
@@ -239,6 +275,7 @@ public:
             } else {
                 flags = file_.settle(flags, out);
                 risk = flags & UNSAFE ? 1.0 : 0.0;
+                expected_end_ = flags & TERMINAL ? 1.0 : 0.0;
             }
         }
         if (!known) flagged = flags & UNSAFE;
@@ -269,6 +306,7 @@ public:
         }
         if (kept == 0) return only_outcome(action, rows, width);  // all are rare
         for (int k = 0; k < kept; ++k) rows[k * row + width + 2] /= total;
+        if (model_.worth()) weigh_outcomes(action, rows, kept);
         return kept;
     }
 
@@ -284,6 +322,9 @@ public:
         }
         return unknown;
     }
+
+    /// The probability of an end in the newest step by `unweighed`, if that is applicable.
+    double expected_end() const { return expected_end_; }
 
     /// See `AdaptedModel::branches_of`; `before` are the flags so far.
     int branch(int action, double* rows, Flags& before) {
@@ -301,6 +342,62 @@ public:
     }
 
 private:
+    /// Reward and probability of an end; whether the latter is corrected.
+    struct Worth {
+        double reward, end;
+        bool ends = false;
+    };
+
+    /// Corrects what is expected of a step. Beyond the range of the data, and after an action without
+    /// errors, it is right as it is.
+    Worth weigh(int action, Worth expected) {
+        const Regression& regression = *model_.worth();
+        if (!worth_) worth_ = std::make_unique<Residual>(regression, columns_);
+        worth_->from(state_, number_);
+        if (!worth_->inside()) return expected;
+        worth_->set(width_, expected.reward);
+        worth_->set(width_ + 1, expected.end);
+        double change[2] = {0.0, 0.0};
+        worth_->add(action, REWARD_AND_END, change);
+        const double* typical = regression.typical.data() + 2 * action;
+        Worth worth = expected;
+        if (typical[0] > 0.0 && std::isfinite(worth.reward + change[0])) worth.reward += change[0];
+        worth.ends = regression.predictors()[1] != FILE_ALONE && typical[1] > 0.0 &&
+                     std::isfinite(change[1]);
+        if (worth.ends) worth.end = std::clamp(worth.end + change[1], 0.0, 1.0);
+        return worth;
+    }
+
+    /// Returns flags with a chance of an end; see `AdaptedModel`.
+    Flags ending(Flags flags, double chance) const {
+        if (!(flags & TERMINAL)) return with_end(flags, chance);
+        const bool doubtful = chance < CERTAIN_END && model_.worth()->predictors()[0] != FILE_ALONE;
+        return doubtful ? with_end(flags & ~TERMINAL, chance) : flags;
+    }
+
+    /// Corrects what is expected over some outcomes, in all of these that are not flagged unsafe:
+    /// rewards by the same number, chances of an end by the same factor.
+    void weigh_outcomes(int action, double* rows, int count) {
+        const int row = width_ + 3;
+        Worth expected{0.0, 0.0};
+        for (double* of = rows; of != rows + count * row; of += row) {
+            expected.reward += of[width_ + 2] * of[width_];
+            if (static_cast<Flags>(of[width_ + 1]) & TERMINAL) expected.end += of[width_ + 2];
+        }
+        const Worth worth = weigh(action, expected);
+        for (double* of = rows; of != rows + count * row; of += row) {
+            const auto flags = static_cast<Flags>(of[width_ + 1]);
+            if (flags & UNSAFE) continue;
+            const double reward = of[width_] + (worth.reward - expected.reward);
+            if (std::isfinite(reward)) of[width_] = reward;
+            if (!worth.ends) continue;
+            const double chance = flags & TERMINAL
+                                      ? std::min(1.0, worth.end / expected.end)
+                                      : std::max(0.0, 1.0 - (1.0 - worth.end) / (1.0 - expected.end));
+            of[width_ + 1] = static_cast<double>(ending(flags, chance));
+        }
+    }
+
     Residual& residual(const FeatureGroup& group) {
         std::unique_ptr<Residual>& of = residuals_[group.place];
         if (!of) of = std::make_unique<Residual>(*group.shared->regression, group.inputs);
@@ -350,7 +447,8 @@ private:
 
     /// Applies the likeliest outcomes and then events; the reward is expected over all outcomes.
     ///
-    /// Groups are varied one at a time: their outcomes are assumed to be independent. Returns flags
+    /// Likewise the end. Groups are varied one at a time: their outcomes are assumed to be
+    /// independent. Returns flags
     /// of the likeliest outcome, and the probability that events flag the step unsafe.
     std::pair<Flags, double> settle_outcomes(int action, Flags flow_flags, double* out) {
         const auto [counted, last] = apply_likeliest(action, out);
@@ -359,21 +457,24 @@ private:
         const bool unsafe = flags & UNSAFE;
         if (!(flags & APPLICABLE)) return {flags, unsafe ? 1.0 : 0.0};
         const double reward = out[width_];
-        double expected = reward, alike = 1.0;
+        Worth expected{reward, flags & TERMINAL ? 1.0 : 0.0};
+        const Worth usual = expected;
+        double alike = 1.0;
         for (const FeatureGroup& group : model_.groups(action)) {
             if (!group.shared->outcomes) continue;
             // What the room holds is its own, if no other group has counts.
             const int most = counted > 1 ? likeliest(group, action) : last;
-            alike *= std::max(0.0, 1.0 - vary(group, most, flow_flags, unsafe, reward, expected));
+            alike *= std::max(0.0, 1.0 - vary(group, most, flow_flags, unsafe, usual, expected));
         }
-        if (std::isfinite(expected)) out[width_] = expected;
+        if (std::isfinite(expected.reward)) out[width_] = expected.reward;
+        expected_end_ = std::clamp(expected.end, 0.0, 1.0);
         return {flags, unsafe ? alike : 1.0 - alike};
     }
 
-    /// Adds what other outcomes of a group change in the expected reward; returns the probability
-    /// that events flag them differently.
-    double vary(const FeatureGroup& group, int most, Flags flow_flags, bool unsafe, double reward,
-                double& expected) {
+    /// Adds what other outcomes of a group change in the expected reward and end; returns the
+    /// probability that events flag them differently.
+    double vary(const FeatureGroup& group, int most, Flags flow_flags, bool unsafe, Worth usual,
+                Worth& expected) {
         const OutcomeTable& table = *group.shared->outcomes;
         double different = 0.0;
         for (int kind = 0; kind < table.kinds(); ++kind) {
@@ -385,7 +486,8 @@ private:
             const bool undefined = changed & UNDEFINED, flagged = changed & UNSAFE;
             if (flagged != unsafe && (flagged || !undefined)) different += p;
             if (!undefined && std::isfinite(other_[width_])) {
-                expected += p * (other_[width_] - reward);
+                expected.reward += p * (other_[width_] - usual.reward);
+                expected.end += p * ((changed & TERMINAL ? 1.0 : 0.0) - usual.end);
             }
         }
         return different;
@@ -425,6 +527,9 @@ private:
     /// [F + 1] after effects, processes and residual; the same with the likeliest outcomes; scratch.
     std::vector<double> flowed_, usual_, other_;
     std::vector<std::unique_ptr<Residual>> residuals_;  ///< by `FeatureGroup::place`
+    std::vector<int> columns_;                          ///< [F] of all fluents
+    std::unique_ptr<Residual> worth_;
+    double expected_end_ = 0.0;
     const double* state_ = nullptr;
     std::int64_t number_ = 0;  ///< of the state
 };
@@ -433,6 +538,18 @@ private:
 
 std::unique_ptr<Stepper> AdaptedModel::stepper() const {
     return std::make_unique<AdaptedStepper>(*this);
+}
+
+void AdaptedModel::weigh(ObservedStep& step) const {
+    if (!worth_) return;
+    if (!observer_) observer_ = stepper();
+    auto& stepper = static_cast<AdaptedStepper&>(*observer_);
+    std::vector<double> out(fluents() + 1);
+    stepper.from(step.state.data());
+    const Flags flags = stepper.unweighed(step.action, out.data());
+    step.expected_reward = out.back();
+    step.expected_end = stepper.expected_end();
+    step.weighed = (flags & APPLICABLE) && !(flags & UNSAFE);
 }
 
 int AdaptedModel::branches_of(const double* state, int action, double* rows) const {
@@ -464,7 +581,8 @@ void set_outcomes(GroupParameters& of, std::shared_ptr<OutcomeTable> table) {
 
 std::shared_ptr<AdaptedModel> model_of(std::shared_ptr<WrittenModel> written,
                                        const In<std::int64_t, nb::ndim<2>>& others, bool flagging,
-                                       std::vector<std::vector<Group>> groups) {
+                                       std::vector<std::vector<Group>> groups,
+                                       std::shared_ptr<Regression> worth) {
     SameArguments same;
     same.schemas = static_cast<int>(others.shape(1));
     for (std::size_t k = 0; k < others.size(); ++k) {
@@ -481,7 +599,7 @@ std::shared_ptr<AdaptedModel> model_of(std::shared_ptr<WrittenModel> written,
         }
     }
     return std::make_shared<AdaptedModel>(std::move(written), std::move(same), flagging,
-                                          std::move(of_actions));
+                                          std::move(of_actions), std::move(worth));
 }
 
 const double* checked(const AdaptedModel& model, const State& state, std::int64_t action) {
@@ -503,17 +621,19 @@ Array<double> branches_of(const AdaptedModel& model, const State& state, std::in
 
 /// Returns null where the action is not applicable by the file.
 std::unique_ptr<ObservedStep> observe(const AdaptedModel& model, const State& state,
-                                      std::int64_t action, const State& next_state, bool over) {
+                                      std::int64_t action, const State& next_state, bool over,
+                                      double reward) {
     const double* from = checked(model, state, action);
     checked(model, next_state, action);
     auto step = std::make_unique<ObservedStep>(
-        ObservedStep{model.file_step(), static_cast<int>(action), over, vector_of(state),
+        ObservedStep{model.file_step(), static_cast<int>(action), over, reward, vector_of(state),
                      vector_of(next_state), std::vector<double>(model.fluents() + 1)});
     step->file.from(from);
     step->flags = step->file.flow(step->action, step->flowed.data());
     if (!(step->flags & APPLICABLE)) return nullptr;
     step->settled = step->flowed;
     step->file.settle(step->flags, step->settled.data());
+    model.weigh(*step);
     return step;
 }
 
@@ -570,10 +690,12 @@ void bind_adapted_model(nb::module_& module) {
     nb::class_<AdaptedModel, Model>(module, "AdaptedModel",
                                     "A model that is adapted to observed transitions.")
         .def(nb::new_(&model_of), nb::arg("written"), nb::arg("others"), nb::arg("flagging"),
-             nb::arg("groups"),
+             nb::arg("groups"), nb::arg("worth").none() = nb::none(),
              "`others` `[A, S]` are the ground actions of each schema with the same arguments, -1 for "
              "none. `flagging` says whether events can make `unsafe` true. `groups` are inputs, "
-             "targets and parameters of the feature groups of every ground action.")
+             "targets and parameters of the feature groups of every ground action. `worth` is the "
+             "regression of reward and end, with a head for each ground action: inputs are all "
+             "fluents, then reward and end as predicted without it.")
         .def_prop_ro("active", &AdaptedModel::active, "Whether anything adapted is in use.")
         .def_prop_ro("revised", &AdaptedModel::revised,
                      "Whether parameters in use differ from those written.")
@@ -588,12 +710,13 @@ void bind_adapted_model(nb::module_& module) {
                 model.adopt(vector_of(parameters));
             }, nb::arg("parameters"), "Use parameters `[P]` from now on.")
         .def("observe", &observe, nb::arg("state"), nb::arg("action"), nb::arg("next_state"),
-             nb::arg("over"), nb::keep_alive<0, 1>(),
+             nb::arg("over"), nb::arg("reward") = NAN, nb::keep_alive<0, 1>(),
              nb::sig("def observe(self, state: numpy.typing.NDArray[numpy.float64], action: int, "
-                     "next_state: numpy.typing.NDArray[numpy.float64], over: bool) -> "
+                     "next_state: numpy.typing.NDArray[numpy.float64], over: bool, "
+                     "reward: float = ...) -> "
                      "ObservedStep | None"),
              "Return an observed transition to learn from; None if the action is not applicable by "
-             "the file. `over` says whether it ended the episode.")
+             "the file. `over` says whether it ended the episode; a `reward` of NaN is not learned.")
         .def("branches_of", &branches_of, nb::arg("state"), nb::arg("action"),
              "Return all outcomes before events: state, reward, 0 and probability `[n, F + 3]`.");
 }

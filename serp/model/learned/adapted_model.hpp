@@ -42,9 +42,13 @@ struct ObservedStep {
     FileStep file;
     int action;
     bool over;                               ///< whether it ended the episode
+    double reward;                           ///< NaN where it is not to be learned
     std::vector<double> state, next_state;   ///< [F]
     std::vector<double> flowed, settled{};   ///< [F + 1] after effects and processes; after events
     Flags flags = 0;                         ///< of `flowed`
+    /// Reward and end as the model predicts them without its `worth`, and whether that is used here.
+    double expected_reward = 0.0, expected_end = 0.0;
+    bool weighed = false;
 
     /// Whether its numbers are small enough to learn from. After the end of an episode the next
     /// state need not be what the file says, so it does not matter then.
@@ -57,12 +61,17 @@ struct ObservedStep {
 /// replaces counted fluents by their likeliest outcome, and applies the file's events. The reward is
 /// its expectation over the counted outcomes. UNSAFE is set only where the file as written sets it;
 /// everything else is a risk: the probability that the file's events flag an outcome.
+///
+/// Last, reward and end are corrected, within the range of the data. An end has a chance then. One
+/// that the file foresees remains TERMINAL, unless it is doubtful and the reward is corrected, too:
+/// or else it might be earned again and again. A step that is flagged UNSAFE remains as it is.
 class AdaptedModel : public Model {
 public:
-    /// `flagging`: whether events can make `unsafe` true. Throws std::invalid_argument where the
-    /// parts do not fit each other.
+    /// `flagging`: whether events can make `unsafe` true. `worth`, if any, is the regression of
+    /// reward and end: a head for each action; inputs are all fluents, then reward and end as
+    /// predicted without it. Throws std::invalid_argument where the parts do not fit each other.
     AdaptedModel(std::shared_ptr<const WrittenModel> written, SameArguments others, bool flagging,
-                 std::vector<std::vector<FeatureGroup>> groups);
+                 std::vector<std::vector<FeatureGroup>> groups, std::shared_ptr<Regression> worth);
 
     int fluents() const override { return written_->fluents(); }
     int actions() const override { return written_->actions(); }
@@ -75,6 +84,11 @@ public:
     bool counted(int action) const;
     /// Whether a residual is used in the step of an action.
     bool corrected(int action) const;
+
+    /// The regression of reward and end in use, or null.
+    const Regression* worth() const {
+        return worth_ && worth_->most() != FILE_ALONE ? worth_.get() : nullptr;
+    }
 
     /// Uses parameters [P] from now on.
     void adopt(const std::vector<double>& parameters);
@@ -103,6 +117,9 @@ public:
     /// there are, 0 where there is no result.
     int branches_of(const double* state, int action, double* rows) const;
 
+    /// Notes in an observed step what is expected of its reward and end. Not thread-safe.
+    void weigh(ObservedStep& step) const;
+
 private:
     void place_groups();
 
@@ -114,6 +131,8 @@ private:
     bool flagging_;
     std::vector<std::vector<FeatureGroup>> groups_;  ///< of each action
     std::vector<std::shared_ptr<GroupParameters>> shared_;
+    std::shared_ptr<Regression> worth_;
+    mutable std::unique_ptr<Stepper> observer_;  ///< of `weigh`
     int places_ = 0;
 };
 

@@ -34,11 +34,19 @@ class AdaptedModel(TransitionModel):
     sets it; everything else is a risk (`serp.model.flags.risk_of`): the probability that the file's
     events flag an outcome.
 
+    Last, reward and end are corrected, within the range of the data. An end has a chance then
+    (`serp.model.flags.going_on`). One that the file foresees remains `TERMINAL`, unless it is
+    doubtful and the reward is corrected, too: or else it might be earned again and again. A step
+    that is flagged `UNSAFE` remains as it is.
+
     Attributes:
         written: The model as written.
         feature_groups: Feature groups of every ground action.
         shared: Key of a feature group → what is learned of the groups that have it.
         regressions: Key without the schema → the regression of their residual.
+        worth: The regression of reward and end, with a head for each ground action; None where
+            there are too many fluents or actions to learn it. Its inputs are all fluents, then
+            reward and end as predicted without it.
         core: The compiled model, which reads what is learned.
         revision: As in `TransitionModel`.
     """
@@ -50,12 +58,15 @@ class AdaptedModel(TransitionModel):
             feature_groups_of(self.ground, action) for action in self.actions
         )
         self.regressions, self.shared = _parameters_of(self.feature_groups)
+        depth, heads = len(self.fluents) + 2, len(self.actions)
+        self.worth = _core.Regression(heads, depth, 2) if learnable(depth, heads) else None
         events = (effect for event in self.ground.events for effect in event.effects)
         self._adapted_core = _core.AdaptedModel(
             written.written_core(),
             same_arguments(self.actions),
             any(effect.target == UNSAFE_TARGET for effect in events),
             [[(g.inputs, g.targets, self.shared[g.key]) for g in of] for of in self.feature_groups],
+            self.worth,
         )
 
     @property
@@ -134,9 +145,14 @@ class AdaptedModel(TransitionModel):
     def contents(self) -> Arrays:
         """Return what is in use, without the counts of outcomes."""
         arrays: Arrays = {"written": self.theta.copy(), "parameters": self.core.parameters}
-        for k, regression in enumerate(self.regressions.values()):
-            arrays |= nested(f"regression{k}", contents_of(regression))
+        for name, regression in self._learned().items():
+            arrays |= nested(name, contents_of(regression))
         return arrays
+
+    def _learned(self) -> dict[str, _core.Regression]:
+        """Return all regressions with the names that they are saved under."""
+        learned = {f"regression{k}": each for k, each in enumerate(self.regressions.values())}
+        return learned if self.worth is None else {**learned, "worth": self.worth}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Use what `contents` returned; the owner of the counts of outcomes restores these.
@@ -153,8 +169,8 @@ class AdaptedModel(TransitionModel):
         parameters = Saved("adaptation", arrays, {}).array(
             "parameters", np.float64, self.theta.shape
         )
-        for k, regression in enumerate(self.regressions.values()):
-            restore_regression(regression, part_of(arrays, f"regression{k}"))
+        for name, regression in self._learned().items():
+            restore_regression(regression, part_of(arrays, name))
         for shared in self.shared.values():
             shared.outcomes = None
         self.core.adopt(parameters)
@@ -174,7 +190,7 @@ def _parameters_of(
     regressions = {
         roles: _core.Regression(len(alike), len(alike[0].inputs), len(alike[0].targets))
         for roles, alike in heads.items()
-        if alike[0].targets and learnable(alike[0], len(alike))
+        if alike[0].targets and learnable(len(alike[0].inputs), len(alike))
     }
     return regressions, {
         group.key: _core.GroupParameters(regressions.get(roles), head)

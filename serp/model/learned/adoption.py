@@ -63,6 +63,41 @@ class FluentAdoption(NamedTuple):
         return {**self._asdict(), **after, "adapted": self.adapted}
 
 
+class Reliability(NamedTuple):
+    """Steps with similar predicted chances of an end: their mean, and the fraction that ended."""
+
+    steps: int
+    chance: float
+    ended: float
+
+
+class WorthAdoption(NamedTuple):
+    """What predicts the reward or the end of a step.
+
+    Errors are mean squared ones of the newest steps, each before it was learned from; of ends they
+    are Brier scores.
+
+    Attributes:
+        name: `reward` or `terminal`.
+        corrected: Whether a correction is in use.
+        steps: Steps that it was judged by.
+        written: Error by the rules of the file.
+        in_use: Error of what is in use.
+        reliability: For ends: predicted chances, and how often an end came.
+    """
+
+    name: str
+    corrected: bool
+    steps: int
+    written: float
+    in_use: float
+    reliability: tuple[Reliability, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {**self._asdict(), "reliability": [each._asdict() for each in self.reliability]}
+
+
 class AdoptedParameter(NamedTuple):
     """A number of the file that is replaced by an estimate."""
 
@@ -79,16 +114,19 @@ class ModelAdoption(NamedTuple):
         adapts: Whether the model adapts at all.
         parameters: The parameters that are not used as written.
         fluents: What predicts each function and predicate that can change.
+        worth: What predicts reward and end.
     """
 
     adapts: bool
     parameters: tuple[AdoptedParameter, ...] = ()
     fluents: tuple[FluentAdoption, ...] = ()
+    worth: tuple[WorthAdoption, ...] = ()
 
     @property
     def in_use(self) -> bool:
         """Whether the planner uses anything that was learned."""
-        return bool(self.parameters) or any(fluent.adapted for fluent in self.fluents)
+        adapted = any(fluent.adapted for fluent in self.fluents)
+        return bool(self.parameters) or adapted or any(each.corrected for each in self.worth)
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -98,6 +136,7 @@ class ModelAdoption(NamedTuple):
             "sentence": str(self),
             "parameters": [parameter._asdict() for parameter in self.parameters],
             "fluents": [fluent.as_dict() for fluent in self.fluents],
+            "worth": [each.as_dict() for each in self.worth],
         }
 
     def __str__(self) -> str:
@@ -111,6 +150,7 @@ class ModelAdoption(NamedTuple):
         for what, names in (
             ("residual", [f.fluent for f in self.fluents if f.residual]),
             ("counted outcomes", [f.fluent for f in self.fluents if f.outcomes]),
+            ("correction", [f"({each.name})" for each in self.worth if each.corrected]),
         ):
             if names:
                 parts.append(f"{what} for {listed(names)}")

@@ -43,7 +43,7 @@ public:
     const std::vector<std::int64_t>& predictors() const { return predictors_; }
     /// The largest predictor in use.
     std::int64_t most() const { return most_; }
-    /// Number of random features in use: 0 or FEATURES.
+    /// Number of random features in use: a multiple of SMOOTH, at most FEATURES.
     int features() const { return features_; }
     /// Rows of the inverse in use: 0 before the first solution, D, or D + SMOOTH.
     int known() const { return known_; }

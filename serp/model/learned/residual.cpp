@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <stdexcept>
@@ -35,6 +36,10 @@ constexpr double NOTICED = 0.1, RECENT = 0.85, LASTING = 0.7;
 /// Fraction of the error of another predictor below which one replaces it.
 constexpr double BETTER = 0.95;
 constexpr int PREDICTORS = FULL + 1;
+/// Samples before which reward and end are not corrected: ends are rare.
+constexpr double ENOUGH = 100.0;
+/// Limits between the predicted chances of an end that are compared with how often it came.
+constexpr double LIMITS[] = {0.05, 0.2, 0.5, 0.8};
 /// An input is an outlier so many half ranges from the middle of its range.
 constexpr double FAR = 8.0, EXTREME = 100.0;
 /// After more successive outliers the environment is assumed to have changed.
@@ -58,8 +63,9 @@ public:
     /// Newest samples that are believed after a lasting change.
     static constexpr std::int64_t REMEMBERED = 8;
 
-    explicit RegressionSamples(std::shared_ptr<Regression> regression)
-        : regression_(std::move(regression)), x_(regression_->depth), y_(regression_->count),
+    /// `squared`: errors of predictors are squared and none is an outlier, for what is rare.
+    RegressionSamples(std::shared_ptr<Regression> regression, bool squared)
+        : regression_(std::move(regression)), squared_(squared), x_(regression_->depth), y_(regression_->count),
           change_(regression_->count), valid_(regression_->count) {
         clear();
     }
@@ -79,25 +85,38 @@ public:
         loss.assign(PREDICTORS * count, 0.0);
         seen.assign(count, 0.0);
         spread.assign(count, 0.0);
+        doubt.assign(PREDICTORS * count, 0.0);
+        reliability.assign(3 * (std::size(LIMITS) + 1), 0.0);
         samples.assign(static_cast<std::size_t>(regression_->heads) * count, 0.0);
         surprises.assign(1, 0.0);
     }
 
     Due learn(int head, const ObservedStep& step, const std::int64_t* inputs,
               const std::int64_t* targets, const bool* whole);
+    Due learn_worth(int head, const ObservedStep& step, bool rewarded);
     void choose(const std::int64_t* targets, const bool* whole);
     bool solution_due() const;
     void centre_and_half(double* centre, double* half) const;
     void keep(int head, const double* x, const double* y, const std::uint8_t* valid, double weight);
     std::int64_t kept() const { return std::min(number, KEPT); }
 
+    /// Two standard errors of the difference between the mean errors of a predictor and of the file.
+    double doubt_of(std::int64_t kind, int t) const {
+        const double number = std::min(seen[t] / 3.0 + 1.0, 1.0 / (1.0 - MEMORY));
+        return 2.0 * std::sqrt(doubt[kind * regression_->count + t] / number);
+    }
+
     const Regression& regression() const { return *regression_; }
 
     std::vector<double> loss;       ///< [4, T] moving averages of errors by predictor
+    /// [4, T] moving averages of the squared differences between errors and those of the file
+    std::vector<double> doubt;
     std::vector<double> seen;       ///< [T] samples in them
     std::vector<double> spread;     ///< [T] mean change
     std::vector<double> samples;    ///< [H, T] samples of each head
     std::vector<double> surprises;  ///< [1] fraction of surprises
+    /// [5, 3] by corrected chance of an end: steps, sum of these chances, ends that came.
+    std::vector<double> reliability;
     std::vector<double> low, high;  ///< [d] ends of the ranges of inputs; infinite at first
     /// A ring of `kept` samples: inputs [d], errors [T], whether these are observed, head, weight.
     std::vector<double> x_of, y_of, weight_of;
@@ -114,11 +133,13 @@ public:
 
 private:
     bool accept();
+    Due take(int head, bool moved);
     std::pair<double, bool> account(int head);
     double predict(int head);
     void update(int head, int t, double weight, double share, double change);
 
     std::shared_ptr<Regression> regression_;
+    const bool squared_;
     /// The new sample: inputs [d], observed next values less those of effects and processes [T],
     /// whether these are observed, and the observed change [T].
     std::vector<double> x_, y_, change_;
@@ -205,14 +226,46 @@ Due RegressionSamples::learn(int head, const ObservedStep& step, const std::int6
         moved = moved || (!valid_[t] && block_of[t] == 0);
     }
     if (!any || !accept()) return NOTHING;
+    const Due due = take(head, moved);
+    if (due == NOTHING) choose(targets, whole);
+    return due;
+}
+
+/// Learns reward and end of a step, beside what the model predicts of them without this regression.
+/// Like `learn`; `rewarded`: whether the reward is to be learned.
+Due RegressionSamples::learn_worth(int head, const ObservedStep& step, bool rewarded) {
+    if (!step.weighed) return NOTHING;
+    const double expected[2] = {step.expected_reward, step.expected_end};
+    const double seen[2] = {step.reward, step.over ? 1.0 : 0.0};
+    std::copy(step.state.begin(), step.state.end(), x_.begin());
+    std::copy(expected, expected + 2, x_.end() - 2);
+    bool moved = false;
+    for (int t = 0; t < 2; ++t) {
+        y_[t] = seen[t] - expected[t];
+        change_[t] = seen[t];
+        valid_[t] = (t > 0 || rewarded) && std::abs(y_[t]) < HUGE_NUMBER;
+        moved = moved || (!valid_[t] && block_of[t] == 0);
+    }
+    if (!accept()) return NOTHING;
+    const Due due = take(head, moved);
+    if (const std::int64_t kind = regression_->predictors()[1]; kind != FILE_ALONE) {
+        const double chance = std::clamp(seen[1] - errors_[2 * kind + 1], 0.0, 1.0);
+        const auto place = std::upper_bound(std::begin(LIMITS), std::end(LIMITS), chance);
+        double* of = reliability.data() + 3 * (place - std::begin(LIMITS));
+        of[0] += 1.0, of[1] += chance, of[2] += seen[1];
+    }
+    if (due == NOTHING) choose(nullptr, nullptr);
+    return due;
+}
+
+/// Adds the new sample.
+Due RegressionSamples::take(int head, bool moved) {
     const auto [weight, changed] = account(head);
     keep(head, x_.data(), y_.data(), valid_.data(), weight);
     ++of_episode;
     alarms = changed ? alarms + 1 : 0;
     if (changed && (of_episode < REMEMBERED || alarms > LONG)) return FORGET;
-    if (moved || pending >= PENDING || solution_due()) return FIT;
-    choose(targets, whole);
-    return NOTHING;
+    return moved || pending >= PENDING || solution_due() ? FIT : NOTHING;
 }
 
 /// Writes the errors [4, T] of all predictors; returns the leverage.
@@ -253,7 +306,7 @@ std::pair<double, bool> RegressionSamples::account(int head) {
     bool surprise = false;
     for (int t = 0; t < count; ++t) {
         const double seen_of_head = samples[head * count + t];
-        if (!valid_[t] || !(seen_of_head >= FEW)) continue;
+        if (squared_ || !valid_[t] || !(seen_of_head >= FEW)) continue;
         const double error = errors_[of.predictors()[t] * count + t];
         const double least = 1e-9 * (1.0 + std::abs(y_[t] - error));
         const double typical = of.typical[head * count + t];
@@ -291,17 +344,22 @@ void RegressionSamples::update(int head, int t, double weight, double share, dou
     // Over all samples: where a robot keeps still, little changes, and noise is most of it.
     spread[t] += weight / (1.0 + seen[t]) * (std::abs(change) - spread[t]);
     seen[t] += 1.0;
+    const double file = squared_ ? errors_[t] * errors_[t] : std::abs(errors_[t]);
     for (int kind = FILE_ALONE; kind <= FULL; ++kind) {
-        double off = std::abs(errors_[kind * count + t]);
+        const double miss = errors_[kind * count + t];
+        double off = squared_ ? miss * miss : std::abs(miss);
         double& average = loss[kind * count + t];
         if (kind != FILE_ALONE && seen[t] <= FEW) {
-            off = std::min(off, std::abs(errors_[t]));
+            off = std::min(off, file);
             if (seen[t] == 2.0) {
                 average = off;
                 continue;
             }
         }
         average += rate * (off - average);
+        const double beside = off - file;
+        double& mean_square = doubt[kind * count + t];
+        mean_square += rate * (beside * beside - mean_square);
     }
     // The error where nothing is known, as far as it was seen: at first that of the file.
     double &unknown = of.scale[t], &shares = of.scale[2 * count + t];
@@ -317,18 +375,21 @@ void RegressionSamples::update(int head, int t, double weight, double share, dou
 /// Chooses the predictor of each target: the file where it is one of the `whole` [F] fluents.
 ///
 /// Of the file and the residuals, the simplest one that no other beats clearly: by 5 %, and features
-/// by a hundredth of the change too. One that is in use is kept until it is beaten at all.
+/// by a hundredth of the change too. One that is in use is kept until it is beaten at all. No fluents
+/// are whole where `whole` is null. Of squared errors the least one is chosen once the file is beaten.
 void RegressionSamples::choose(const std::int64_t* targets, const bool* whole) {
     Regression& of = *regression_;
     std::vector<std::int64_t> chosen(of.count, FILE_ALONE);
     for (int t = 0; t < of.count; ++t) {
-        if (whole[targets[t]] || !(seen[t] >= 2.0)) continue;
+        if ((whole && whole[targets[t]]) || !(seen[t] >= (squared_ ? ENOUGH : 2.0))) continue;
         double least = loss[t];
         for (std::int64_t kind = LINEAR; kind <= (of.features() > 0 ? FULL : LINEAR); ++kind) {
-            const double factor = kind == of.predictors()[t] ? 1.0 : BETTER;
-            const double fine = chosen[t] == FILE_ALONE ? 0.0 : 0.01 * spread[t];
+            const bool in_use = kind == of.predictors()[t];
+            const double factor = in_use || (squared_ && chosen[t] != FILE_ALONE) ? 1.0 : BETTER;
+            const double fine = squared_ || chosen[t] == FILE_ALONE ? 0.0 : 0.01 * spread[t];
             const double own = loss[kind * of.count + t];
-            if (own < factor * least - fine) {
+            const bool doubted = squared_ && chosen[t] == FILE_ALONE && !in_use;
+            if (own + (doubted ? doubt_of(kind, t) : 0.0) < factor * least - fine) {
                 chosen[t] = kind;
                 least = own;
             }
@@ -395,7 +456,7 @@ void bind_regression(nb::module_& module) {
         .def_ro("count", &Regression::count)
         .def_ro("columns", &Regression::columns)
         .def_prop_rw("features", &Regression::features, &Regression::use_features,
-                     "Number of random features in use: 0 or FEATURES.")
+                     "Number of random features in use: a multiple of SMOOTH, at most FEATURES.")
         .def_prop_rw("known", &Regression::known, &Regression::use_known,
                      "Rows of the inverse in use; 0 before the first solution.")
         .def_prop_rw(
@@ -463,6 +524,14 @@ int learn(RegressionSamples& samples, std::int64_t head, const ObservedStep& ste
     require_columns(targets, of.count, width, "targets");
     require_size(whole.size(), static_cast<int>(width), "fluents");
     return samples.learn(head_of(of, head), step, inputs.data(), targets.data(), whole.data());
+}
+
+int learn_worth(RegressionSamples& samples, std::int64_t head, const ObservedStep& step,
+                bool rewarded) {
+    const Regression& of = samples.regression();
+    require_size(step.state.size() + 2, of.depth, "inputs");
+    require_size(2, of.count, "targets");
+    return samples.learn_worth(head_of(of, head), step, rewarded);
 }
 
 void choose(RegressionSamples& samples, const Columns& targets, const Truths& whole) {
@@ -537,7 +606,10 @@ void bind_regression_samples(nb::module_& module) {
                               "The newest samples of a regression, the ranges of their inputs, and "
                               "the errors of all predictors, each before the sample was learned "
                               "from.");
-    bound.def(nb::init<std::shared_ptr<Regression>>(), nb::arg("regression"))
+    bound
+        .def(nb::init<std::shared_ptr<Regression>, bool>(), nb::arg("regression"),
+             nb::arg("squared") = false,
+             "`squared`: errors of predictors are squared and none is an outlier, for what is rare.")
         .def("clear", &RegressionSamples::clear, "Forget everything.")
         .def("clear_errors", &RegressionSamples::clear_errors, "Forget the errors of the predictors.")
         .def("learn", &learn, nb::arg("head"), nb::arg("step"), nb::arg("inputs"),
@@ -546,6 +618,10 @@ void bind_regression_samples(nb::module_& module) {
              "fluents `[F]` have always been whole numbers, which a residual does not predict.\n\n"
              "Returns NOTHING; FIT where sums or weights are due for an update, or FORGET: the same "
              "after a lasting change of the world. After an update, `choose` must be called.")
+        .def("learn_worth", &learn_worth, nb::arg("head"), nb::arg("step"), nb::arg("rewarded"),
+             "Learn reward, if `rewarded`, and end of a step by a head; returns what `learn` does.")
+        .def("choose_worth", [](RegressionSamples& samples) { samples.choose(nullptr, nullptr); },
+             "Choose the predictors of reward and end, as `choose` does.")
         .def("choose", &choose, nb::arg("targets"), nb::arg("whole"),
              "Choose the predictor of each target; the arguments are those of `learn`.\n\nOf the "
              "file and the residuals, it is the simplest one that no other beats clearly: by 5 %, "
@@ -583,6 +659,12 @@ void bind_regression_samples(nb::module_& module) {
     bind_view(bound, "loss", &Of::loss,
               [](const Of& of) { return std::vector<size_t>{PREDICTORS, of.seen.size()}; },
               "`[4, T]` moving averages of errors by predictor.");
+    bind_view(bound, "doubt", &Of::doubt,
+              [](const Of& of) { return std::vector<size_t>{PREDICTORS, of.seen.size()}; },
+              "`[4, T]` moving averages of the squared differences between errors and the file's.");
+    bind_view(bound, "reliability", &Of::reliability,
+              [](const Of& of) { return std::vector<size_t>{of.reliability.size() / 3, 3}; },
+              "`[5, 3]` by corrected chance of an end: steps, sum of chances, ends that came.");
     bind_view(bound, "seen", &Of::seen, targets, "`[T]` samples in them.");
     bind_view(bound, "spread", &Of::spread, targets, "`[T]` mean change.");
     bind_view(bound, "samples", &Of::samples,

@@ -16,17 +16,24 @@ from numpy.typing import NDArray
 from serp._core import ObservedStep, Regression, RegressionSamples
 from serp._util.saved_state import MOST, Saved
 from serp.model.learned import residual_features as r
-from serp.model.learned.adoption import TrackRecord
+from serp.model.learned.adoption import Reliability, TrackRecord, WorthAdoption
 from serp.model.learned.residual_fit import FittedWeights
+from serp.pddl.syntax import REWARD, TERMINAL
 
 
 class ResidualRegression:
     """Learns the one-step error of the targets of alike groups; `parameters` receive the result."""
 
+    _SQUARED = False
+    """Whether the errors by which predictors are chosen are squared."""
+    _ALONE = 0
+    _FEATURES = r.FEATURES
+    """Number of the last inputs that random features do not depend on, and of these features."""
+
     def __init__(self, parameters: Regression, seed: np.random.SeedSequence) -> None:
         self._parameters = parameters
-        self._samples = RegressionSamples(parameters)
-        self._fit = FittedWeights(parameters, self._samples, seed)
+        self._samples = RegressionSamples(parameters, self._SQUARED)
+        self._fit = FittedWeights(parameters, self._samples, seed, self._ALONE, self._FEATURES)
         self.reset()
 
     def reset(self) -> None:
@@ -50,11 +57,14 @@ class ResidualRegression:
         """
         due = self._samples.learn(head, step, inputs, targets, whole)
         if due != RegressionSamples.NOTHING:
-            if due == RegressionSamples.FORGET:
-                self._forget()
-            if self._fit.update():
-                self._solve()
+            self._update(due)
             self._samples.choose(targets, whole)
+
+    def _update(self, due: int) -> None:
+        if due == RegressionSamples.FORGET:
+            self._forget()
+        if self._fit.update():
+            self._solve()
 
     def begin_episode(self) -> None:
         """Note that the next sample is of another episode."""
@@ -81,13 +91,15 @@ class ResidualRegression:
     def _solve(self) -> None:
         # Random features are of use where the linear model leaves a hundredth of the change.
         loss = self._samples.loss
-        left = loss[r.LINEAR] > 0.01 * self._samples.spread + 1e-18
+        least = 0.01 * self._samples.spread
+        left = loss[r.LINEAR] > (least**2 if self._SQUARED else least) + 1e-18
         if self._fit.solve(bool(left.any())):
             loss[r.LINEAR + 1 :] = loss[r.LINEAR]
 
     _RANGES: Final = {
-        "seen": (0, MOST), "surprises": (0.0, 1.0),
-        "loss": (0.0, np.inf), "spread": (0.0, np.inf), "samples": (0, MOST),
+        "seen": (0, MOST), "samples": (0, MOST), "surprises": (0.0, 1.0),
+        "loss": (0.0, np.inf), "doubt": (0.0, np.inf), "spread": (0.0, np.inf),
+        "reliability": (0.0, MOST),
     }  # fmt: skip
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
@@ -103,3 +115,44 @@ class ResidualRegression:
         for name, (low, high) in self._RANGES.items():
             own = getattr(self._samples, name)
             own[:] = saved.array(name, own.dtype, own.shape, low, high)
+
+
+class WorthRegression(ResidualRegression):
+    """Learns reward and end of steps beside what the model predicts of them otherwise.
+
+    Ends are rare: of absolute errors "never" has the smallest ones, so errors are squared, and none
+    is an outlier. What the model predicts is an input, which random features do not depend on:
+    where it is wrong its weight is small, and features are the same for all actions. All features
+    would make a step of soccer slower by 27 %, and predict no better than half of them (15 %).
+    """
+
+    _SQUARED = True
+    _ALONE, _FEATURES = 2, 2 * r.SMOOTH
+
+    def learn_worth(self, head: int, step: ObservedStep, rewarded: bool) -> None:
+        """Learn from a step by the head of its ground action; the reward only if `rewarded`."""
+        due = self._samples.learn_worth(head, step, rewarded)
+        if due != RegressionSamples.NOTHING:
+            self._update(due)
+            self._samples.choose_worth()
+
+    def adoption(self) -> tuple[WorthAdoption, ...]:
+        """Return what predicts reward and end, as far as they were observed."""
+        p, samples = self._parameters, self._samples
+        bins = tuple(
+            Reliability(int(steps), chances / steps, ended / steps)
+            for steps, chances, ended in samples.reliability.tolist()
+            if steps
+        )
+        return tuple(
+            WorthAdoption(
+                name,
+                corrected=bool(p.kinds[t] != r.FILE),
+                steps=int(samples.seen[t]),
+                written=float(samples.loss[r.FILE, t]),
+                in_use=float(samples.loss[p.kinds[t], t]),
+                reliability=bins if name == TERMINAL else (),
+            )
+            for t, name in enumerate((REWARD, TERMINAL))
+            if samples.seen[t]
+        )

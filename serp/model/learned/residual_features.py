@@ -132,7 +132,7 @@ def restore_regression(regression: Regression, arrays: Mapping[str, NDArray[Any]
     shapes = {name: getattr(regression, name).shape for name in _WEIGHTS}
     weights = {name: saved.array(name, np.float64, shape) for name, shape in shapes.items()}
     if (
-        features not in (0, FEATURES)
+        features not in range(0, FEATURES + 1, SMOOTH)
         or known not in (0, regression.columns, regression.columns + SMOOTH)
         or (known > regression.columns and not features)
     ):
@@ -142,9 +142,8 @@ def restore_regression(regression: Regression, arrays: Mapping[str, NDArray[Any]
         getattr(regression, name)[:] = values
 
 
-def learnable(group: FeatureGroup, heads: int) -> bool:
-    """Return whether there are few enough inputs to learn from."""
-    depth = len(group.inputs)
+def learnable(depth: int, heads: int) -> bool:
+    """Return whether a regression has few enough inputs to learn from."""
     return depth <= _MAX_INPUTS and (1 + heads) * (1 + depth) <= _MAX_COLUMNS
 
 

@@ -97,13 +97,18 @@ differ in slopes has to be seen."""
 
 
 class FittedWeights:
-    """Fits weights to samples, and writes them into the parameters of the regression."""
+    """Fits weights to samples, and writes them into the parameters of the regression.
+
+    There are so many random `features`; they do not depend on the `alone` last inputs.
+    """
 
     def __init__(
-        self, parameters: Regression, samples: RegressionSamples, seed: np.random.SeedSequence
-    ) -> None:
+        self, parameters: Regression, samples: RegressionSamples, seed: np.random.SeedSequence,
+        alone: int = 0, features: int = r.FEATURES,
+    ) -> None:  # fmt: skip
         self._parameters, self._samples = parameters, samples
         self._seed = seed
+        self._alone, self._features = alone, features
         self._sums = NormalEquations(samples.block_of)
         self.reset()
 
@@ -206,8 +211,9 @@ class FittedWeights:
         frequency = width * random.standard_normal(p.frequency.shape)
         order = np.argsort((frequency**2).sum(axis=0), kind="stable")
         p.frequency[:] = frequency[:, order]
+        p.frequency[p.depth - self._alone :] = 0.0
         p.phase[:] = random.uniform(0.0, 2.0 * np.pi, r.FEATURES)
-        p.features = r.FEATURES
+        p.features = self._features
 
     def _publish(self, kind: int, owned: NDArray[np.int64], weights: Vector) -> None:
         """Publish a solution: weights of each head are those that all share, and its own."""

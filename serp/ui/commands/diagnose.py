@@ -15,6 +15,7 @@ from serp.ui.root import say
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from serp.model.learned.adoption import WorthAdoption
     from serp.runs.diagnosis.diagnosis import Diagnosis
 
 
@@ -90,3 +91,26 @@ def _print(console: Console, diagnosis: Diagnosis) -> None:
         ]
         print_table(console, head, table, right=range(1, 4))
     console.print(f"\nThe run planned with this model: {recorded.adoption}")
+    _print_worth(console, recorded.adoption.worth)
+
+
+def _print_worth(console: Console, worth: tuple[WorthAdoption, ...]) -> None:
+    """Print how well reward and end were predicted before each step was learned from."""
+    told = [each for each in worth if each.corrected]
+    if not told:
+        return
+    head = ("in the newest steps", "by the file's rules", "corrected")
+    rows = []
+    for each in told:
+        ends = each.name == "terminal"
+        name = "end: Brier score" if ends else "reward: root mean square error"
+        errors = each.written, each.in_use
+        rows.append((name, *(readable(error if ends else error**0.5) for error in errors)))
+    print_table(console, head, rows, right=[1, 2])
+    rows = [
+        (percent(of.chance), percent(of.ended), f"{of.steps:,}")
+        for each in told
+        for of in each.reliability
+    ]
+    if rows:
+        print_table(console, ("chance of an end", "ended", "steps"), rows, right=range(3))

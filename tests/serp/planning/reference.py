@@ -16,7 +16,8 @@ State = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Arc:
-    """A control period of an action; `rank` and `danger` leave accepted risks out."""
+    """A control period of an action; `rank` and `danger` leave accepted risks out, and `going` is
+    the probability that the task goes on unless it has `ended`."""
 
     action: int
     state: State
@@ -26,6 +27,7 @@ class Arc:
     rank: int
     danger: float
     risk: float
+    going: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -65,11 +67,11 @@ class Reference:
         if not flags & APPLICABLE:
             return None
         unsafe = bool(flags & UNSAFE)
-        risk = 1.0 if unsafe else (flags >> 8) / 2**24
+        risk = 1.0 if unsafe else (flags >> 8) % 2**26 / 2**24
         danger = risk if risk > self.settings.accepted_risk else 0.0
         return Arc(
             action, tuple(out[:-1]), out[-1], unsafe, bool(flags & TERMINAL),
-            2 if unsafe else int(danger > 0), danger, risk,
+            2 if unsafe else int(danger > 0), danger, risk, 1.0 - (flags >> 34) / 65535,
         )  # fmt: skip
 
     def arcs(self, state):
@@ -107,7 +109,7 @@ class Reference:
         """The path that begins with an arc."""
         steps = 0 if arc.danger else SAFE if rest.steps == SAFE else rest.steps + 1
         danger = arc.danger + (1.0 - arc.danger) * rest.danger
-        value = arc.reward + self.settings.discount * rest.value
+        value = arc.reward + self.settings.discount * arc.going * rest.value
         return Path(steps, value, (arc, *rest.arcs), danger)
 
     def beyond(self, state):

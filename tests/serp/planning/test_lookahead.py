@@ -110,10 +110,11 @@ def test_the_plan_is_that_of_plain_recursion():
                 met["ties"] += len(values) != len(set(values.tolist()))
                 met["unsafe"] += planned.action is not None and not planned.safe
                 risks = [risk for *_, risk in planned.graph.edges(data="risk")]
+                met["doubtful ends"] += bool((planned.forecast.flags >> 34).any())
                 met["risks"] += any(0.0 < risk < 1.0 for risk in risks)
 
     holds()
-    assert met.keys() == {"DEPTH", "NODES", "EXHAUSTED", "ties", "unsafe", "risks"}
+    assert met.keys() == {"DEPTH", "NODES", "EXHAUSTED", "ties", "unsafe", "risks", "doubtful ends"}
     assert min(met.values()) >= 15, met
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from serp.model.flags import going_on
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.runs import checkpoint
@@ -114,7 +115,9 @@ def test_steps_that_end_an_episode_teach_no_residual_and_equal_seeds_give_equal_
     state = np.array([0.1, 0.2])
     expected = one.model.step(state, 0).state
     assert learned(1, CUT_OFF).model.step(state, 0).state.tobytes() == expected.tobytes()
-    assert adapted(learned(1, OVER)).as_written
+    ended = learned(1, OVER).model  # nothing is learned but that every step ends
+    assert ended.step(state, 0).state.tobytes() == ended.written.step(state, 0).state.tobytes()
+    assert going_on(ended.core.step(state, 0)[1]) < 0.01
     assert learned(2, GOES_ON).model.step(state, 0).state.tobytes() != expected.tobytes()
 
 

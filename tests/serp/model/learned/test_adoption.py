@@ -1,12 +1,16 @@
 """What a model says of its learned parts is what it predicts with."""
 
 import json
+import re
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from serp.model.learned.adoption import ModelAdoption, Reliability, WorthAdoption
 from serp.model.learned.transitions import GOES_ON
-from tests.serp.model.learned.worlds import PLANE, adaptation
+from serp.ui.commands import diagnose
+from tests.serp.model.learned.worlds import GRID, PLANE, adaptation
 
 
 def plane(steps, push, seed=0):
@@ -43,3 +47,45 @@ def test_nothing_is_said_to_be_in_use_where_the_model_is_as_written(steps):
     assert of.adoption.in_use is (adapted != written)
     if not of.adoption.in_use:
         assert str(of.adoption).startswith("as written")
+
+
+def test_counted_outcomes_are_named():
+    of = adaptation(GRID)
+    names = [fluent.name for fluent in of.model.fluents]
+    rng, right = np.random.default_rng(0), 0
+    state = np.zeros(len(names))
+    for _ in range(80):
+        expected = np.array(of.model.replace().transition(state.tolist(), right)[0][:-1])
+        after = expected if rng.random() < 0.5 else state
+        of.observe(state, right, after, GOES_ON)
+        state = np.clip(after, -3, 3)
+    assert any(fluent.outcomes for fluent in of.adoption.fluents)
+
+
+def test_a_model_that_does_not_adapt_says_so():
+    of = adaptation(PLANE, mode="off")
+    assert not of.adoption.adapts and not of.adoption.in_use and not of.adoption.fluents
+    assert str(of.adoption) == "as written; nothing is learned beside the file"
+
+
+def test_corrections_of_reward_and_end_are_printed_with_their_errors(
+    capsys: pytest.CaptureFixture[str],
+):
+    bins = (Reliability(90, 0.01, 0.0), Reliability(10, 0.5, 0.4))
+    worth = (
+        WorthAdoption("reward", True, 100, 4.0, 0.25, ()),
+        WorthAdoption("terminal", True, 100, 0.3, 0.04, bins),
+    )
+    diagnose._print_worth(Console(width=100), worth)
+    printed = capsys.readouterr().out
+    for row in (
+        ("square error", "2", "0.5"),
+        ("Brier score", "0.3", "0.04"),
+        ("50 %", "40 %", "10"),
+    ):
+        assert re.search(r" +".join(map(re.escape, row)), printed), printed
+    diagnose._print_worth(Console(), tuple(each._replace(corrected=False) for each in worth))
+    assert capsys.readouterr().out == ""
+    in_use = ModelAdoption(adapts=True, worth=worth)
+    assert in_use.in_use and in_use.as_dict()["worth"][1]["reliability"][1]["ended"] == 0.4
+    assert str(in_use) == "adapted: correction for `(reward)`, `(terminal)`"

@@ -180,6 +180,10 @@ def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float,
         model.core.adopt(np.where(np.isfinite(drawn), drawn, model.theta))
     for regression in model.regressions.values():
         _publish(regression, rng, numbers)
+    if model.worth is not None and rng.random() < 0.5:
+        _publish(model.worth, rng, numbers)
+        model.worth.shrink[:] *= 0.05  # or hardly any state is within the range of the data
+        model.worth.typical[:] = rng.integers(2, size=model.worth.typical.shape)
 
 
 def count(model: AdaptedModel, rng: np.random.Generator) -> None:
