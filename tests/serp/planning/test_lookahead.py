@@ -89,7 +89,7 @@ def assert_as_by_recursion(reference, state, planned):
 def test_the_plan_is_that_of_plain_recursion():
     met = Counter()
 
-    @examples(250)
+    @examples(400)
     @given(
         model=st.sampled_from(MODELS),
         settings=SETTINGS,
