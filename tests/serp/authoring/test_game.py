@@ -46,7 +46,7 @@ def test_every_change_has_its_causes_in_the_file(noise):
         game.step(0)
 
 
-def test_facts_that_nothing_changes_can_be_changed_too():
+def test_fluents_are_changed_and_facts_that_nothing_changes_are_given_at_the_start():
     game = Game(van())
     assert "at field" not in game.values  # no road leads there
     game.step(drive(game, "yard shop"))

@@ -14,9 +14,6 @@ from serp_envs.soccer.physics.robot import NAO
 from serp_envs.soccer.physics.world import World
 from serp_envs.soccer.referee import Referee
 
-# The signs that an observation takes in the mirror image of the world, left for right.
-MIRROR = (1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, 1, 1, 1)
-
 
 def placed(ball, defender, attacker, field=SPL_2020):
     """A contest in that situation; nobody moves unless commanded."""

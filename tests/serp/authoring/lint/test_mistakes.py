@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from serp.authoring.lint.findings import CODES, ERRORS, examine, findings_of
+from serp.authoring.lint.findings import CODES, ERRORS, examine
 from serp.authoring.lint.task_ranges import out_of_range
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Source, edited

@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.authoring.scenarios.files import ScenarioFile
+from serp.authoring.scenarios.checking import Decider
+from serp.authoring.scenarios.files import run_scenarios
 from serp.model.domain import load_domain
 from serp.pddl.source import Source
 from serp.settings import Settings
@@ -74,8 +75,8 @@ def test_a_failure_says_what_holds_instead():
 def test_the_planner_keeps_nothing_of_a_scenario_for_the_next_one():
     source = Source("cartpole.scenarios", "scenario one\nchooses push-right\nchooses push-left\n")
     far = Settings().replace({"planner": {"name": "far-sight"}})
-    file = ScenarioFile.open(source, CARTPOLE, far, 0.02)
-    planner = file.decider.arbiter.planner
+    decider = Decider.of_domain(source, CARTPOLE, far, 0.02)
+    planner = decider.arbiter.planner
 
     def kept():
         return repr(planner.state_dict())

@@ -63,7 +63,7 @@ def test_a_domain_and_a_problem_of_any_name_are_one_check(run, walk):
     assert "domain walk (domain.pddl, p01.pddl)" in run("check", "p01.pddl").stdout
 
 
-def test_findings_are_printed_for_programs_and_mended(run, walk):
+def test_findings_are_printed_for_programs(run, walk):
     walk.write_text(WALK.replace("(assign (walked) 0)", "(walked = 0)"))
     findings = json.loads(run("check", "walk.pddl", "--json", expect=1).stdout)
     assert [(f["code"], f["place"]["line"], f["fix"]["sure"]) for f in findings] == [

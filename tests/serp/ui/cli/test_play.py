@@ -28,8 +28,9 @@ def test_a_world_slips_and_mistakes_have_a_line(walk):
 
 
 def test_a_situation_is_saved_as_a_scenario_that_holds(run, walk):
-    lines = "1\nmined shop = true\nsave mines wherever one looks\nundo\nsave at the shop\n"
-    shown = typed(lines, "walk.pddl")
+    mined = typed("1\nsave mines wherever one looks", "walk.pddl", "--state=mined shop=true")
+    assert "walk.scenarios: the scenario `mines wherever one looks` is written\n" in mined
+    shown = typed("1\nsave at the shop\n", "walk.pddl")
     assert "walk.scenarios: the scenario `at the shop` is written\n" in shown
     written = Path("walk.scenarios").read_text()
     assert "  (mined shop)\n" in written.split("scenario")[1]

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from serp.errors import Notice
 from serp.runs.run_model import RunModel
 from serp.runs.tables import read_metrics
 from serp.ui.root import serp
@@ -113,15 +112,14 @@ def test_an_evaluation_is_drawn_by_its_recorded_seed(run, trained, tmp_path):
     assert "does not say which seed" in pictures(seed=None)[1]
 
 
-def test_a_damaged_evaluation_is_left_out_and_said(run, trained, tmp_path):
+def test_a_damaged_evaluation_is_named(run, trained, tmp_path):
     damaged = tmp_path / "run"
     shutil.copytree(trained, damaged, ignore=shutil.ignore_patterns("evaluations"))
     run("evaluate", str(damaged), "--policy=planner", "--episodes=1", "--seed=20")
     header = damaged / "evaluations" / "planner-seed20" / "recording.json"
     header.write_text("{")
-    with pytest.warns(Notice, match="planner-seed20 was left out: .* is damaged"):
-        run("report", str(damaged), "--pictures=0", "-o", f"{tmp_path}/x.html")
-    assert "planner-seed20 was left" in (tmp_path / "x.html").read_text()
+    told = run("report", str(damaged), "--evaluation=planner-seed20", expect=1).stderr
+    assert f"{header} is damaged" in told
 
 
 @pytest.fixture(scope="module")

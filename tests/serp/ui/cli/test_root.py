@@ -91,7 +91,6 @@ def test_an_unknown_command_or_option_says_what_there_is(run):
     ("line", "message"),
     [
         ("compare", "give --domain"),
-        ("compare --out=c --max-ground-schemas=9", "--max-ground-schemas cannot change"),
         ("plan-and-learn", "give --domain"),
         ("plan-and-learn --resume=a --out=b", "which run: --resume a or --out b?"),
         ("plan-and-learn --resume=a --seed=1", "--seed cannot change"),

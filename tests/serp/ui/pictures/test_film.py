@@ -7,7 +7,7 @@ from PIL import ImageColor
 
 from serp._util import figures
 from serp.runs.evaluation import evaluate, play
-from serp.ui.pictures.film import HOLD, FilmSettings, Mark, film
+from serp.ui.pictures.film import HOLD, Mark, film
 from tests.serp.ui.pictures.scene import bound, reckless_agent
 
 RED = ImageColor.getrgb(figures.REFUSED)
@@ -23,9 +23,8 @@ def steps(agent, folder, policy="serp"):
     return [step for episode in played for step in episode.steps]
 
 
-@pytest.mark.parametrize("fps", [1, 50])
-def test_every_veto_is_shown_until_it_can_be_read(agent, tmp_path, fps):
-    frames = list(film(agent, bound(tmp_path), FilmSettings(fps=fps)))
+def test_every_veto_is_shown_until_it_can_be_read(agent, tmp_path):
+    frames = list(film(agent, bound(tmp_path)))
     shown = {mark for frame in frames for mark in frame.caption.marks}
     vetoed = [step for step in steps(agent, tmp_path) if step.decision.vetoed]
     assert len(vetoed) > 3
@@ -48,8 +47,7 @@ def test_every_step_that_an_evaluation_measures_has_a_frame_that_says_who_acts(
     agent, tmp_path, policy
 ):
     results = {}
-    settings = FilmSettings(policy=policy, episodes=4, seed=3)
-    frames = list(film(agent, bound(tmp_path), settings, results.__setitem__))
+    frames = [*film(agent, bound(tmp_path), policy, 4, 3, on_episode=results.__setitem__)]
     shown = [frame.caption for frame in frames if frame.caption.actor is not None]
     assert len(frames) == len(shown) + 4  # each episode's beginning
     played = [step for episode in play(agent, bound(tmp_path), policy, episodes=4, seed=3)

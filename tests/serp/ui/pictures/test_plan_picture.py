@@ -23,8 +23,8 @@ from tests.generated.writer import PLANNABLE
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def layout_of(plan, planner, rows=MAX_ROWS):
-    """The layout, after a check of what holds of every layout."""
+def branches_of(plan, planner, rows=MAX_ROWS):
+    """The branches, after a check of what holds of every layout."""
     labels = {k: action.name for k, action in enumerate(planner.model.actions)}
     pairs = [*lay_out(plan.graph, planner.settings.discount, labels, rows).behind()]
     branches = [branch for _, branch in pairs]
@@ -60,12 +60,13 @@ def test_any_decision_can_be_drawn(drawn, rows):
     generated, (state,) = drawn
     planner = MonitorReplanner(generated.model, depth=3, discount=0.9)
     plan = planner.plan(state)
-    layout, edges = layout_of(plan, planner, rows), plan.graph.number_of_edges()
+    branches, edges = branches_of(plan, planner, rows), plan.graph.number_of_edges()
     picture = ET.fromstring(plan_svg(plan, planner, rows=rows))
-    assert f"{len(layout.branches)} of {edges:,} edges" in f"{picture.findtext(f'{SVG}desc')}"
+    assert f"{len(branches)} of {edges:,} edges" in f"{picture.findtext(f'{SVG}desc')}"
     written = [element.text or "" for element in picture.iter(f"{SVG}text")]
     assert not plan.path or any(plan.path[0].action in text for text in written)
     # Colour is not the only sign of what is unsafe.
-    drawn = [edge for edge in layout.branches if edge.harm == "unsafe"]
+    drawn = [edge for edge in branches if edge.harm == "unsafe"]
+    assert all(edge.label.endswith("(unsafe)") for edge in drawn)
     dashes = [path.get("stroke-dasharray") for path in picture.iter(f"{SVG}path")]
     assert dashes.count(DASHES["unsafe"]) >= len(drawn)

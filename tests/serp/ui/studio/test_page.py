@@ -49,7 +49,7 @@ def test_it_is_served_on_this_machine_alone_and_forgets_its_token(opened):
     assert "token" not in opened.page.url
 
 
-def test_the_page_follows_what_is_typed_and_set(opened, replaced):
+def test_the_page_follows_what_is_typed_and_set(opened):
     page = opened.page
     page.wait_for_selector("body.body--dark")
 
@@ -89,38 +89,4 @@ def test_what_is_typed_is_saved_whatever_comes_from_the_server_meanwhile(opened)
     page.keyboard.press("Control+s")
     page.locator(".q-notification", has_text="Saved").wait_for()
     assert opened.file.read_text() == f"; {''.join(words)}\n{text}"
-
-
-def test_the_scenarios_are_run(opened, replaced):
-    page = opened.page
-    replaced("drive-right\n    :parameters ()\n    :precondition (and)\n    :effect (and)",
-             "drive-right\n    :parameters ()\n    :precondition (and)\n"
-             "    :effect (and (increase (reward) 1.0))")  # fmt: skip
-
-    page.locator(".serp-right .q-tab", has_text="Scenarios").click()
-    page.get_by_role("button", name="Run the scenarios", exact=True).click()
-    said = page.locator(".serp-views .serp-verdict:visible")
-    said.filter(has_text="2 passed, 1 failed").wait_for()
-    assert page.locator(".serp-failed").inner_text().startswith("✗ at the bottom of the valley")
-    assert HOSTILE in page.locator(".serp-passed").last.inner_text()
-    assert page.title() != "taken" and page.locator(".serp-results img").count() == 0
     assert opened.elsewhere == []
-
-
-@pytest.fixture
-def replaced(opened):
-    """Replace a part of the text that is edited, as if it were pasted over it, after a script."""
-
-    def replace(old, new, before=""):
-        opened.page.evaluate(
-            """([old, text, before]) => {
-              eval(before);
-              const id = Number(document.querySelector('.serp-code').id.slice(1));
-              const editor = getElement(id).editor, at = editor.state.doc.toString().indexOf(old);
-              if (at < 0) throw new Error('this is not in the file');
-              editor.dispatch({changes: {from: at, to: at + old.length, insert: text}});
-            }""",
-            [old, new, before],
-        )
-
-    return replace

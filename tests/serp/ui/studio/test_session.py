@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-from pathlib import Path
 
 import pytest
 
@@ -10,14 +9,15 @@ from serp.errors import SerpError
 from serp.model.domain import load_domain
 from serp.planning.replanner import MonitorReplanner
 from serp.runs.train import plan_and_learn
+from serp.tasks.registry import load_task
 from serp.ui.studio.document import Document
 from serp.ui.studio.serving import Guard
 from serp.ui.studio.session import open_session
-from serp.ui.studio.view import ShownState, read
+from serp.ui.studio.view import ShownState
 from tests.worlds import text
 
-DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 SWITCH = text("switch")
+PROBLEM = "(define (problem warm) (:domain switch) (:init (= (heat) 30.0) (= (reward) 0.0)))"
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
     assert outside.read_text() == "theirs"
 
 
-def test_each_text_that_was_not_saved_is_kept(tmp_path, session):
+def test_each_text_that_was_not_saved_is_kept(tmp_path):
     outside = tmp_path.parent / f"{tmp_path.name}.pddl"
     (tmp_path / "switch.pddl").write_text(SWITCH)
     (tmp_path / "switch-problem.pddl").write_text(PROBLEM)
@@ -159,25 +159,13 @@ def test_a_websocket_of_another_page_is_refused(host, origin, let_in):
     assert answer(guard, headers, kind="websocket")["type"] == "websocket.close"
 
 
-# Runs, tabs -------------------------------------------------------------------------------------
+# Runs --------------------------------------------------------------------------------------------
 
 
-def test_the_steps_of_a_run_are_shown_with_the_file_in_the_working_folder(tmp_path):
-    shutil.copy(DOMAINS / "cartpole.pddl", tmp_path)
-    session = open_session(str(tmp_path / "cartpole.pddl"), tmp_path)
-    task = session.task
-    run = plan_and_learn(task, env_steps=300, seed=1, out=tmp_path / "run", quiet=True)
+def test_a_run_is_opened_with_its_copy_of_the_file(tmp_path):
+    task = load_task("cartpole")
+    run = plan_and_learn(task, env_steps=30, seed=1, out=tmp_path / "run", quiet=True)
     of_run = open_session(str(run.path), tmp_path / "elsewhere")
-    assert of_run.documents["domain"].target.name == "cartpole.pddl"
-    of_run.show_episode(1)
-    assert of_run.played is not None and of_run.recorded is not None and of_run.step is not None
-    _, planner = read(of_run.version, of_run.surroundings)
-    state = of_run.shown.state(planner.model)
-    np.testing.assert_array_equal(state, open_recording(run.path).step(of_run.step).state)
-    vetoes = of_run.recorded.vetoes
-    assert len(vetoes) == run.metrics["vetoes"].sum()
-    for veto in vetoes[:2]:
-        assert of_run.show_next_veto()
-        assert f", step {of_run.recorded.place_of(veto)[1]} of" in of_run.shown.origin
-    with pytest.raises(SerpError, match="there is no episode 99"):
-        of_run.show_episode(99)
+    assert of_run.documents["domain"].target == tmp_path / "elsewhere" / "cartpole.pddl"
+    assert of_run.task is not None and of_run.surroundings.dt == task.dt
+    assert of_run.request().view().decision is not None
