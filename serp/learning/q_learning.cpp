@@ -10,7 +10,7 @@
 #include "serp/_util/arrays.hpp"
 #include "serp/_util/vector_code.hpp"
 #include "serp/learning/network.hpp"
-#include "serp/learning/replay.hpp"
+#include "serp/learning/samples.hpp"
 
 namespace serp {
 

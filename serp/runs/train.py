@@ -8,11 +8,9 @@ from __future__ import annotations
 import contextlib
 import datetime
 import os
-import shlex
 import signal
 import threading
 import time
-import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import FrameType
@@ -20,26 +18,21 @@ from typing import Any, Final
 
 from serp._util.numbers import seed_of
 from serp._util.processes import one_thread
-from serp._util.text import plural
 from serp.agent.agent import account_of
 from serp.agent.registry import refuse_unknown_names
 from serp.agent.step_record import OnStep, StepRecord
-from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError
-from serp.model.transition_model import StateError
-from serp.runs.checkpoint import NEWEST, PREVIOUS
-from serp.runs.folder import METRICS, RunFolder, default_path, refuse_occupied
+from serp.errors import Interrupted, RunError, SettingsError, TaskError
+from serp.runs.folder import RunFolder, default_path, refuse_occupied
 from serp.runs.progress import Progress
+from serp.runs.resume import advice_to_resume, restore
 from serp.runs.run import (
     Run,
     begin_run,
     content_digests,
     read_run_metadata,
-    reading,
-    refuse_changes,
     task_of_run,
 )
 from serp.runs.run_log import RunLog
-from serp.runs.tables import read_metrics
 from serp.runs.trainer import Budget, Callbacks, OnEpisode, Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task
@@ -141,50 +134,6 @@ def continue_training(
         return train(folder, trainer, limits, callbacks, quiet=quiet)
 
 
-def restore(folder: RunFolder, trainer: Trainer, before: Budget) -> Budget:
-    """Restore the newest checkpoint, if there is one; return the budget of the run."""
-    # A run without a checkpoint and without an episode was stopped before it began.
-    if _has_checkpoint(folder) or len(read_metrics(folder.path / METRICS)["episode"]):
-        checkpoint = folder.resume()
-        refuse_changes(folder, checkpoint)
-        with reading(checkpoint) as saved:
-            trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
-            before = Budget.from_dict(saved.part("budget")[1])
-        if checkpoint.fallback is not None:
-            warnings.warn(
-                f"{checkpoint.fallback} The run goes on from the previous checkpoint, after "
-                f"{plural(trainer.env_steps, 'env step')}; what came after it is done again.",
-                Notice,
-                stacklevel=4,
-            )
-    return before
-
-
-def _has_checkpoint(folder: RunFolder) -> bool:
-    return any((folder.path / name).exists() for name in (NEWEST, PREVIOUS))
-
-
-@contextlib.contextmanager
-def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
-    """Add to any error of a training how to continue it, if that is possible.
-
-    Settings and domain cannot change in a run, so a run with a wrong one cannot be continued.
-    """
-    try:
-        yield
-    except (SettingsError, StateError):
-        raise
-    except (Exception, KeyboardInterrupt) as error:
-        if _has_checkpoint(folder):
-            kept = f"The run up to the last checkpoint is kept in {folder.path}. "
-            error.add_note(
-                f"{'' if isinstance(error, Interrupted) else kept}Continue with\n"
-                f"  serp plan-and-learn --resume {shlex.quote(str(folder.path))}\n"
-                f"or, in Python, plan_and_learn(task, out={str(folder.path)!r}, resume=True)"
-            )
-        raise
-
-
 def train(
     folder: RunFolder,
     trainer: Trainer,
@@ -212,7 +161,7 @@ def train(
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(CHECKPOINT_SECONDS, 50 * cost)
 
-    with _advice_to_resume(folder), stop_between_episodes() as stopping:
+    with advice_to_resume(folder), stop_between_episodes() as stopping:
 
         def after_step(step: StepRecord) -> None:
             answer = stopping.answer(

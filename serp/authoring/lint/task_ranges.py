@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from serp._util.text import readable
-from serp.authoring.lint.conditions import limits_in
+from serp.authoring.lint.contradiction import limits_in
 from serp.errors import SerpError
 from serp.pddl.source import DomainWarning
 from serp.tasks.grounding import FAR

@@ -20,9 +20,9 @@ from serp.model.learned.adoption import (
     adoption_of,
     parameters_in_use,
 )
+from serp.model.learned.feature_groups import Key
 from serp.model.learned.outcome_counts import OutcomeCounts
 from serp.model.learned.residual import ResidualRegression, WorthRegression
-from serp.model.learned.residual_features import Key
 from serp.model.learned.transitions import OVER, TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings

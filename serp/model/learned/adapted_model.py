@@ -13,7 +13,7 @@ from serp._util.saved_state import Arrays, Saved, nested, part_of
 from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground_model import UNSAFE_TARGET, GroundSchema
-from serp.model.learned.residual_features import (
+from serp.model.learned.feature_groups import (
     FeatureGroup,
     Key,
     contents_of,

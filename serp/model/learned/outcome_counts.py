@@ -18,8 +18,8 @@ from serp._core import ObservedStep, OutcomeTable
 from serp._util.saved_state import MOST, Saved
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
 from serp.model.learned.adoption import BETTER, TrackRecord
+from serp.model.learned.feature_groups import FeatureGroup, Key, rate_of
 from serp.model.learned.regression_data import predicted_steps
-from serp.model.learned.residual_features import FeatureGroup, Key, rate_of
 from serp.model.transition_model import TransitionModel, Vector
 
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from serp._core import ObservedStep, Regression, RegressionSamples
 from serp._util.saved_state import MOST, Saved
-from serp.model.learned import residual_features as r
+from serp.model.learned import feature_groups as r
 from serp.model.learned.adoption import Reliability, TrackRecord, WorthAdoption
 from serp.model.learned.residual_fit import FittedWeights
 from serp.pddl.syntax import REWARD, TERMINAL

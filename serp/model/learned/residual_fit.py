@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from serp._core import Regression, RegressionSamples
 from serp._util.saved_state import LARGEST, Arrays, Saved, nested, part_of
-from serp.model.learned import residual_features as r
+from serp.model.learned import feature_groups as r
 from serp.model.transition_model import Vector
 
 

@@ -38,6 +38,7 @@ from serp.runs.evaluation import Policy, outcome_of, play
 from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.results import write_results
+from serp.runs.resume import restore
 from serp.runs.rollout import (
     Rollout,
     evaluation_seed,
@@ -46,7 +47,7 @@ from serp.runs.rollout import (
 from serp.runs.run import begin_run
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.tables import MetricsRow, read_metrics
-from serp.runs.train import restore, train
+from serp.runs.train import train
 from serp.runs.trainer import Budget, Callbacks, Trainer
 from serp.settings import Settings
 from serp.tasks.environment import single

@@ -14,7 +14,7 @@ import numpy as np
 from serp._util.text import plural
 from serp.agent.explanation import Alternative, Explanation, explain
 from serp.agent.sentences import between, special_about
-from serp.authoring.lint.conditions import limits_in
+from serp.authoring.lint.contradiction import limits_in
 from serp.authoring.lint.findings import Finding, examine
 from serp.errors import SerpError
 from serp.model.domain import Domain

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 
-from serp.authoring.lint.conditions import contradiction
+from serp.authoring.lint.contradiction import contradiction
 from serp.model.flags import APPLICABLE
 from serp.pddl.source import Source
 from tests.generated.models import load_texts, models_with_states

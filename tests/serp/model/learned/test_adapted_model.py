@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.model.learned.residual_features import (
+from serp.model.learned.feature_groups import (
     CURVED,
     FEATURES,
     FILE,

@@ -7,7 +7,7 @@ from serp._core import AdaptedModel as Core
 from serp._core import GroupParameters, OutcomeTable, Regression, RegressionSamples
 from serp.errors import RunError
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.model.learned.residual_features import FEATURES, FULL, SMOOTH
+from serp.model.learned.feature_groups import FEATURES, FULL, SMOOTH
 from tests.serp.model.learned import worlds
 from tests.serp.model.learned.rolls import from_text
 from tests.serp.model.learned.worlds import FLEET, ICE, MILD, PLANE, publish

@@ -7,7 +7,7 @@ import pytest
 
 from serp.model.flags import TERMINAL, UNSAFE, ends_of, going_on
 from serp.model.learned.adaptation import ModelAdaptation
-from serp.model.learned.residual_features import FILE, LINEAR
+from serp.model.learned.feature_groups import FILE, LINEAR
 from serp.model.learned.transitions import GOES_ON, OVER
 from serp.model.transition_model import Vector
 from serp.planning.lookahead import Lookahead

@@ -13,7 +13,7 @@ from serp._core import OutcomeTable, Regression
 from serp.model.domain import load_domain
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.model.learned.residual_features import CURVED, FEATURES, FILE, FULL, LINEAR
+from serp.model.learned.feature_groups import CURVED, FEATURES, FILE, FULL, LINEAR
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from tests.generated import PLANNABLE, generate

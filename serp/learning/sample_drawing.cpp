@@ -1,4 +1,4 @@
-#include "serp/learning/replay.hpp"
+#include "serp/learning/samples.hpp"
 
 #include <algorithm>
 #include <utility>

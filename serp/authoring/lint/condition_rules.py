@@ -1,0 +1,159 @@
+"""Rules about conditions: what never or always holds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+
+from serp.authoring.lint.contradiction import Pair, contradiction
+from serp.authoring.lint.subject import LintSubject, rule
+from serp.model import ground_model as g
+from serp.pddl import syntax as x
+from serp.pddl.source import DomainWarning, Edit, Fix, Place
+from serp.pddl.syntax import Kind
+
+_BEYOND = {"<": ">", "<=": ">", ">": "<", ">=": "<"}
+"""Comparison → what holds where it does not hold, but for one number."""
+_POSITIVE = re.compile(r"\s(\d[\d.]*)\s*\)\Z")
+_CANNOT = {
+    Kind.ACTION: "can never be applied",
+    Kind.PROCESS: "can never run",
+    Kind.EVENT: "can never fire",
+}
+
+
+@rule("no-action")
+def _no_action(subject: LintSubject) -> Iterator[DomainWarning]:
+    if not subject.domain.model.actions:
+        text, advice = "no ground action, so there is nothing to plan with", ""
+        if subject.waits_for_problem:
+            advice = (
+                "give the problem file that names the objects: NAME-problem.pddl beside "
+                "NAME.pddl, or `serp check domain.pddl problem.pddl`"
+            )
+        yield DomainWarning(text, subject.domain.syntax.place.opening, advice=advice)
+
+
+@rule("schema-without-use", needs_problem=True)
+def _schema_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
+    syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
+    types = {known.type for known in (problem.objects if problem else syntax.constants).values()}
+    for schema in syntax.schemas:
+        what, place = f"{schema.kind.value} `{schema.name}`", schema.place.opening
+        if schema.name not in subject.instances:
+            empty = next(
+                (p.types for p in schema.parameters
+                 if not any(syntax.admits(p, known) for known in types)),
+                (),
+            )  # fmt: skip
+            why = "its precondition can never hold" + (" in this problem" if problem else "")
+            if empty:
+                nor = "" if problem else " (nor a problem file that could name some)"
+                why = f"there is no object of type `{'/'.join(empty)}`{nor}"
+            yield DomainWarning(f"{what} has no instance: {why}", place)
+
+
+@rule("always-true", local=True)
+def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find comparisons that hold in every state, alone or with another one of the same `or`."""
+    for what, schemas in _possible(subject):
+        common: dict[Place, DomainWarning] | None = None  # those of all instances
+        for schema in schemas:
+            conditions = dict.fromkeys(effect.condition for effect in schema.effects)
+            if contradiction(schema.preconditions, subject.theta):
+                continue
+            common = {
+                test.place: warning
+                for test in x.nodes_in(schema.preconditions, *conditions)
+                if isinstance(test, g.Compare | g.AnyOf)
+                and (common is None or test.place in common)
+                and (warning := _tautology(test, what, subject))
+            }
+        yield from (common or {}).values()
+
+
+def _tautology(test: g.Compare | g.AnyOf, what: str, subject: LintSubject) -> DomainWarning | None:
+    """Return a warning if a test, or two of an `or`, hold in every state of every problem."""
+    parameters = subject.anywhere.parameters
+    for part in x.nodes_in(test):
+        if isinstance(part, g.ParameterRef) and parameters[part.parameter].role == "initial":
+            return None
+    if isinstance(test, g.Compare):
+        never = contradiction([g.Not(test, test.place)], subject.theta)
+        text = f"`{test.place.text}` in {what} always holds"
+        return DomainWarning(text, test.place) if never else None
+    neither = [
+        replace(one, operator=_BEYOND[one.operator])
+        for one in test.operands
+        if isinstance(one, g.Compare) and one.operator in _BEYOND
+    ]
+    pair = contradiction(neither, subject.theta) or ()
+    places = [one.place for one in pair if isinstance(one, g.Compare)]
+    if len({*places}) < 2:  # nothing, or one comparison for two objects of a quantifier
+        return None
+    first, second = places
+    fix = None
+    if number := _POSITIVE.search(second.source.text, second.start, second.end):
+        fix = Fix((Edit(number.start(1), number.start(1), "-"),), sure=False)
+    return DomainWarning(
+        f"`{first.text}` or `{second.text}` always holds in {what}",
+        second,
+        advice="is a minus missing?" if fix else "",
+        fix=fix,
+    )
+
+
+@rule("contradictory-condition", local=True)
+def _contradictory_condition(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find preconditions, and the conditions of a `when`, that can hold in no instance."""
+    for what, schemas in _possible(subject):
+        never: dict[Place, Pair | None] = {}
+        for schema in schemas:
+            for effect in schema.effects:
+                place, condition = effect.place, effect.condition
+                if never.get(place, True) and not isinstance(condition, g.Constant):
+                    pair = contradiction((*schema.preconditions, condition), subject.theta)
+                    never[place] = pair and (never.get(place) or pair)
+        for place, pair in never.items():
+            if pair:
+                yield _exclusion(f"`{place.text}` in {what} can never happen", pair, place)
+    for name, schemas in subject.telling.items():
+        if pair := _contradiction_in_all(subject, schemas):
+            kind, place = schemas[0].kind, schemas[0].place.opening
+            yield _exclusion(f"{kind.value} `{name}` {_CANNOT[kind]}", pair, place)
+
+
+def _possible(subject: LintSubject) -> Iterator[tuple[str, list[g.GroundSchema]]]:
+    """Yield kind with name, and instances, of the schemas that can happen."""
+    for name, schemas in subject.telling.items():
+        if not _contradiction_in_all(subject, schemas):
+            yield f"{schemas[0].kind.value} `{name}`", schemas
+
+
+def _contradiction_in_all(subject: LintSubject, schemas: list[g.GroundSchema]) -> Pair | None:
+    """Return tests of the first instance that exclude each other if there are some in all."""
+    first: Pair | None = None
+    for schema in schemas:
+        pair = contradiction(schema.preconditions, subject.theta)
+        if pair is None:
+            return None
+        first = first or pair
+    return first
+
+
+def _exclusion(problem: str, pair: Pair, otherwise: Place) -> DomainWarning:
+    """Return the warning of two tests that exclude each other, at the second in the file."""
+    tests = [test for test in pair if not isinstance(test, g.Constant)]
+    if len(tests) == 2 and tests[0].place.source is tests[1].place.source:
+        tests.sort(key=lambda test: test.place.start)
+    same, bounds = pair[0] == pair[1], all(isinstance(test, g.Compare) for test in pair)
+    shown = (
+        " and ".join(f"`{test.place.text}`" for test in (tests[:1] if same else tests))
+        or "a condition"
+    )
+    return DomainWarning(
+        f"{problem}: {shown} {'never holds' if same else 'exclude each other'}",
+        tests[-1].place if tests else otherwise,
+        advice="write `or` if one of the two is enough" if bounds and not same else "",
+    )
