@@ -25,7 +25,8 @@ from serp.model import ground_model as g
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.pddl.syntax import Change
 
-# The codes of program.hpp, and the beginning of the frame; the constants 0 to 3 follow the flags.
+# The codes of program.hpp. The beginning of the frame is that of program.cpp: the constants 0 to 3
+# follow the flags.
 (
     _RETURN, _COPY, _CLEAR, _MOVE, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _MIN, _MAX, _ATAN2,
     _NEGATE, _ABS, _SQRT, _SIN, _COS, _JUMP, _JUMP_IF, _JUMP_UNLESS, _IF_LESS, _IF_LESS_OR_EQUAL,

@@ -165,7 +165,7 @@ class TransitionModel(StateSpace):
         Action -1 is none, in a model that is not adapted. Returned are the next state and the
         reward (meaningless where not applicable), and the flags of `serp.model.flags`.
         """
-        out, flags = self.written_core().step(np.array(state, dtype=np.float64), action)
+        out, flags = self.core.step(np.array(state, dtype=np.float64), action)
         return out.tolist(), flags
 
     def at_goal(self, state: Vector) -> bool:

@@ -318,7 +318,7 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Adapt the model, count, log, and return the task's info with the decision."""
         agent = self._agent
-        self.count_step(step, self.episode + 1)
+        self.record_step(step, self.episode + 1)
         with blas_on_one_thread():
             agent.observe(step)
         if step.last:
@@ -339,7 +339,7 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
             self._initial = self.env_steps < agent.settings.training.random_steps
         else:
             agent.strategy.end_episode(totals.return_, totals.length)
-        self.count_episode(totals, agent.strategy.rho)
+        self.record_episode(totals, agent.strategy.rho)
 
     def evaluation(self, seed: int = 0, *, render_mode: str | None = None) -> EvaluationEnv:
         """Return an environment in which the trained policy is evaluated while training goes on.

@@ -195,7 +195,7 @@ class Layout(BaseModel):
 
     @property
     def block(self) -> int:
-        """Number of steps of a block, which takes about `_BLOCK_BYTES`; the last may have fewer."""
+        """Number of steps of a block, which takes about 1 MiB; the last may have fewer."""
         block_bytes = 1 << 20
         size = sum(
             np.dtype(column.kind).itemsize * int(np.prod(self.shape(name, 1)))

@@ -83,14 +83,14 @@ class Bookkeeping:
         finally:
             self._clock += time.monotonic() - begun
 
-    def count_step(self, step: StepRecord, episode: int) -> None:
+    def record_step(self, step: StepRecord, episode: int) -> None:
         """Count and write a step of an episode, whose number counts from 1."""
         if self.log is not None:
             self.log.step(step, env_step=self.env_steps, episode=episode)
         self.tally.count(step.decision)
         self.env_steps += 1
 
-    def count_episode(
+    def record_episode(
         self,
         totals: EpisodeTotals,
         rho: float,

@@ -149,8 +149,8 @@ class StepAccount:
         time: Time since the episode began, such as `3:12.4`.
         because: Why this step was chosen; empty where it was asked for.
         account: Alternatives with the recorded values, causes and runner-up.
-        planned: Whether the planner planned. If not, it only checked which actions are safe, and
-            the forecast of the step is that of `ahead_by`.
+        was_planned: Whether the planner planned. If not, it only checked which actions are safe,
+            and the forecast of the step is that of `ahead_by`.
         ahead_by: With what it was planned again, for what lies ahead and what would have had to
             differ; empty where nothing makes the same choice.
         other_choices: Changes of one fluent with which the planner chooses another action.
@@ -166,7 +166,7 @@ class StepAccount:
     time: str
     because: str
     account: Explanation
-    planned: bool
+    was_planned: bool
     ahead_by: str
     other_choices: Counterfactuals | None
     other_vetoes: Counterfactuals | None
@@ -253,7 +253,7 @@ def account_of_step(
         time=clock((stored.number - 1) * recording.layout.control_period),
         because=because,
         account=account,
-        planned=planned,
+        was_planned=planned,
         ahead_by="" if planner is None else planner.name,
         other_choices=other_choices,
         other_vetoes=other_vetoes,
@@ -293,11 +293,11 @@ def who_acted(account: StepAccount) -> list[str]:
         (account.proposed, decision.proposed_by),
         (account.name(decision.action), decision.executed_by),
         rho=decision.rho,
-        indifferent=decision.indifferent and account.planned,
+        indifferent=decision.indifferent and account.was_planned,
         bound=decision.forecast.bound,
         why=why,
     )
-    if not account.planned:
+    if not account.was_planned:
         lines.append(
             "The learner led, so the planner only checked which actions are safe. What it would "
             f"have planned was computed with {account.ahead_by}."

@@ -207,7 +207,7 @@ class Trainer(Bookkeeping, Closing):
             self.under_way = self.env_steps + 1
             step = env.rollout.step(env.decision)
             agent.observe(step, env.episode)
-            self.count_step(step, env.episode + 1)
+            self.record_step(step, env.episode + 1)
             made.append((env, step))
         ended = [env for env, step in made if step.last]
         self._decide([env for env in running if env not in ended])
@@ -256,7 +256,7 @@ class Trainer(Bookkeeping, Closing):
             agent.learner.pretrain(self.settings.training.random_steps)
             self._pretrained = True
         self.recent.append(totals.return_)
-        return self.count_episode(totals, agent.strategy.rho, agent.learner.epsilon, env.losses)
+        return self.record_episode(totals, agent.strategy.rho, agent.learner.epsilon, env.losses)
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return the complete state while no episode is running: arrays and JSON values."""

@@ -322,7 +322,6 @@ class BoundTask(Closing):
         """
         if self.grounding.takes:
             return self._grounded(*self.reset(seed=0), self.env)
-        # Number of sampled observations on which the grounding is tried.
         return next(self.grounding.on_samples(self.observations.space, 8), None)
 
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:

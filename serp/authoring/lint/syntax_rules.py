@@ -19,6 +19,13 @@ def _schemas(subject: LintSubject) -> Iterator[tuple[str, x.Schema]]:
         yield f"{schema.kind.value} `{schema.name}`", schema
 
 
+@rule("no-reward", needs_problem=True)
+def _no_reward(subject: LintSubject) -> Iterator[DomainWarning]:
+    if not subject.domain.model.rewarding:
+        text = "nothing changes `(reward)`, so the planner has no reason to prefer an action"
+        yield DomainWarning(text, subject.domain.syntax.place.opening)
+
+
 @rule("flag-read-in-action", local=True)
 def _flag_read_in_action(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find conditions of actions on `(unsafe)` or `(terminal)`, which start false in every step."""

@@ -101,11 +101,6 @@ class AdaptedModel(TransitionModel):
         """
         return self._written.replace(theta=theta, dt=dt)
 
-    def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
-        """Predict one step on plain lists; see `TransitionModel.transition`."""
-        out, flags = self.core.step(np.array(state, dtype=np.float64), action)
-        return out.tolist(), flags
-
     def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
         """Return which precondition failed, or which effects, rates and events took part.
 

@@ -300,10 +300,10 @@ def _train_external(
     def after_step(step: StepRecord) -> None:
         if books.env_steps >= budget:
             raise _Spent
-        books.count_step(step, books.episode + 1)
+        books.record_step(step, books.episode + 1)
         made = books.env_steps
         if step.last:
-            books.count_episode(step.episode, rho=1.0)
+            books.record_episode(step.episode, rho=1.0)
             if stopped():
                 raise Interrupted(f"stopped after {made} env steps", 0)
         # At the budget it still learns from the last steps, and then ends.
