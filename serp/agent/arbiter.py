@@ -112,7 +112,8 @@ class Arbiter(Declared):
 
     def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:
         """Decide on a given proposal: execute it unless it is refused."""
-        return self._follow(self._situation(state), proposal)
+        situation = self._situation(state, plan=self.strategy.needs_plan())
+        return self._follow(situation, proposal)
 
     def exchange(self, decision: Decision, state: Vector, proposal: Proposal) -> Decision:
         """Return the decision in the same state `[F]` for another proposal.

@@ -52,6 +52,7 @@ void check(const Graph& of, int actions) {
     check_length(of.flags, edges, "flags");
     check_length(of.reward, edges, "reward");
     check_length(of.step_risk, edges, "step_risk");
+    check_length(of.going_on, edges, "going_on");
     check_length(of.first_outcome, edges + 1, "first_outcome");
     check_length(of.chance, of.target.size(), "chance");
     check_rises(of.first_edge, of.edges(), "first_edge");
@@ -154,13 +155,14 @@ void ClosedGraph::expand_node() {
     graph_.end_node();
 }
 
-/// Adds an outcome, the state and reward `row`, to the newest edge. A learned chance of an end takes
-/// from the probability that it goes on, but it is no way out of a dead end: no outcome is ENDED.
+/// Adds an outcome, the state and reward `row`, to the newest edge. The learned chance of an end, which
+/// the outcomes share, takes from the value of what follows. It does not take from its risk: nothing
+/// learned hides what the file flags.
 void ClosedGraph::add_outcome(double* row, Flags flags, double chance, int layer) {
     graph_.reward.back() += chance * row[graph_.width];
     std::int32_t target = ENDED;
     if (!(flags & TERMINAL)) {
-        chance *= going_on(flags);
+        graph_.going_on.back() = going_on(flags);
         for (const std::int64_t column : inert_) row[column] = 0.0;
         target = index_.find_or_add(graph_, row, layer);
     }
@@ -240,6 +242,7 @@ void for_each_column(Of& of, Visit visit) {
     visit("flags", of.flags);
     visit("reward", of.reward);
     visit("step_risk", of.step_risk);
+    visit("going_on", of.going_on);
     visit("first_outcome", of.first_outcome);
     visit("target", of.target);
     visit("chance", of.chance);

@@ -36,6 +36,7 @@ _COLUMNS: Final[dict[str, tuple[str, float | None, float]]] = {
     "flags": ("i8", 0, 2**53),
     "reward": ("f8", None, 0.0),
     "step_risk": ("f8", 0.0, 1.0),
+    "going_on": ("f8", 0.0, 1.0),
     "first_outcome": ("i4", 0, 2**31),
     "target": ("i4", -1, 2**31),
     "chance": ("f8", 0.0, 1.0),

@@ -80,9 +80,7 @@ class FarSightPlanner:
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
-        self._since += 1
-        least = 1 if self._wait else _LEAST
-        self._saved = min(self._saved + max(least, int(_SHARE * self._followed)), _MOST_SAVED)
+        self._earn()
         forecast = self._forecast_by_graph(state)
         if forecast is None and self._may_search(state):
             forecast = self._search(state)
@@ -94,13 +92,24 @@ class FarSightPlanner:
         See `Lookahead.check_safety`. A state that the graph holds has its forecast.
         """
         forecast = self._forecast_by_graph(state)
-        if forecast is not None or self._may_search(state):
-            return forecast
-        return self._lookahead.check_safety(state)
+        # A graph of a former model is not replaced before a forecast pays for that.
+        if self.model.revision != self._revision or (forecast is None and self._may_search(state)):
+            return None
+        if forecast is None:
+            forecast = self._lookahead.check_safety(state)
+        if forecast is not None:  # else the planner plans, and earns
+            self._earn()
+        return forecast
+
+    def _earn(self) -> None:
+        """Count a decision, and save what it earns."""
+        self._since += 1
+        least = 1 if self._wait else _LEAST
+        self._saved = min(self._saved + max(least, int(_SHARE * self._followed)), _MOST_SAVED)
 
     def _forecast_by_graph(self, state: Vector) -> Forecast | None:
         """Return the forecast of the graph, which is forgotten where the model has changed."""
-        if self.model.revision != self._revision and self._saved >= 0:
+        if self.model.revision != self._revision and (self._saved >= 0 or not self.graph.nodes):
             self._revision = self.model.revision
             self.graph.clear()
         return self.graph.forecast(state)

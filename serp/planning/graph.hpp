@@ -31,6 +31,7 @@ struct Graph {
     std::vector<Flags> flags;                    ///< [E]
     std::vector<double> reward;                  ///< [E]
     std::vector<double> step_risk;               ///< [E] 0 where the risk is accepted
+    std::vector<double> going_on;                ///< [E] learned probability that the task goes on
     std::vector<std::int32_t> first_outcome{0};  ///< [E + 1]
     std::vector<std::int32_t> target;            ///< [O] node that an outcome leads to, or ENDED
     std::vector<double> chance;                  ///< [O] its probability
@@ -48,7 +49,7 @@ struct Graph {
     int outcomes() const { return static_cast<int>(target.size()); }
     /// Bytes of all columns.
     std::size_t bytes() const {
-        return layer.size() * (8 * static_cast<std::size_t>(width) + 43) + action.size() * 32 +
+        return layer.size() * (8 * static_cast<std::size_t>(width) + 43) + action.size() * 40 +
                target.size() * 12;
     }
     const double* state(int node) const {
@@ -59,6 +60,7 @@ struct Graph {
     void clear() {
         states.clear(), layer.clear(), undefined.clear();
         first_edge.assign(1, 0), action.clear(), flags.clear(), reward.clear(), step_risk.clear();
+        going_on.clear();
         first_outcome.assign(1, 0), target.clear(), chance.clear();
         value.clear(), risk.clear(), steps.clear(), best.clear(), inside.clear(), dead_end.clear();
     }
@@ -77,6 +79,7 @@ struct Graph {
         flags.push_back(its_flags);
         step_risk.push_back(its_step_risk);
         reward.push_back(0.0);
+        going_on.push_back(1.0);
         first_outcome.push_back(outcomes());
         return edges() - 1;
     }

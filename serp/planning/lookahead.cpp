@@ -181,7 +181,8 @@ LookaheadForecast LookaheadSearch::check_safety(const double* state) {
 bool LookaheadSearch::safe_path_from(const double* state, int depth, std::int64_t& followed) {
     if (depth == rules_.depth) return true;
     // As many as it takes to try all actions in every state of one path by each first action.
-    const std::int64_t most = std::int64_t{rules_.depth} * actions_ * actions_;
+    const std::int64_t most =
+        std::min(rules_.max_edges, std::int64_t{rules_.depth} * actions_ * actions_);
     double* out = state_at(actions_ + depth - 1);
     bool applicable = false, undefined = false, elsewhere = true;
     for (int action = 0; action < actions_; ++action) {

@@ -81,9 +81,7 @@ class Lookahead:
         Raises:
             StateError: The shape is wrong.
         """
-        state = np.ascontiguousarray(state, dtype=np.float64)
-        if state.shape != (self._width,):
-            raise StateError(f"a state has {self._width} numbers, found shape {state.shape}")
+        state = self._checked(state)
         if self._prefetched:
             leaves, forecast, followed = self._prefetched.get(state.tobytes(), (None, None, 0))
             if forecast is not None and leaves is self.leaves:
@@ -92,6 +90,12 @@ class Lookahead:
         fields, self.followed = self._core.forecast(state, self.leaves)
         return forecast_of(fields)
 
+    def _checked(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        state = np.ascontiguousarray(state, dtype=np.float64)
+        if state.shape != (self._width,):
+            raise StateError(f"a state has {self._width} numbers, found shape {state.shape}")
+        return state
+
     def check_safety(self, state: Vector) -> Forecast | None:
         """Return which actions are safe in a state `[F]`, without their values.
 
@@ -99,5 +103,5 @@ class Lookahead:
         NaN, and no action is chosen. None where a few edges, depth-first, do not find a path
         without risk by every action that has no risk of its own.
         """
-        forecast = forecast_of(self._core.check_safety(state))
+        forecast = forecast_of(self._core.check_safety(self._checked(state)))
         return forecast if forecast.bound is Bound.SAFETY else None

@@ -52,9 +52,10 @@ double lasting_risk(const Graph& graph, int edge, int node, double discount) {
 /// what can be done afterwards, and might be done for ever.
 double lasting_value(const Graph& graph, int edge, int node, double discount) {
     const Following after = following(graph, graph.value, edge, node);
-    const double total = graph.reward[edge] + discount * after.expected;
+    const double rest = discount * graph.going_on[edge];
+    const double total = graph.reward[edge] + rest * after.expected;
     if (after.own == 0.0) return total;
-    if (discount * after.own < 1.0 - TINY) return total / (1.0 - discount * after.own);
+    if (rest * after.own < 1.0 - TINY) return total / (1.0 - rest * after.own);
     return total != 0.0 ? total + graph.value[node] : 0.0;
 }
 

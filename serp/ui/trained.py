@@ -29,15 +29,18 @@ def print_account(
         rows.append(("evidence", account["evidence"]["sentence"]))
     if sight["safety_alone"] is not None:
         share = {name: percent(share or 0.0) for name, share in sight.items()}
-        text = (
-            f"complete lookahead in {share['saw_all']} of its plans, cells in {share['by_cells']}, "
-            f"budget reached in {share['cut_short']}, indifferent in {share['indifferent']}"
-        )
-        if sight["mean_depth"] is not None:
-            text += f"; otherwise {readable(sight['mean_depth'])} layers of states"
+        parts = []
+        if sight["saw_all"] is not None:
+            parts.append(
+                f"complete lookahead in {share['saw_all']} of its plans, cells in "
+                f"{share['by_cells']}, budget reached in {share['cut_short']}, indifferent in "
+                f"{share['indifferent']}"
+            )
+            if sight["mean_depth"] is not None:
+                parts[0] += f"; otherwise {readable(sight['mean_depth'])} layers of states"
         if sight["safety_alone"]:
-            text += f". In {share['safety_alone']} of the steps only safety was checked"
-        rows.append(("planner saw", text))
+            parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
+        rows.append(("planner saw", ". ".join(parts)))
     rows.append(("model", account["model"]["sentence"]))
     rows += [
         ("", f"{fluent['fluent']} as written: {fluent['why']}")

@@ -27,10 +27,8 @@ PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
         "arbiter": {"rho_increment": 0.003, "r_min": -5.0},
         "training": {"env_steps": 24_000},
     },
-    # The rewards of the files are those of the rules, as far as the expert can foresee them.
-    "*": {"adaptation": {"rewards": True}},
 }
-"""Settings of both tasks, most of them for preset `paper`."""
+"""Settings of both tasks for preset `paper`."""
 
 
 def open_share(robot_to_ball: Numbers, off_line: Numbers, half_goal: Numbers) -> Numbers:

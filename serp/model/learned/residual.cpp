@@ -234,7 +234,9 @@ Due RegressionSamples::learn(int head, const ObservedStep& step, const std::int6
 /// Learns reward and end of a step, beside what the model predicts of them without this regression.
 /// Like `learn`; `rewarded`: whether the reward is to be learned.
 Due RegressionSamples::learn_worth(int head, const ObservedStep& step, bool rewarded) {
-    if (!step.weighed) return NOTHING;
+    // Their fourth powers have to be finite.
+    constexpr double most = std::numeric_limits<float>::max();
+    if (!step.weighed || !(std::abs(step.expected_reward) <= most)) return NOTHING;
     const double expected[2] = {step.expected_reward, step.expected_end};
     const double seen[2] = {step.reward, step.over ? 1.0 : 0.0};
     std::copy(step.state.begin(), step.state.end(), x_.begin());
@@ -284,7 +286,7 @@ double RegressionSamples::predict(int head) {
     }
     if (of.features() == 0) return of.leverage(head, u_.data(), z_.data(), room_);
     double share = 1.0;
-    for (int chunk = 0; chunk < Regression::CHUNKS; ++chunk) {
+    for (int chunk = 0; chunk < of.features() / Regression::SMOOTH; ++chunk) {
         of.features_of(u_.data(), chunk, z_.data());
         for (int t = 0; t < count; ++t) {
             for (int kind = chunk > 0 ? FULL : CURVED; kind <= FULL; ++kind) {

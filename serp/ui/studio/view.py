@@ -1,4 +1,4 @@
-"""What the page shows of the texts in a state: findings, a decision, a drawing, scenarios."""
+"""What the page shows of the texts in a state: findings, a decision, a drawing."""
 
 from __future__ import annotations
 
