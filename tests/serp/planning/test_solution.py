@@ -91,6 +91,7 @@ def solved(of, discount, accepted):
         "flags": np.array([edge.flags for edge in edges], np.int64),
         "reward": np.array([edge.reward for edge in edges], np.float64),
         "step_risk": np.array([edge.step_risk for edge in edges], np.float64),
+        "going_on": np.ones(len(edges)),
         "first_outcome": np.cumsum([0, *(len(edge.outcomes) for edge in edges)]),
         "target": np.array([target for _, target in outcomes], np.int32),
         "chance": np.array([share for share, _ in outcomes], np.float64),

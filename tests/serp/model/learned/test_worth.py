@@ -10,6 +10,8 @@ from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.feature_groups import FILE, LINEAR
 from serp.model.learned.transitions import GOES_ON, OVER
 from serp.model.transition_model import Vector
+from serp.planning.edges import Bound
+from serp.planning.far_sight import FarSightPlanner
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.serp.model.learned.worlds import GRID, adaptation, adapted
@@ -143,3 +145,40 @@ def test_counted_outcomes_share_the_chance_of_an_end() -> None:
             assert now == pytest.approx(chance + change, abs=1e-4)
     worth.kinds = np.array([FILE, FILE])
     assert model.core.outcomes(state, 0).tobytes() == before.tobytes()
+
+
+CLIFF = """(define (domain cliff)
+  (:predicates (unsafe))
+  (:functions (x) (reward))
+  (:action go :parameters () :precondition (< (x) 3) :effect (and (increase (x) 1)
+    (increase (reward) 1) (when (>= (x) 2) (unsafe))))
+  (:action back :parameters () :precondition (= (x) 1) :effect (decrease (x) 1)))
+"""
+"""From 2 on every action is unsafe."""
+
+
+def test_a_learned_end_hides_nothing_unsafe() -> None:
+    model = adapted(adaptation(CLIFF))
+    for planner in (FarSightPlanner(model, PlannerSettings()), Lookahead(model)):
+        model.worth.kinds = np.zeros(2, np.int64)
+        assert planner.forecast(np.array([1.0])).choice == 1
+    worth = model.worth
+    worth.centre[:], worth.shrink[:], worth.typical[:] = 1.0, 0.1, 1.0
+    worth.linear[:, 0, 1, 0] = 1.0  # every step ends the task
+    worth.kinds = np.array([FILE, LINEAR])
+    assert going_on(model.core.step(np.array([1.0]), GO)[1]) == 0.0
+    for planner in (FarSightPlanner(model, PlannerSettings()), Lookahead(model)):
+        forecast = planner.forecast(np.array([1.0]))
+        assert (forecast.choice, forecast.safe_steps[GO]) == (1, 1)
+        assert forecast.path_risk[GO] > 0.9  # a graph discounts it
+
+
+def test_a_graph_of_a_former_model_does_not_say_what_is_safe() -> None:
+    """Though nothing is planned, so that nothing pays for another graph."""
+    model = adapted(adaptation(CLIFF))
+    planner = FarSightPlanner(model, PlannerSettings())
+    assert planner.forecast(np.array([0.0])).bound is Bound.EXHAUSTED
+    planner._saved = -10_000
+    assert planner.check_safety(np.array([0.0])) is not None
+    model.revision += 1
+    assert planner.check_safety(np.array([0.0])) is None
