@@ -11,7 +11,7 @@ import serp
 
 
 class PlannerFirst(serp.Strategy):
-    """The planner acts to the end of the episode in which the learner begins to learn.
+    """The planner acts until the learner begins to learn.
 
     Args:
         settings: All settings.

@@ -16,7 +16,7 @@ from tests.generated.profile import examples
 OUTSIDE: dict[str, list[Any]] = {
     "planner.name": [3],
     "planner.depth": [0, 2.0, True, "5", 10_001, 10**30],
-    "planner.discount": [0.0, 1.0, -0.1, math.nan, "high", False],
+    "planner.discount": [0.0, 1.5, -0.1, math.nan, "high", False],
     "arbiter.rho": [-0.1, 1.1, "high", None, True, math.nan],
     "arbiter.r_min": ["low", math.nan, math.inf, True],
     "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
