@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -22,7 +21,7 @@ HERE = np.zeros(F, np.float32)
 # --- proposing -----------------------------------------------------------------------------------
 
 
-def test_greedy_is_the_lowest_of_the_best_explorable_or_not() -> None:
+def test_greedy_is_the_lowest_of_the_best_explorable_or_not():
     agent = learner(**GREEDY)
     set_q(agent, [1.0, 2.0, 2.0])
     before = agent.state_dict()[1]
@@ -33,7 +32,7 @@ def test_greedy_is_the_lowest_of_the_best_explorable_or_not() -> None:
     assert proposal.q is not None and proposal.q.tolist() == [1.0, 2.0, 2.0]
 
 
-def test_exploration_is_uniform_over_what_may_be_explored() -> None:
+def test_exploration_is_uniform_over_what_may_be_explored():
     agent = learner(epsilon_end=1.0)
     for explorable, allowed in (
         (np.array([True, False, True]), {0, 2}),
@@ -55,9 +54,7 @@ def test_exploration_is_uniform_over_what_may_be_explored() -> None:
         (True, 0.02, 4, [0.1, 0.08, 0.06, 0.04, 0.02, 0.02]),
     ],
 )
-def test_epsilon_falls_with_the_env_steps_remembered(
-    imitates: bool, end: float, steps: int, expected: list[float]
-) -> None:
+def test_epsilon_falls_with_the_env_steps_remembered(imitates, end, steps, expected):
     agent = learner(imitates=imitates, epsilon_end=end, epsilon_steps=steps)
     seen = []
     for _ in expected:
@@ -69,7 +66,7 @@ def test_epsilon_falls_with_the_env_steps_remembered(
 
 
 @pytest.mark.parametrize("options", [{}, {"layer_norm": True}, {"members": 3}], ids=str)
-def test_q_is_the_same_of_one_of_many_and_exported(options: dict[str, Any]) -> None:
+def test_q_is_the_same_of_one_of_many_and_exported(options):
     agent = learner(**options)
     live(agent, np.random.default_rng(0), 40)
     x = np.random.default_rng(1).standard_normal((6, F)).astype(np.float32)
@@ -90,7 +87,7 @@ def test_q_is_the_same_of_one_of_many_and_exported(options: dict[str, Any]) -> N
 
 
 @pytest.mark.parametrize("shape", [(), (F + 1,), (2, F - 1), (1, 1, F)])
-def test_an_input_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
+def test_an_input_of_another_shape_is_refused(shape):
     agent = learner(**GREEDY)
     for method in (agent.q_values, agent.propose_greedily, agent.propose):
         with pytest.raises(ValueError, match="must have shape"):
@@ -103,7 +100,7 @@ def test_an_input_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize(("per_step", "expected"), [(0, 0), (0.1, 100), (0.5, 500), (2, 2000)])
-def test_updates_per_step_never_drift(per_step: float, expected: int) -> None:
+def test_updates_per_step_never_drift(per_step, expected):
     agent = learner(updates_per_step=per_step, n_step=1, batch_size=1)
     agent.remember(HERE, 0, 0.0, HERE, False, False)
     losses = [agent.learn() for _ in range(1000)]
@@ -135,9 +132,7 @@ VARIANTS = st.fixed_dictionaries(
     after=st.integers(1, 40),
     seed=st.integers(0, 1000),
 )
-def test_resume_equals_uninterrupted(
-    variant: dict[str, Any], before: int, after: int, seed: int
-) -> None:
+def test_resume_equals_uninterrupted(variant, before, after, seed):
     target = variant.pop("target")
     variant |= TARGETS[target] | {
         "epsilon_steps": 50, "buffer_size": 40,
@@ -166,9 +161,7 @@ def test_resume_equals_uninterrupted(
         ({"imitates": True}, "without a planner to imitate"),
     ],
 )
-def test_a_state_of_other_settings_is_refused_and_changes_nothing(
-    change: dict[str, Any], message: str
-) -> None:
+def test_a_state_of_other_settings_is_refused_and_changes_nothing(change, message):
     saved = learner()
     live(saved, np.random.default_rng(0), 30)
     agent, same = learner(1, **change), learner(1, **change)
@@ -189,7 +182,7 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: m["replay"].update(head=3), "the head is 3"),
     ],
 )  # fmt: skip
-def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str) -> None:
+def test_a_broken_state_is_refused_and_changes_nothing(spoil, message):
     source, rng = learner(imitates=True), np.random.default_rng(1)
     live(source, rng, 20)
     while len(source.state_dict()[1]["replay"]["pending_imitated"]) < 2:
@@ -209,9 +202,7 @@ REWARDS = st.floats(-10, 10)
 
 
 @given(discount=st.floats(0, 0.99), going_on=st.lists(REWARDS, max_size=40), last=REWARDS)
-def test_no_return_of_the_rewards_seen_lies_outside(
-    discount: float, going_on: list[float], last: float
-) -> None:
+def test_no_return_of_the_rewards_seen_lies_outside(discount, going_on, last):
     bounds = ReturnBounds(discount)
     for reward in going_on:
         bounds.observe(reward, terminated=False)

@@ -13,7 +13,7 @@ from serp.settings import LearnerSettings
 STATES, ACTIONS, DISCOUNT = 5, 2, 0.8
 
 
-def step(state: int, action: int) -> tuple[int, float, bool]:
+def step(state, action):
     """A corridor: 0 steps left, 1 right. The right end gives 1, the left end -1; both end it."""
     after = state + (1 if action else -1)
     if after == STATES:
@@ -23,7 +23,7 @@ def step(state: int, action: int) -> tuple[int, float, bool]:
     return after, -0.05, False
 
 
-def optimal_q() -> np.ndarray:
+def optimal_q():
     q = np.zeros((STATES, ACTIONS))
     for _ in range(200):
         for state in range(STATES):
@@ -36,7 +36,7 @@ def optimal_q() -> np.ndarray:
 INPUTS = np.eye(STATES, dtype=np.float32)
 
 
-def experience(agent: DQN, episodes: int, rng: np.random.Generator) -> None:
+def experience(agent, episodes, rng):
     """Any first action, then the best ones: so n-step returns are those of the optimal policy."""
     best = optimal_q().argmax(axis=1)
     for _ in range(episodes):
@@ -57,7 +57,7 @@ RECIPES: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
-def test_learns_the_optimal_q(recipe: str) -> None:
+def test_learns_the_optimal_q(recipe):
     given = {"hidden": (32, 32), "learning_rate": 0.003}
     agent = DQN(STATES, ACTIONS, LearnerSettings(**given, **RECIPES[recipe]), 1, discount=DISCOUNT)
     experience(agent, 300, np.random.default_rng(0))
@@ -67,7 +67,7 @@ def test_learns_the_optimal_q(recipe: str) -> None:
     assert greedy == optimal_q().argmax(axis=1).tolist()
 
 
-def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
+def test_clipped_targets_keep_q_inside_the_possible_returns():
     """From values of thousands, in a circle without an end, up to the error of a small network."""
     reached = {}
     for clip in (True, False):

@@ -19,11 +19,11 @@ E, B, A = 2, 7, 4
 LOWER, UPPER = -1.5, 2.5
 
 
-def draw(seed: int, imitates: bool) -> tuple[dict[str, np.ndarray], Samples]:
+def draw(seed, imitates):
     """Return Q-values and a batch; Q in steps of 1/4, so that there are ties, nothing near one."""
     rng = np.random.default_rng(seed)
 
-    def values(*shape: int) -> np.ndarray:
+    def values(*shape):
         return (rng.integers(-12, 13, shape) / 4).astype(np.float32)
 
     q = {name: values(E, B, A) for name in ("q", "next_q", "choice_q")}
@@ -45,16 +45,14 @@ Imitation = tuple[float, float] | None
 """Margin and weight."""
 
 
-def compiled(q: dict[str, np.ndarray], batch: Samples, how: Imitation) -> tuple[float, np.ndarray]:
+def compiled(q, batch, how):
     margin, weight = how or (0.0, 0.0)
     return _core.td_gradient(
         q["q"], q["next_q"], q["choice_q"], batch.compiled, LOWER, UPPER, margin, weight
     )
 
 
-def by_definition(
-    values: dict[str, np.ndarray], batch: Samples, how: Imitation
-) -> tuple[float, np.ndarray]:
+def by_definition(values, batch, how):
     q = torch.tensor(values["q"], dtype=torch.float64, requires_grad=True)
     total = torch.zeros((), dtype=torch.float64)
     for e in range(E):
@@ -87,7 +85,7 @@ HOW = st.none() | st.tuples(st.sampled_from([0.0, 0.25, 0.8]), st.sampled_from([
 
 @settings(deadline=None, max_examples=80)
 @given(how=HOW, seed=st.integers(0, 10_000))
-def test_loss_and_gradient_are_those_of_the_definition(how: Imitation, seed: int) -> None:
+def test_loss_and_gradient_are_those_of_the_definition(how, seed):
     q, batch = draw(seed, how is not None)
     loss, gradient = compiled(q, batch, how)
     expected, of_autograd = by_definition(q, batch, how)
@@ -122,8 +120,8 @@ LOW = ~np.eye(3, dtype=bool)[2]
     ],
 )  # fmt: skip
 def test_each_value_is_asked_of_the_right_network(
-    changes: dict[str, Any], imitated: int | None, allowed: np.ndarray, ended: str, expected: float
-) -> None:  # fmt: skip
+    changes, imitated, allowed, ended, expected
+):  # fmt: skip
     agent = learner(imitates=imitated is not None, **{**FREE, **changes})
     agent.imitation_weight = 0.5
     set_q(agent, ONLINE, TARGET)
@@ -143,9 +141,7 @@ def test_each_value_is_asked_of_the_right_network(
 
 
 @pytest.mark.parametrize(("polyak", "expected"), [(0.05, (1 + 0.5 * 2) ** 2), (None, 25.0)])
-def test_with_a_target_network_a_next_value_is_no_larger_than_any_return(
-    polyak: float | None, expected: float
-) -> None:
+def test_with_a_target_network_a_next_value_is_no_larger_than_any_return(polyak, expected):
     agent, x = learner(**FREE, target_polyak=polyak), np.zeros(4, np.float32)
     set_q(agent, ONLINE, [0.0, 4.0, 100.0])
     agent.remember(x, 0, 1.0, x, False, False, ALL)  # for ever rewards of 1, halved: 2

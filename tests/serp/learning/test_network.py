@@ -75,7 +75,7 @@ def well_conditioned(module, x):
 )
 def test_outputs_and_gradient_are_those_of_torch(
     inputs, actions, hidden, layer_norm, members, batch,
-    seed,
+    seed
 ):  # fmt: skip
     network, rng = random_network(inputs, actions, hidden, layer_norm, members, seed)
     x = rng.standard_normal((members, batch, inputs)).astype(np.float32)

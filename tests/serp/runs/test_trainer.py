@@ -1,22 +1,19 @@
 """Algorithm 1: what a step does, and what the learner is given."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from serp.agent.step_record import StepRecord
 from serp.runs.evaluation import evaluate
 from serp.runs.tables import MetricsRow
 from serp.runs.trainer import Trainer
-from serp.settings import Settings, resolve
-from serp.tasks.task import Task
+from serp.settings import resolve
 from tests.serp.runs.runs import CHANGES, everything, resume, rows, train
 from tests.serp.sample_tasks import Corridor, corridor
 
 
-def settings_of(task: Task, preset: str) -> Settings:
+def settings_of(task, preset):
     return resolve(preset, task.settings, CHANGES[preset])
 
 
@@ -26,19 +23,19 @@ def settings_of(task: Task, preset: str) -> Settings:
 class Recorder:
     """Listens to what the learner is given to remember."""
 
-    def __init__(self, trainer: Trainer) -> None:
+    def __init__(self, trainer):
         self.seen: list[tuple[Any, ...]] = []
         learner = trainer.agent.learner
         remember = learner.remember
 
-        def record(*transition: Any) -> None:
+        def record(*transition):
             self.seen.append(transition)
             remember(*transition)
 
         learner.remember = record  # type: ignore[assignment]
 
 
-def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> None:
+def test_terminated_and_truncated_reach_the_learner_apart(tmp_path):
     task = corridor(tmp_path)
     trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
     recorder = Recorder(trainer)
@@ -54,7 +51,7 @@ def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> Non
     assert any(row.truncated for row in rows)
 
 
-def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -> None:
+def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path):
     """The robot slips: a model that predicts the goal must not pay for it unless it is reached."""
     task = corridor(tmp_path)
     trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
@@ -72,17 +69,15 @@ def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -
 class Gusty(Corridor):
     """A gust blows into the pit in the fourth step; the second one did harm that nobody sees."""
 
-    def step(self, action: int) -> Any:
+    def step(self, action):
         self.x -= 8 * (self.steps == 3)
         return super().step(action)
 
-    def info(self) -> dict[str, Any]:
+    def info(self):
         return {**super().info(), "unsafe": np.bool_(self.steps == 2)}
 
 
-def test_steps_are_unsafe_by_what_was_observed_and_by_what_the_environment_says(
-    tmp_path: Path,
-) -> None:
+def test_steps_are_unsafe_by_what_was_observed_and_by_what_the_environment_says(tmp_path):
     task = corridor(tmp_path, Gusty)
     trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
     rows = [trainer.run_episode() for _ in range(10)]
@@ -93,7 +88,7 @@ def test_steps_are_unsafe_by_what_was_observed_and_by_what_the_environment_says(
     assert found.unsafe_observed == sum((n > 1) + (n == 4) for n in found.lengths)
 
 
-def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: Path) -> None:
+def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path):
     task = corridor(tmp_path)
     trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
     learner, arbiter = trainer.agent.learner, trainer.agent.arbiter
@@ -114,13 +109,13 @@ def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: 
 class Endless(Corridor):
     """Neither ends nor cuts an episode."""
 
-    def step(self, action: int) -> Any:
+    def step(self, action):
         seen, reward, _, _, info = super().step(action)
         self.x = max(-1, min(1, self.x))
         return seen, reward, False, False, info
 
 
-def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -> None:
+def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path):
     task = corridor(tmp_path, Endless)
     settings = resolve("default", task.settings, {"training": {"episode_steps": 17}})
     trainer = Trainer(task.bind(), settings, 0)
@@ -131,7 +126,7 @@ def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -
     assert not any(seen[4] for seen in recorder.seen)
 
 
-def test_rho_of_a_mixture_grows_with_every_episode(tmp_path: Path) -> None:
+def test_rho_of_a_mixture_grows_with_every_episode(tmp_path):
     task = corridor(tmp_path)
     changes = {"arbiter": {"rho_increment": 0.1}, "guide": {"strategy": "mixture"}}
     trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
@@ -139,7 +134,7 @@ def test_rho_of_a_mixture_grows_with_every_episode(tmp_path: Path) -> None:
         assert trainer.run_episode().rho == pytest.approx(min(1.0, 0.1 * grown))
 
 
-def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path: Path) -> None:
+def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path):
     rewards: list[float] = []
     seen: list[MetricsRow] = []
     train(corridor(tmp_path), tmp_path / "alone", episodes=3)
@@ -153,10 +148,10 @@ def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path: Path)
     assert len(rewards) == seen[-1].env_steps
 
 
-def test_one_that_fails_ends_the_run_after_the_episode_and_it_goes_on(tmp_path: Path) -> None:
+def test_one_that_fails_ends_the_run_after_the_episode_and_it_goes_on(tmp_path):
     calls: list[int] = []
 
-    def fails(step: StepRecord) -> None:
+    def fails(step):
         calls.append(step.number)
         if len(calls) == 4:
             raise ZeroDivisionError("mine")

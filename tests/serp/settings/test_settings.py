@@ -41,7 +41,7 @@ CHANGES = st.fixed_dictionaries(
 
 
 @pytest.mark.parametrize("name", OUTSIDE)
-def test_a_value_outside_its_range_is_refused_by_name_and_value(name: str) -> None:
+def test_a_value_outside_its_range_is_refused_by_name_and_value(name):
     section, setting = name.split(".")
     for value in OUTSIDE[name]:
         with pytest.raises(SettingsError) as refusal:
@@ -64,7 +64,7 @@ def test_a_value_outside_its_range_is_refused_by_name_and_value(name: str) -> No
         ({"training": {"reward": "x"}}, "must be 'task', 'domain', 'environment' or 'sum'"),
     ],
 )
-def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) -> None:
+def test_what_does_not_exist_or_fit_is_refused_by_name(changes, said):
     for of_task, of_user in (({}, changes), ({"*": changes}, {})):
         with pytest.raises(SettingsError, match=said):
             resolve("default", of_task, of_user)
@@ -72,7 +72,7 @@ def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) 
         Settings.from_dict(changes)
 
 
-def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place() -> None:
+def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place():
     changes: dict[str, dict[str, Any]] = {
         "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
         "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
@@ -90,14 +90,14 @@ def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place()
 
 @examples(60)
 @given(st.sampled_from(sorted(PRESETS)), CHANGES)
-def test_any_settings_are_read_back_equal(preset: str, changes: dict[str, dict[str, Any]]) -> None:
+def test_any_settings_are_read_back_equal(preset, changes):
     settings = resolve(preset, None, changes)
     text = json.dumps(settings.as_dict(), allow_nan=False)
     assert Settings.from_dict(json.loads(text)) == settings
     assert settings.replace({}) == settings == settings.replace({"planner": {}})
 
 
-def test_changes_go_over_the_task_and_the_task_over_the_preset() -> None:
+def test_changes_go_over_the_task_and_the_task_over_the_preset():
     task = {"*": {"planner": {"depth": 7, "max_nodes": 2}}, "paper": {"planner": {"depth": 8}}}
     paper = resolve("paper", task, {"planner": {"max_nodes": 3}})
     assert (paper.planner.depth, paper.planner.max_nodes) == (8, 3)
@@ -106,7 +106,7 @@ def test_changes_go_over_the_task_and_the_task_over_the_preset() -> None:
     assert (default.planner.depth, default.planner.max_nodes) == (7, 2)
 
 
-def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
+def test_the_paper_preset_is_algorithm_1_and_section_4():
     paper = resolve("paper")
     assert (paper.arbiter.rho, paper.arbiter.rho_increment) == (0.0, 0.01)
     assert paper.arbiter.veto_horizon == "step"

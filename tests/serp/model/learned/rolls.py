@@ -11,7 +11,6 @@ import numpy as np
 from serp.model.domain import Domain, load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER, TransitionMemory
-from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
@@ -21,27 +20,27 @@ DT = 0.02
 """Control period of cart-pole, seconds."""
 
 
-def from_text(text: str, problem: str | None = None) -> Domain:
+def from_text(text, problem=None):
     """A domain from its text, without a file."""
     problem_source = None if problem is None else Source("world-problem.pddl", problem)
     return Domain.parse(Source("world.pddl", text), problem_source)
 
 
 @functools.cache
-def cartpole(name: str = "cartpole") -> Domain:
+def cartpole(name="cartpole"):
     """A shipped domain file of cart-pole."""
     return load_domain(DOMAINS / f"{name}.pddl")
 
 
 @functools.cache
-def planner(text: str) -> Lookahead:
+def planner(text):
     """The planner of a cart-pole file."""
     settings = PlannerSettings(depth=5, discount=0.99)
     return Lookahead(from_text(text).model.replace(dt=DT), settings)
 
 
 @functools.cache
-def balance(text: str, seed: int, steps: int, noise: float = 0.0) -> tuple[TransitionMemory, int]:
+def balance(text, seed, steps, noise=0.0):
     """The real cart-pole under the planner of a file: its transitions, and how often it fell.
 
     `noise` is the share of the actions that are random.
@@ -67,12 +66,7 @@ def balance(text: str, seed: int, steps: int, noise: float = 0.0) -> tuple[Trans
     return experience, falls
 
 
-def imagined(
-    model: TransitionModel,
-    states: Vector,
-    rng: np.random.Generator,
-    noise: float = 0.0,
-) -> TransitionMemory:
+def imagined(model, states, rng, noise=0.0):
     """What a model says of random actions in given states, plus noise on numeric fluents."""
     experience = TransitionMemory(len(states), len(model.fluents), len(model.actions))
     numeric = np.array([fluent.numeric for fluent in model.fluents])
@@ -87,9 +81,7 @@ def imagined(
     return experience
 
 
-def on_ice(
-    domain: Domain, seed: int, *, steps: int = 2_000, teleports: bool = False
-) -> TransitionMemory:
+def on_ice(domain, seed, *, steps=2_000, teleports=False):
     """Random steps on the icy cliff, with the rewards of its file.
 
     If it `teleports`, a fall shows the start, as Gymnasium's environment has it, not its end.

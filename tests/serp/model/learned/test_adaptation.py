@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from serp.model.flags import going_on
-from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.runs import checkpoint
 from tests.serp.model.learned.rolls import from_text
@@ -28,7 +26,7 @@ Saved = tuple[dict[str, Any], dict[str, Any]]
 Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int]
 
 
-def bits(saved: Saved) -> tuple[dict[str, bytes], str]:
+def bits(saved):
     """What was saved, as it would be on disk."""
     arrays, meta = saved
     return (
@@ -37,7 +35,7 @@ def bits(saved: Saved) -> tuple[dict[str, bytes], str]:
     )
 
 
-def steps_of(of: ModelAdaptation, count: int, seed: int) -> list[Step]:
+def steps_of(of, count, seed):
     """Steps of a nonlinear world: predicates that flip, noise, outliers, unknown actions, ends.
 
     On `GRID` numbers are whole, so that outcomes are counted. At last the world changes.
@@ -63,7 +61,7 @@ def steps_of(of: ModelAdaptation, count: int, seed: int) -> list[Step]:
     return steps
 
 
-def observe(of: ModelAdaptation, steps: list[Step]) -> None:
+def observe(of, steps):
     for step in steps:
         of.visit(step[1])
         of.observe(*step)
@@ -74,8 +72,8 @@ def observe(of: ModelAdaptation, steps: list[Step]) -> None:
 
 @pytest.mark.parametrize("text", [PLANE, ICE, FLEET, GRID], ids=["plane", "ice", "fleet", "grid"])
 @pytest.mark.parametrize("mode", ["off", "parameters", "residual", "full"])
-def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path: Path, text: str, mode: str) -> None:
-    def new() -> ModelAdaptation:
+def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path, text, mode):
+    def new():
         return adaptation(text, mode, seed=5)
 
     whole = new()
@@ -100,8 +98,8 @@ def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path: Path, text: str, mod
 # What teaches ----------------------------------------------------------------------------------
 
 
-def test_steps_that_end_an_episode_teach_no_residual_and_equal_seeds_give_equal_bits() -> None:
-    def learned(seed: int, ending: int) -> ModelAdaptation:
+def test_steps_that_end_an_episode_teach_no_residual_and_equal_seeds_give_equal_bits():
+    def learned(seed, ending):
         of = adaptation(PLANE, seed=seed)
         rng = np.random.default_rng(0)
         for _ in range(300):
@@ -122,7 +120,7 @@ def test_steps_that_end_an_episode_teach_no_residual_and_equal_seeds_give_equal_
 
 
 @pytest.mark.parametrize("mode", ["off", "parameters", "residual", "full"])
-def test_an_action_that_the_model_does_not_know_is_recorded_and_teaches_nothing(mode: str) -> None:
+def test_an_action_that_the_model_does_not_know_is_recorded_and_teaches_nothing(mode):
     of = adaptation(PLANE, mode)
     rng = np.random.default_rng(0)
     for _ in range(100):
@@ -135,7 +133,7 @@ def test_an_action_that_the_model_does_not_know_is_recorded_and_teaches_nothing(
     assert of.model.step(states, 0).state.tobytes() == expected.state.tobytes()
 
 
-def test_where_an_event_has_the_last_word_nothing_is_learned() -> None:
+def test_where_an_event_has_the_last_word_nothing_is_learned():
     """A clamp hides what effects have done: any error below it says nothing."""
     text = """(define (domain clamp) (:functions (x))
       (:action down :parameters () :precondition (and) :effect (and (decrease (x) 0.5)))
@@ -155,7 +153,7 @@ def test_where_an_event_has_the_last_word_nothing_is_learned() -> None:
     assert of.model.step(np.array([0.3]), 0).state[0] == 0.25
 
 
-def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
+def test_where_an_action_is_not_applicable_nothing_is_learned():
     text = """(define (domain gate) (:predicates (open)) (:functions (x))
       (:action go :parameters () :precondition (and (open)) :effect (and (increase (x) 1)))
       (:action shut :parameters () :precondition (and) :effect (and (not (open)))))"""

@@ -68,9 +68,7 @@ def test_a_model_that_does_not_adapt_says_so():
     assert str(of.adoption) == "as written; nothing is learned beside the file"
 
 
-def test_corrections_of_reward_and_end_are_printed_with_their_errors(
-    capsys: pytest.CaptureFixture[str],
-):
+def test_corrections_of_reward_and_end_are_printed_with_their_errors(capsys):
     bins = (Reliability(90, 0.01, 0.0), Reliability(10, 0.5, 0.4))
     worth = (
         WorthAdoption("reward", True, 100, 4.0, 0.25, ()),

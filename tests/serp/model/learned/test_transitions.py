@@ -13,7 +13,7 @@ from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER, TransitionMem
 Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int, float]
 
 
-def steps_of(count: int, seed: int = 0) -> list[Step]:
+def steps_of(count, seed=0):
     rng = np.random.default_rng(seed)
     steps: list[Step] = []
     for _ in range(count):
@@ -24,21 +24,21 @@ def steps_of(count: int, seed: int = 0) -> list[Step]:
     return steps
 
 
-def filled(steps: list[Step], capacity: int) -> TransitionMemory:
+def filled(steps, capacity):
     experience = TransitionMemory(capacity, 3, 4)
     for step in steps:
         experience.add(*step)
     return experience
 
 
-def bits(experience: TransitionMemory) -> tuple[bytes, ...]:
+def bits(experience):
     parts = experience.states, experience.actions, experience.next_states
     ends = experience.ended, experience.over, experience.rewards
     return tuple(part.tobytes() for part in (*parts, *ends))
 
 
 @given(count=st.integers(0, 60), capacity=st.integers(1, 25))
-def test_the_newest_transitions_are_kept_in_order_of_time(count: int, capacity: int) -> None:
+def test_the_newest_transitions_are_kept_in_order_of_time(count, capacity):
     steps = steps_of(count)
     experience = filled(steps, capacity)
     kept = steps[-capacity:] if count else []
@@ -53,7 +53,7 @@ def test_the_newest_transitions_are_kept_in_order_of_time(count: int, capacity: 
     np.testing.assert_array_equal(experience.rewards, rewards)
 
 
-def test_a_saved_experience_that_does_not_fit_is_refused_and_changes_nothing() -> None:
+def test_a_saved_experience_that_does_not_fit_is_refused_and_changes_nothing():
     experience = filled(steps_of(30), 20)
     before = bits(experience)
     arrays, meta = filled(steps_of(25, seed=1), 20).state_dict()

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from serp.model.flags import TERMINAL, UNSAFE, ends_of, going_on
-from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.feature_groups import FILE, LINEAR
 from serp.model.learned.transitions import GOES_ON, OVER
-from serp.model.transition_model import Vector
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.lookahead import Lookahead
@@ -28,7 +26,7 @@ TRACK = """(define (domain track)
 GO, JUMP = 0, 1
 
 
-def taught(of: ModelAdaptation, steps: int, *, right: bool = False) -> Vector:
+def taught(of, steps, *, right=False):
     """Show steps of a world; return the squared errors `[steps, file and model, reward and end]`.
 
     There one earns what x is, and the task ends in every other step from 1 on. Where the file is
@@ -48,7 +46,7 @@ def taught(of: ModelAdaptation, steps: int, *, right: bool = False) -> Vector:
     return errors
 
 
-def test_reward_and_end_are_those_that_came() -> None:
+def test_reward_and_end_are_those_that_came():
     of = adaptation(TRACK, dt=1.0, rewards=True)
     errors = taught(of, 2_000)
     assert (errors[:, 1].mean(axis=0) <= errors[:, 0].mean(axis=0)).all()
@@ -68,13 +66,13 @@ def test_reward_and_end_are_those_that_came() -> None:
         assert each.steps < 100 or each.ended == pytest.approx(each.chance, abs=0.1)
 
 
-def test_where_the_file_is_right_it_predicts_alone_to_the_bit() -> None:
+def test_where_the_file_is_right_it_predicts_alone_to_the_bit():
     of = adaptation(TRACK, dt=1.0, rewards=True)
     assert (taught(of, 600, right=True) == 0.0).all()
     assert of.model.as_written and not any(each.corrected for each in of.adoption.worth)
 
 
-def test_what_the_file_flags_and_what_is_far_from_the_data_stay_as_they_are() -> None:
+def test_what_the_file_flags_and_what_is_far_from_the_data_stay_as_they_are():
     of = adaptation(TRACK, dt=1.0, rewards=True)
     taught(of, 2_000)
     written = of.model.written.core
@@ -86,7 +84,7 @@ def test_what_the_file_flags_and_what_is_far_from_the_data_stay_as_they_are() ->
     assert of.model.core.step(np.array([1.5]), JUMP)[1] & UNSAFE
 
 
-def test_rewards_that_are_hints_are_kept_and_so_are_the_ends_that_they_come_with() -> None:
+def test_rewards_that_are_hints_are_kept_and_so_are_the_ends_that_they_come_with():
     of = adaptation(TRACK, dt=1.0)
     taught(of, 2_000)
     reward_and_end = [each.name for each in of.adoption.worth if each.corrected]
@@ -99,7 +97,7 @@ def test_rewards_that_are_hints_are_kept_and_so_are_the_ends_that_they_come_with
         assert out[-1] == same[-1] and flags & TERMINAL == by_file & TERMINAL
 
 
-def test_a_lookahead_goes_on_where_an_end_is_doubtful() -> None:
+def test_a_lookahead_goes_on_where_an_end_is_doubtful():
     of = adaptation(TRACK, dt=1.0, rewards=True)
     taught(of, 2_000)
     settings = PlannerSettings(depth=2, discount=0.5)
@@ -112,7 +110,7 @@ def test_a_lookahead_goes_on_where_an_end_is_doubtful() -> None:
     assert not forecast.terminal[GO]
 
 
-def test_counted_outcomes_share_the_chance_of_an_end() -> None:
+def test_counted_outcomes_share_the_chance_of_an_end():
     """A fall that the file foresees is certain less often, and the rest ends by chance."""
     of = adaptation(GRID, dt=1.0, rewards=True)
     model = adapted(of)
@@ -157,7 +155,7 @@ CLIFF = """(define (domain cliff)
 """From 2 on every action is unsafe."""
 
 
-def test_a_learned_end_hides_nothing_unsafe() -> None:
+def test_a_learned_end_hides_nothing_unsafe():
     model = adapted(adaptation(CLIFF))
     for planner in (FarSightPlanner(model, PlannerSettings()), Lookahead(model)):
         model.worth.kinds = np.zeros(2, np.int64)
@@ -173,7 +171,7 @@ def test_a_learned_end_hides_nothing_unsafe() -> None:
         assert forecast.path_risk[GO] > 0.9  # a graph discounts it
 
 
-def test_a_graph_of_a_former_model_does_not_say_what_is_safe() -> None:
+def test_a_graph_of_a_former_model_does_not_say_what_is_safe():
     """Though nothing is planned, so that nothing pays for another graph."""
     model = adapted(adaptation(CLIFF))
     planner = FarSightPlanner(model, PlannerSettings())

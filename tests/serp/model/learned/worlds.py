@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from random import Random
 from typing import Any
 
 import numpy as np
 
-from serp._core import OutcomeTable, Regression
+from serp._core import OutcomeTable
 from serp.model.domain import load_domain
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.learned.feature_groups import CURVED, FEATURES, FILE, FULL, LINEAR
-from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from tests.generated import PLANNABLE, generate
 from tests.serp.model.learned.rolls import DOMAINS, from_text
@@ -83,13 +81,13 @@ SHIPPED = sorted(path.stem for path in DOMAINS.glob("*.pddl") if not path.stem.e
 
 
 @functools.cache
-def shipped(name: str) -> TransitionModel:
+def shipped(name):
     """The model of a shipped file."""
     return load_domain(DOMAINS / f"{name}.pddl").model
 
 
 @functools.cache
-def generated(seed: int) -> TransitionModel:
+def generated(seed):
     """A random domain that has flags and is quickly compiled."""
     random = Random(seed)
     while True:
@@ -103,45 +101,35 @@ def generated(seed: int) -> TransitionModel:
 
 
 @functools.cache
-def edge() -> TransitionModel:
+def edge():
     """The model of `EDGE`."""
     return from_text(EDGE).model.replace(dt=0.5)
 
 
-def adaptation(
-    text: str, mode: str = "residual", *, dt: float = 0.1, seed: int = 0, **settings: Any
-) -> ModelAdaptation:
+def adaptation(text, mode="residual", *, dt=0.1, seed=0, **settings):
     """An adaptation of a domain given as text."""
     chosen: Any = {"mode": mode, **settings}
     model = from_text(text).model.replace(dt=dt)
     return ModelAdaptation(model, AdaptationSettings(**chosen), np.random.SeedSequence(seed))
 
 
-def adapted(of: ModelAdaptation) -> AdaptedModel:
+def adapted(of):
     """The model of an adaptation that is switched on."""
     assert isinstance(of.model, AdaptedModel)
     return of.model
 
 
-def plus(state: Vector, *change: float) -> Vector:
+def plus(state, *change):
     """A state changed by so much."""
     return state + np.array(change)
 
 
-def error(of: ModelAdaptation, state: Vector, action: int, after: Vector) -> Vector:
+def error(of, state, action, after):
     """`[F]` how far the model in use is off."""
     return np.abs(of.model.step(state, action).state - after)
 
 
-def teach(
-    of: ModelAdaptation,
-    world: Callable[[Vector, int], Vector],
-    rng: np.random.Generator,
-    steps: int,
-    *,
-    draw: Callable[[np.random.Generator], Vector] | None = None,
-    actions: tuple[int, ...] | None = None,
-) -> Vector:
+def teach(of, world, rng, steps, *, draw=None, actions=None):
     """Show steps of a world from random states; return how far the model was off, `[steps, F]`.
 
     Without `draw`, fluents are normal and predicates true or false; without `actions`, all come.
@@ -158,7 +146,7 @@ def teach(
     return errors
 
 
-def any_state(model: TransitionModel, rng: np.random.Generator) -> Vector:
+def any_state(model, rng):
     """A state of normal numbers, and predicates that are true or false."""
     state = rng.normal(size=len(model.fluents))
     for fluent in model.fluents:
@@ -173,7 +161,7 @@ MILD = (1.0, -1.0, 0.3, -0.01, 2.0, 0.0)
 WILD = (*MILD, 1e6, -1e30, 1e200, -1e308, np.inf, -np.inf, np.nan, 5e-324)
 
 
-def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
+def publish(model, rng, numbers):
     """Put arbitrary weights wherever an adaptation could put some: normal, or of these numbers."""
     if rng.random() < 0.5:
         drawn = _weights(model.theta.shape, rng, numbers)
@@ -186,7 +174,7 @@ def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float,
         model.worth.typical[:] = rng.integers(2, size=model.worth.typical.shape)
 
 
-def count(model: AdaptedModel, rng: np.random.Generator) -> None:
+def count(model, rng):
     """Put arbitrary counts of outcomes wherever some could be: of one in all, or by context."""
     groups = {group.key: group for groups in model.feature_groups for group in groups}
     for key, group in groups.items():
@@ -210,7 +198,7 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         model.shared[key].outcomes = table
 
 
-def _publish(part: Regression, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
+def _publish(part, rng, numbers):
     part.features = FEATURES if rng.random() < 0.5 else 0
     kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
     part.kinds = rng.choice(kinds, size=part.kinds.shape)
@@ -220,8 +208,6 @@ def _publish(part: Regression, rng: np.random.Generator, numbers: tuple[float, .
         weights[:] = _weights(weights.shape, rng, numbers)
 
 
-def _weights(
-    shape: tuple[int, ...], rng: np.random.Generator, numbers: tuple[float, ...]
-) -> Vector:
+def _weights(shape, rng, numbers):
     drawn = rng.choice(np.array(numbers), size=shape)
     return np.where(rng.random(shape) < 0.5, rng.normal(size=shape), drawn)

@@ -5,24 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp._core import OutcomeTable
 from serp.agent.causes import causes_of
 from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import GOES_ON, OVER
-from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from tests.serp.model.learned.rolls import from_text
 from tests.serp.model.learned.worlds import GRID, adapted
 from tests.worlds import text
 
 
-def adaptation_of(model: TransitionModel) -> ModelAdaptation:
+def adaptation_of(model):
     return ModelAdaptation(model, AdaptationSettings(mode="residual"), np.random.SeedSequence(3))
 
 
-def slip(adaptation: ModelAdaptation, count: int, wet_slips: bool = False) -> None:
+def slip(adaptation, count, wet_slips=False):
     """Go right: a third of the times, or when it is wet, the robot goes down instead."""
     random = np.random.default_rng(0)
     for _ in range(count):
@@ -33,20 +31,18 @@ def slip(adaptation: ModelAdaptation, count: int, wet_slips: bool = False) -> No
         adaptation.observe(state, 0, state + change, False)
 
 
-def prediction(
-    adaptation: ModelAdaptation, *state: float, action: int = 0
-) -> tuple[Vector, float, int]:
+def prediction(adaptation, *state, action=0):
     out, flags = adaptation.model.transition(list(state), action)
     return np.array(out[:-1]), out[-1], flags
 
 
-def shared(adaptation: ModelAdaptation) -> list[OutcomeTable]:
+def shared(adaptation):
     """The tables that are in use."""
     groups = adapted(adaptation).shared.values()
     return [group.outcomes for group in groups if group.outcomes is not None]
 
 
-def test_the_likeliest_outcome_follows_and_the_reward_is_expected() -> None:
+def test_the_likeliest_outcome_follows_and_the_reward_is_expected():
     adaptation = adaptation_of(from_text(GRID).model)
     slip(adaptation, 600)
     # Where nobody has ever been: what is known elsewhere holds here.
@@ -64,7 +60,7 @@ def test_the_likeliest_outcome_follows_and_the_reward_is_expected() -> None:
     assert "`(unsafe)` (line 12) through event hole" in [cause.quoted for cause in causes]
 
 
-def test_a_context_that_matters_is_told_apart() -> None:
+def test_a_context_that_matters_is_told_apart():
     adaptation = adaptation_of(from_text(GRID).model)
     slip(adaptation, 300, wet_slips=True)
     wet, _, _ = prediction(adaptation, 1.0, 0.0, 1.0)
@@ -74,7 +70,7 @@ def test_a_context_that_matters_is_told_apart() -> None:
     assert not flags & 2, "who does not slip does not fall"
 
 
-def test_numbers_that_are_not_whole_or_do_too_many_things_are_left_to_the_residual() -> None:
+def test_numbers_that_are_not_whole_or_do_too_many_things_are_left_to_the_residual():
     fractions, many = (adaptation_of(from_text(GRID).model) for _ in range(2))
     random = np.random.default_rng(2)
     for _ in range(400):
@@ -90,7 +86,7 @@ def test_numbers_that_are_not_whole_or_do_too_many_things_are_left_to_the_residu
     assert state == pytest.approx([0.0, 10.0, 100.0], abs=1.0)
 
 
-def test_a_world_that_changes_is_followed() -> None:
+def test_a_world_that_changes_is_followed():
     adaptation = adaptation_of(from_text(GRID).model)
     slip(adaptation, 400)
     random = np.random.default_rng(3)
@@ -107,21 +103,19 @@ SIZE, HOLE = 5, [2.0, 2.0]
 LEFT, RIGHT, UP, DOWN = range(4)
 
 
-def moved(state: Vector, direction: int) -> Vector:
+def moved(state, direction):
     by = [(0, -1), (0, 1), (-1, 0), (1, 0)][direction]
     return np.array([state[0], *np.clip(state[1:] + by, 0, SIZE - 1)])
 
 
-def somewhere(random: np.random.Generator) -> Vector:
+def somewhere(random):
     while True:
         state = random.integers((2, SIZE, SIZE)).astype(float)
         if state[1:].tolist() != HOLE:
             return state
 
 
-def chances(
-    adaptation: ModelAdaptation, state: Vector, action: int
-) -> dict[tuple[float, ...], float]:
+def chances(adaptation, state, action):
     """Return the probability of each next state."""
     found: dict[tuple[float, ...], float] = {}
     for row in adapted(adaptation).core.outcomes(state, action):
@@ -131,7 +125,7 @@ def chances(
     return found
 
 
-def test_who_slips_does_what_the_file_says_of_another_action() -> None:
+def test_who_slips_does_what_the_file_says_of_another_action():
     """Walls and holes of the file hold for slips, too, also where nobody has ever been."""
     adaptation = adaptation_of(from_text(LAKE).model)
     random = np.random.default_rng(5)
@@ -153,7 +147,7 @@ def test_who_slips_does_what_the_file_says_of_another_action() -> None:
         assert chances(adaptation, state, LEFT) == pytest.approx(expected, abs=0.08)
 
 
-def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twice() -> None:
+def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twice():
     adaptation = adaptation_of(from_text(LAKE).model)
     random = np.random.default_rng(6)
     wall = [(row, 1.0) for row in (0.0, 1.0, 3.0)]
@@ -170,7 +164,7 @@ def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twi
         assert after.tolist() == (state if blocked else moved(state, RIGHT)).tolist()
 
 
-def test_damaged_counts_are_refused() -> None:
+def test_damaged_counts_are_refused():
     model = from_text(GRID).model
     adaptation = adaptation_of(model)
     slip(adaptation, 100)

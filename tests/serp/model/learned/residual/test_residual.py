@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.transition_model import Vector
 from tests.generated.profile import examples
 from tests.serp.model.learned.worlds import (
@@ -29,22 +28,22 @@ Draw = Callable[[np.random.Generator], Vector]
 PUSH, REST = 0, 1
 
 
-def linear_world(state: Vector, action: int) -> Vector:
+def linear_world(state, action):
     """A spring with friction; the push works on it."""
     p, v = state
     return np.array([p + 0.12 * v, v + (0.3 if action == PUSH else 0.0) - 0.1 * p - 0.2 * v])
 
 
-def pendulum(state: Vector, action: int) -> Vector:
+def pendulum(state, action):
     p, v = state
     return np.array([p + 0.1 * v, v + (0.3 if action == PUSH else 0.0) - 0.5 * np.sin(p)])
 
 
-def as_written(state: Vector, action: int) -> Vector:
+def as_written(state, action):
     return np.array([state[0] + 0.1 * state[1], state[1]])
 
 
-def typical(of: ModelAdaptation, world: World, draw: Draw | None = None) -> Vector:
+def typical(of, world, draw=None):
     """`[F]` root mean squared error of the model in use, over both actions."""
     rng = np.random.default_rng(99)
     states = [any_state(of.model, rng) if draw is None else draw(rng) for _ in range(200)]
@@ -53,12 +52,12 @@ def typical(of: ModelAdaptation, world: World, draw: Draw | None = None) -> Vect
     return rmse
 
 
-def uncertainty(of: ModelAdaptation, state: Vector) -> float:
+def uncertainty(of, state):
     """How far the push is from the data."""
     return float(adapted(of).uncertainty(state)[PUSH])
 
 
-def adapts_nothing(of: ModelAdaptation) -> bool:
+def adapts_nothing(of):
     """Whether the model in use predicts the bits of the one written."""
     model = adapted(of)
     rng = np.random.default_rng(5)
@@ -75,11 +74,11 @@ def adapts_nothing(of: ModelAdaptation) -> bool:
 
 @given(seed=st.integers(0, 2**32))
 @examples(8)
-def test_a_linear_error_is_learned_exactly_from_few_samples(seed: int) -> None:
+def test_a_linear_error_is_learned_exactly_from_few_samples(seed):
     rng = np.random.default_rng(seed)
     weights, constants = rng.normal(size=(2, 2)), rng.normal(size=(2, 2))
 
-    def world(state: Vector, action: int) -> Vector:
+    def world(state, action):
         return as_written(state, action) + weights @ state + constants[action]
 
     of = adaptation(PLANE, seed=seed % 1000)
@@ -90,7 +89,7 @@ def test_a_linear_error_is_learned_exactly_from_few_samples(seed: int) -> None:
     assert (typical(of, world) < 1e-3).all()
 
 
-def test_a_nonlinear_error_is_learned() -> None:
+def test_a_nonlinear_error_is_learned():
     of = adaptation(PLANE)
     teach(of, pendulum, np.random.default_rng(0), 600)
     assert typical(of, pendulum)[1] < 0.02
@@ -98,13 +97,13 @@ def test_a_nonlinear_error_is_learned() -> None:
 
 
 @pytest.mark.parametrize("share", [0.5, 0.05])
-def test_different_things_are_learned_by_predicates_however_seldom_they_hold(share: float) -> None:
-    def world(state: Vector, action: int) -> Vector:
+def test_different_things_are_learned_by_predicates_however_seldom_they_hold(share):
+    def world(state, action):
         icy, p, v = state
         push = (0.5 if action == PUSH else 0.0) * (0.2 if icy else 1.0)
         return np.array([icy, p, v + push - (0.0 if icy else 0.3 * v)])
 
-    def draw(rng: np.random.Generator) -> Vector:
+    def draw(rng):
         return np.array([float(rng.random() < share), *rng.normal(size=2)])
 
     of = adaptation(ICE)
@@ -112,13 +111,13 @@ def test_different_things_are_learned_by_predicates_however_seldom_they_hold(sha
     assert (typical(of, world) < 1e-2).all()
 
 
-def test_what_is_learned_of_one_object_is_known_of_all_of_its_type() -> None:
+def test_what_is_learned_of_one_object_is_known_of_all_of_its_type():
     """Ada alone is driven: a metre, and a tenth of her place off her battery."""
     of = adaptation(FLEET)
     model = adapted(of)
     column = {fluent.name: fluent.index for fluent in model.fluents}
 
-    def world(state: Vector, action: int) -> Vector:
+    def world(state, action):
         after = np.asarray(model.written.step(state, action).state)
         if model.actions[action].schema == "drive":
             (who,) = model.actions[action].arguments
@@ -135,16 +134,16 @@ def test_what_is_learned_of_one_object_is_known_of_all_of_its_type() -> None:
 
 @pytest.mark.parametrize("world", [linear_world, pendulum])
 @pytest.mark.parametrize("offset", [5e6, -1.7e9])
-def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: float) -> None:
+def test_how_far_from_0_a_fluent_is_makes_no_difference(world, offset):
     """A coordinate of a map, a time in seconds: what matters is how it varies."""
     errors = []
     for origin in (np.zeros(2), np.array([offset, 0.0])):
         of = adaptation(PLANE)
 
-        def draw(rng: np.random.Generator, origin: Vector = origin) -> Vector:
+        def draw(rng, origin=origin):
             return origin + [0.1, 1.0] * rng.normal(size=2)
 
-        def seen(state: Vector, action: int, origin: Vector = origin) -> Vector:
+        def seen(state, action, origin=origin):
             return origin + world(state - origin, action)
 
         teach(of, seen, np.random.default_rng(0), 200, draw=draw)
@@ -153,7 +152,7 @@ def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: fl
     assert errors[1][1] < 1e-2
 
 
-def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() -> None:
+def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was():
     of = adaptation(PLANE)
     assert uncertainty(of, np.zeros(2)) == 1.0
     rng = np.random.default_rng(0)
@@ -167,7 +166,7 @@ def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() 
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-12, 0.05])
-def test_a_file_that_is_right_stays_in_charge(noise: float) -> None:
+def test_a_file_that_is_right_stays_in_charge(noise):
     for seed in range(3):
         of = adaptation(PLANE)
         rng = np.random.default_rng(seed)
@@ -179,13 +178,13 @@ def test_a_file_that_is_right_stays_in_charge(noise: float) -> None:
 
 @given(seed=st.integers(0, 2**32), outliers=st.booleans())
 @examples(8)
-def test_whatever_happens_the_file_does_hardly_better(seed: int, outliers: bool) -> None:
+def test_whatever_happens_the_file_does_hardly_better(seed, outliers):
     """Random worlds, right ones and wrong ones, over all samples after the first few."""
     rng = np.random.default_rng(seed)
     weights = rng.normal(size=(2, 2)) * rng.choice([0.0, 0.1, 1.0], size=(2, 1))
     bend, noise = rng.choice([0.0, 1.0]), rng.choice([0.0, 0.02])
 
-    def world(state: Vector, action: int) -> Vector:
+    def world(state, action):
         off = weights @ state + bend * np.sin(3.0 * state) + noise * rng.normal(size=2)
         after: Vector = as_written(state, action) + off
         if outliers and rng.random() < 0.01:
@@ -208,7 +207,7 @@ def test_whatever_happens_the_file_does_hardly_better(seed: int, outliers: bool)
 
 @pytest.mark.parametrize("before", [0, 30, 100])
 @pytest.mark.parametrize("worth", [np.nan, np.inf, -np.inf, 1e200, 1e308])
-def test_what_is_no_number_teaches_nothing(before: int, worth: float) -> None:
+def test_what_is_no_number_teaches_nothing(before, worth):
     clean, spoilt = adaptation(PLANE), adaptation(PLANE)
     rngs = np.random.default_rng(3), np.random.default_rng(3)
     for of, rng in zip((clean, spoilt), rngs, strict=True):
@@ -229,17 +228,15 @@ def test_what_is_no_number_teaches_nothing(before: int, worth: float) -> None:
 
 @pytest.mark.parametrize("first", [linear_world, as_written])
 @pytest.mark.parametrize(("before", "outliers"), [(400, 0.0), (1000, 0.0), (400, 0.01)])
-def test_after_a_lasting_change_of_the_world_it_learns_again(
-    first: World, before: int, outliers: float
-) -> None:
+def test_after_a_lasting_change_of_the_world_it_learns_again(first, before, outliers):
     """Whether the file was right before or something was learned beside it."""
     rng = np.random.default_rng(0)
 
-    def other(state: Vector, action: int) -> Vector:
+    def other(state, action):
         return plus(first(state, action), 0.0, 0.5)
 
-    def spoilt(world: World) -> World:
-        def step(state: Vector, action: int) -> Vector:
+    def spoilt(world):
+        def step(state, action):
             after = world(state, action)
             if rng.random() < outliers:
                 after[rng.integers(2)] += 1000.0 * rng.normal()
