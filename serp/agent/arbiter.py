@@ -120,9 +120,8 @@ class Arbiter(Declared):
 
         A new forecast is made only where nothing was planned and the proposal is refused.
         """
-        known = decision.forecast
-        plan = functools.partial(self.forecast, state) if known.bound is Bound.SAFETY else None
-        return self._follow(Situation(known, decision.admissible, plan), proposal)
+        known, admissible = decision.forecast, decision.admissible
+        return self._follow(Situation(known, admissible, self._later(known, state)), proposal)
 
     def execute(self, state: Vector, proposal: Proposal) -> Decision:
         """Execute a proposal without a veto. The guarantee does not hold."""
@@ -136,14 +135,15 @@ class Arbiter(Declared):
 
     def _situation(self, state: Vector, *, plan: bool = False) -> Situation:
         """Return the situation in a state: planned, or else what is safe, if the planner can."""
+        checked = None
         if not plan and hasattr(self.planner, "check_safety"):
             checked = self.planner.check_safety(state)
-            if checked is not None:
-                known = self.actions.project(checked)
-                later = functools.partial(self.forecast, state)
-                return Situation(known, self.vetoes.admissible(known), later)
-        forecast = self.forecast(state)
-        return Situation(forecast, self.vetoes.admissible(forecast))
+        known = self.forecast(state) if checked is None else self.actions.project(checked)
+        return Situation(known, self.vetoes.admissible(known), self._later(known, state))
+
+    def _later(self, known: ActionForecast, state: Vector) -> Callable[[], ActionForecast] | None:
+        """Return what plans in a state of which only the safety of actions is known; else None."""
+        return functools.partial(self.forecast, state) if known.bound is Bound.SAFETY else None
 
     def _follow(self, situation: Situation, proposal: Proposal | None) -> Decision:
         if proposal is None:

@@ -125,7 +125,8 @@ void Regression::use_predictors(std::vector<std::int64_t> predictors) {
 }
 
 void Regression::use_features(int features) {
-    require(0 <= features && features <= FEATURES && features % SMOOTH == 0, "there is no such number of random features");
+    require(0 <= features && features <= FEATURES && features % SMOOTH == 0,
+            "there is no such number of random features");
     features_ = features;
 }
 

@@ -65,7 +65,8 @@ public:
 
     /// `squared`: errors of predictors are squared and none is an outlier, for what is rare.
     RegressionSamples(std::shared_ptr<Regression> regression, bool squared)
-        : regression_(std::move(regression)), squared_(squared), x_(regression_->depth), y_(regression_->count),
+        : regression_(std::move(regression)), squared_(squared), x_(regression_->depth),
+          y_(regression_->count),
           change_(regression_->count), valid_(regression_->count) {
         clear();
     }
