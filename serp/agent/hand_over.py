@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from serp._util.saved_state import (
     Declared,
     Reader,
+    Saved,
     count,
     part,
     probability,
@@ -165,8 +166,7 @@ class Evidence(Strategy):
         from scipy.special import stdtr  # takes a while to load, and a decision needs it rarely
 
         (mean, variance), (other, more) = self._beliefs()
-        spread = math.sqrt(max(variance + more, 1e-300))  # 0 where a count is far too large
-        return float(stdtr(self._freedom, (other - mean) / spread))
+        return float(stdtr(self._freedom, (other - mean) / math.sqrt(variance + more)))
 
     def _draw(self) -> None:
         """Draw who leads the next episode."""
@@ -201,3 +201,15 @@ class Evidence(Strategy):
             (self.learner if self._leads[self.env_index] else self.planner).add(return_)
             self._rho = self._probability()
         self._draw()
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned; a `RunError` where returns do not fit together."""
+        super().load_state_dict(meta)
+        low, high = self._worst, self._best
+        fits = (low <= high) == (self._episodes > 0)
+        slack = 1e-9 * max(abs(low), abs(high)) if low <= high else 0.0
+        for led in (self.planner, self.learner):
+            inside = low - slack <= led.mean <= high + slack if led.episodes else led.mean == 0.0
+            fits = fits and inside and led.count <= led.episodes
+        if not fits:
+            raise Saved("strategy", {}, meta).wrong("returns do not fit their number and range")

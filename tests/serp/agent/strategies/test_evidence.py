@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from serp.agent.hand_over import Evidence
 from serp.errors import RunError
-from serp.settings import Settings
+from serp.settings import Settings, resolve
 from tests.serp.agent.scene import forecast, learner_acts
 
 RETURNS = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -200.0, 1e300, -1e200, 1e-300])
@@ -144,3 +144,14 @@ def test_where_all_returns_are_equal_the_learner_is_tried_ever_more_seldom(value
     assert all(later < earlier for earlier, later in pairwise(after[1:]))
     led = [sum(played(lambda leads, _: value, seed, 100)[1]) for seed in range(20)]
     assert 0 < np.mean(led) < 5
+
+
+@pytest.mark.parametrize(("name", "value"), [("count", 1e9), ("mean", 1e6)])
+def test_returns_that_do_not_fit_together_are_refused(name, value):
+    strategy = Evidence(resolve("default"))
+    for k in range(5):
+        strategy.end_episode(float(k), 10)
+    saved = strategy.state_dict()
+    saved["planner"][name] = value
+    with pytest.raises(RunError, match="do not fit their number and range"):
+        strategy.load_state_dict(saved)
