@@ -116,8 +116,14 @@ class Agent:
             self.arbiter = Arbiter(
                 planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
             )
+        inputs = task.observation_size + len(task.model.fluents)
+        if not inputs:
+            raise TaskError(
+                f"task {task.name}: there is nothing to learn from, as the observation holds no "
+                "number and the domain file declares no predicate or function"
+            )
         self.learner = make_learner(
-            task.observation_size + len(task.model.fluents),
+            inputs,
             task.actions.size,
             settings.learner,
             learner_seed,

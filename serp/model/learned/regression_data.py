@@ -229,7 +229,9 @@ class Flow:
 
     def __init__(self, model: TransitionModel, *, processes: bool = True) -> None:
         self._whole = model
-        bare = dataclasses.replace(model.ground, events=(), goal=None, metric=None)
+        bare = dataclasses.replace(
+            model.ground, events=(), goal=None, metric=None, goal_parameter=None
+        )
         if not processes:
             bare = dataclasses.replace(bare, processes=())
         self._bare = TransitionModel(bare, dt=model.dt)
