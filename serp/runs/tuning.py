@@ -22,8 +22,7 @@ from serp._util.text import readable
 from serp.errors import Interrupted, RunError, SettingsError, TaskError, needs_extra
 from serp.runs.comparison.algorithms import find_algorithm
 from serp.runs.comparison.compare import locked
-from serp.runs.comparison.engines import LOCAL
-from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
+from serp.runs.comparison.pool import LOCAL, TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import measure
 from serp.runs.comparison.trial import Job, Trial, TrialProtocol, read_trial
 from serp.runs.folder import default_path

@@ -38,18 +38,18 @@ def asked_own_task() -> Task | None:
     return custom_task(name)
 
 
-def asked_task(domain: str | None) -> Task | None:
-    """Return the task that `--task` and `--domain` mean together; None where neither is given.
+def asked_task(domain: str | None) -> Task:
+    """Return the task that `--task` and `--domain` mean together.
 
     `--domain` is an installed task or a domain file; beside `--task`, another domain file for it.
     """
     from serp.tasks.registry import find_domain_file, find_task
 
     task = asked_own_task()
+    if task is None:
+        return find_task(_given(domain))
     if domain is None:
         return task
-    if task is None:
-        return find_task(domain)
     file = find_domain_file(domain)
     if file is None:
         raise SerpError(f"--domain {domain}: beside --task it is a domain file")
@@ -66,11 +66,9 @@ def asked_domain(name: str | None, problem: Path | None = None) -> tuple[Domain,
     from serp.tasks.registry import find_domain_file, load_task, task_of
 
     own = asked_own_task()
-    if not name and own is None:
-        raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
     file = find_domain_file(name) if name else None
     if file is None:
-        task = own or load_task(str(name))
+        task = own or load_task(_given(name))
         domain = task.load()
         if problem is not None:
             domain = load_domain(domain.source.name, problem, observed=not task.closed)
@@ -78,6 +76,12 @@ def asked_domain(name: str | None, problem: Path | None = None) -> tuple[Domain,
     domain = load_domain(file, problem)
     belonging = task_of(domain, file) if own is None else _with_domain(own, domain)
     return domain if belonging is None else belonging.load(), belonging
+
+
+def _given(domain: str | None) -> str:
+    if not domain:
+        raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
+    return domain
 
 
 def _with_domain(task: Task, domain: Domain) -> Task:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+import shlex
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -41,6 +42,13 @@ def own_task_name() -> str | None:
     """Return what `--task` says, or None where it is not given."""
     name: str | None = click.get_current_context().meta.get("serp.ui.options.task")
     return name
+
+
+def again(command: str, *words: str, domain: str | None = None) -> str:
+    """Return a command line that may be typed next, on the task that was given."""
+    own = own_task_name()
+    given = [*(("--domain", domain) if domain else ()), *(("--task", own) if own else ())]
+    return shlex.join(["serp", command, *given, *words])
 
 
 def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:

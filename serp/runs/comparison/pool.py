@@ -23,19 +23,40 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
 
 from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
 from serp._util.numbers import whole
+from serp._util.plugins import find, loading, offered
 from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp._util.terminal import open_console
-from serp.errors import Interrupted, RunError, SerpError
-from serp.runs.comparison.engines import LOCAL, find_engine
+from serp.errors import Interrupted, RunError, SerpError, SettingsError
 from serp.runs.comparison.trial import Job, run_trial
 from serp.runs.train import Stopping
 from serp.settings import Section
+
+GROUP: Final = "serp.engines"
+"""Entry-point group of engines: functions of type `Engine`."""
+LOCAL: Final = "local"
+"""The engine of this library: processes of this machine."""
+
+Engine = Callable[[str | None, int | None], AbstractContextManager[tuple[Executor, int]]]
+"""(address of a cluster, most trials at the same time) → an executor and how many trials it runs.
+
+Without an address the engine starts workers on this machine. Without a number, as many trials run
+at the same time as there are cores."""
+
+
+def find_engine(name: str) -> Engine:
+    """Return the engine of a name, which is not `local`; raise a SettingsError if there is none."""
+    entry = find(offered(GROUP), name, "engine", SettingsError, known=[LOCAL])
+    with loading(entry, "engine", SettingsError):
+        engine: Engine = entry.load()
+    return engine
+
 
 _LOST: Final = (
     "its worker was lost. The same command goes on where the trial was. Perhaps the memory is too "

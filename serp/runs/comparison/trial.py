@@ -39,11 +39,7 @@ from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.results import write_results
 from serp.runs.resume import restore
-from serp.runs.rollout import (
-    Rollout,
-    evaluation_seed,
-    training_seed,
-)
+from serp.runs.rollout import Rollout, evaluation_seed, training_seed
 from serp.runs.run import begin_run
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.tables import MetricsRow, read_metrics
@@ -59,7 +55,6 @@ Columns = dict[str, NDArray[Any]]
 EVALUATIONS: Final = "evaluations.csv"
 _SEED: Final = 99
 """Seed of the episodes of all evaluations, which are the same for all trials."""
-_LONGEST: Final = 100
 
 
 class Trial(NamedTuple):
@@ -139,10 +134,11 @@ class Job:
 
 def file_name(name: str) -> str:
     """Return a unique file name for a name, valid on every file system."""
+    longest = 100
     plain = re.sub(r"[^A-Za-z0-9_.=@-]", "_", name)
-    if plain == name and len(name) <= _LONGEST and not plain.startswith("."):
+    if plain == name and len(name) <= longest and not plain.startswith("."):
         return plain
-    return f"{plain[:_LONGEST]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return f"{plain[:longest]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def run_trial(job: Job, stopped: Callable[[], bool] = lambda: False) -> None:
@@ -238,12 +234,14 @@ class _Spent(BaseException):
 
 
 def make_external(
-    algorithm: Algorithm, env: ExternalEnv, task: str, seed: int
-) -> ExternalAlgorithm:
-    """Return an external algorithm, ready to be trained in an environment."""
+    algorithm: Algorithm, bound: BoundTask, settings: Settings, seed: int
+) -> tuple[Agent, ExternalEnv, ExternalAlgorithm]:
+    """Return an external algorithm, ready to be trained, with its agent and its environment."""
     assert algorithm.make_external is not None
+    agent = Agent(bound, settings, seed)
+    env = ExternalEnv(bound, agent, seed)
     with _blamed(algorithm.name):
-        return algorithm.make_external(env, task, seed)
+        return agent, env, algorithm.make_external(env, bound.name, seed)
 
 
 @contextlib.contextmanager
@@ -281,14 +279,10 @@ def _train_external(
 ) -> None:
     """Let an external algorithm train itself, from the beginning: it has no checkpoints."""
     seed, settings, budget = job.trial.seed, job.settings, job.protocol.env_steps
-    agent = Agent(bound, settings, seed)
-    env = ExternalEnv(bound, agent, seed)
-    external = make_external(job.algorithm, env, bound.name, seed)
+    agent, env, external = make_external(job.algorithm, bound, settings, seed)
     shutil.rmtree(job.folder, ignore_errors=True)
-
-    agent.learner = cast(
-        Learner, _ExternalLearner(external, job.algorithm.name, bound.actions.size)
-    )
+    learner = _ExternalLearner(external, job.algorithm.name, bound.actions.size)
+    agent.learner = cast(Learner, learner)
     evaluations = _Evaluations(job, agent, bound, arena)
     folder = begin_run(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
@@ -346,15 +340,16 @@ class _Evaluations:
         if last and kind in ("guided", "planner"):
             policies["policy"] = "serp" if kind == "guided" else "planner"
         self._arena.restore_environment(self._trained_in.environment_state(), statistics_only=True)
+        rows = [
+            {"env_steps": env_steps, "policy": name, "episode": episode, **row}
+            for name, policy in policies.items()
+            for episode, row in enumerate(self._played(policy) if last else self._returns(), 1)
+        ]
         table = io.StringIO()
-        for name, policy in policies.items():
-            rows = self._played(policy) if last else self._returns()
-            for episode, row in enumerate(rows, 1):
-                row = {"env_steps": env_steps, "policy": name, "episode": episode, **row}
-                writer = csv.DictWriter(table, list(row), lineterminator="\n")
-                if not self._text and not table.tell():
-                    writer.writeheader()
-                writer.writerow(row)
+        writer = csv.DictWriter(table, list(rows[0]), lineterminator="\n")
+        if not self._text:
+            writer.writeheader()
+        writer.writerows(rows)
         self._text += table.getvalue()
         write_durably(self._file, self._text)
         self.due.discard(env_steps)

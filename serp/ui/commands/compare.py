@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import shlex
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from serp.ui.asked import asked_task
-from serp.ui.options import own_task_name, trials_options
+from serp.ui.options import again, trials_options
 from serp.ui.output import examples, open_console, print_next, print_result, print_table
 from serp.ui.root import say, stopped_by
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
         "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
         "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
         "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
-        "serp compare --out runs/soccer --seeds 100 --engine ray --address auto",
+        "serp compare --domain soccer --out runs/soccer --seeds 100 --engine ray --address auto",
     ),
 )
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
@@ -41,11 +40,7 @@ if TYPE_CHECKING:
 @click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
               help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
 @trials_options(seeds=range(5), folder="compare")
-def command(
-    domain: str | None,
-    algorithms: tuple[str, ...],
-    **options: Any,
-) -> int | None:
+def command(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> int | None:
     """Train several algorithms on one task, with the same budget, seeds, reward and observation.
 
     The report says how fast each learns, what it costs and what is left to chance. --set changes
@@ -54,8 +49,6 @@ def command(
     rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
     task = asked_task(domain)
-    if task is None and options["out"] is None:
-        raise click.UsageError("give --domain (`serp list` names the tasks), --task, or --out DIR")
     from serp.errors import Interrupted
     from serp.runs.comparison.compare import compare
 
@@ -68,7 +61,7 @@ def command(
     if options["quiet"]:
         print_result(comparison.path)
     else:
-        _print_results(comparison, domain if task is not None and task.world else None)
+        _print_results(comparison, domain)
     return None
 
 
@@ -78,11 +71,9 @@ def _named(texts: tuple[str, ...]) -> list[str]:
     return [part.strip() for part in parts if part.strip()]
 
 
-def _print_results(comparison: Comparison, world: str | None) -> None:
-    own, path = own_task_name(), comparison.path
-    more = ["serp", "compare", *(("--task", own) if own else ())]
-    more += [*(("--domain", world) if world else ()), "--out", str(path), "--seeds", "10"]
-    console = open_console()
+def _print_results(comparison: Comparison, domain: str | None) -> None:
+    console, path = open_console(), comparison.path
+    more = again("compare", "--out", str(path), "--seeds", "10", domain=domain)
     console.print("")
     print_table(console, *comparison.overview())
     if comparison.results.caution is not None:
@@ -92,5 +83,5 @@ def _print_results(comparison: Comparison, world: str | None) -> None:
         (str(path / "report.html"), "the whole comparison on one page"),
         (str(path / "measures.csv"), "all measures, a row a trial"),
         (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
-        (shlex.join(more), "more seeds; what is there is kept"),
+        (more, "more seeds; what is there is kept"),
     )

@@ -16,8 +16,8 @@ def command() -> None:
     from serp._util.plugins import offered
     from serp.agent.registry import KINDS, PLANNERS
     from serp.runs.comparison.algorithms import GROUP, OWN
-    from serp.runs.comparison.engines import GROUP as ENGINES
-    from serp.runs.comparison.engines import LOCAL
+    from serp.runs.comparison.pool import GROUP as ENGINES
+    from serp.runs.comparison.pool import LOCAL
     from serp.tasks.registry import task_entries
 
     console = open_console()

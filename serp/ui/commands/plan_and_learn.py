@@ -11,6 +11,7 @@ import click
 from serp._util.text import plural, readable
 from serp.ui.asked import asked_task
 from serp.ui.options import (
+    again,
     domain_option,
     own_task_name,
     own_task_option,
@@ -80,22 +81,20 @@ def command(
     _set(settings, "training", "num_envs", "--num-envs", num_envs)
     resuming = resume is not None
     path = out if resume is None else _run_to_resume(resume, out)
-    task = asked_task(domain)
-    if task is None and not resuming:
-        raise click.UsageError(
-            "give --domain (`serp list` names the tasks), --task, or --resume RUN"
-        )
+    named = domain or own_task_name() or not resuming
+    task = asked_task(domain) if named else str(path)
     from serp.errors import Interrupted
     from serp.runs.train import plan_and_learn
 
     try:
         run = plan_and_learn(
-            task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet, **options
+            task, settings=settings, out=path, resume=resuming, quiet=quiet, **options
         )
     except BaseException as error:
         notes = getattr(error, "__notes__", [])  # how the run goes on
-        if notes and (own := _own_task()):
-            error.add_note(f"and add{own} to the command, for this task is not installed")
+        if notes and (own := own_task_name()):
+            add = f"--task {shlex.quote(own)}"
+            error.add_note(f"and add {add} to the command, for this task is not installed")
         stopped = isinstance(error, KeyboardInterrupt) and notes
         if not (stopped or isinstance(error, Interrupted)):
             raise
@@ -134,12 +133,6 @@ def _run_to_resume(given: str, out: Path | None) -> Path:
     return path
 
 
-def _own_task() -> str:
-    """Return `--task` as it was given, for a command that is to be typed next."""
-    name = own_task_name()
-    return f" --task {shlex.quote(name)}" if name is not None else ""
-
-
 def _print_results(run: Run) -> None:
     summary: dict[str, Any] = run.summary
     episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
@@ -147,14 +140,14 @@ def _print_results(run: Run) -> None:
     if returns["last_20"] is not None:
         mean += f", {readable(returns['first_10'])} in the first 10 episodes, "
         mean += f"{readable(returns['last_20'])} in the last 20"
-    quoted = shlex.quote(str(run.path))
+    path = str(run.path)
     console = open_console()
     console.print("")
     print_table(
         console,
         ("", ""),
         [
-            ("run", str(run.path)),
+            ("run", path),
             ("length", f"{episodes}, {plural(summary['env_steps'], 'env step')}"),
             ("return", mean),
             ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
@@ -167,8 +160,8 @@ def _print_results(run: Run) -> None:
     print_account(console, summary, summary["sight"])
     print_next(
         console,
-        (f"serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
-        (f"serp plan {quoted}{_own_task()}", "what its planner sees, and why"),
-        (f"serp why {quoted}", "what happened in a step, and the lines behind it"),
-        (f"serp report {quoted}{_own_task()}", "the whole run as one page for the browser"),
+        (again("evaluate", path), "how good it is now, without exploration"),
+        (again("plan", path), "what its planner sees, and why"),
+        (again("why", path), "what happened in a step, and the lines behind it"),
+        (again("report", path), "the whole run as one page for the browser"),
     )

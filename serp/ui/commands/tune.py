@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import shlex
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from serp._util.text import readable
 from serp.ui.asked import asked_task
-from serp.ui.options import own_task_name, trials_options
+from serp.ui.options import again, trials_options
 from serp.ui.output import examples, open_console, print_next, print_result, print_table
 from serp.ui.root import say, stopped_by
 
@@ -40,20 +39,13 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the search.")  # fmt: skip
 @trials_options(seeds=range(1_000, 1_003), folder="tune")
-def command(
-    domain: str | None,
-    vary: tuple[str, ...],
-    quiet: bool,
-    **options: Any,
-) -> int | None:
+def command(domain: str | None, vary: tuple[str, ...], quiet: bool, **options: Any) -> int | None:
     """Search settings by the returns of whole trainings, with Optuna.
 
     With the same --out the study goes on. Its seeds are not those of `serp compare`, so that
     results are not those of the seeds that were tuned on.
     """
     task = asked_task(domain)
-    if task is None:
-        raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
     varied = {name: values for name, _, values in (text.partition("=") for text in vary)}
     if len(varied) < len(vary):
         raise click.UsageError("--vary: a setting is given twice")
@@ -84,11 +76,8 @@ def _text(value: Any) -> str:
 def _print_results(
     tuned: Tuned, assignments: list[str], algorithm: str, domain: str | None
 ) -> None:
-    own = own_task_name()
-    changed = f"{algorithm}:{';'.join(assignments)}"
-    compare = ["serp", "compare", *(("--task", own) if own else ()),
-               *(("--domain", domain) if domain else ()),
-               "--algorithms", f"{changed},{algorithm}", "--seeds", "10"]  # fmt: skip
+    compared = f"{algorithm}:{';'.join(assignments)},{algorithm}"
+    compare = again("compare", "--algorithms", compared, "--seeds", "10", domain=domain)
     before = "" if tuned.before is None else f" ({readable(tuned.before)} as they were)"
     console = open_console()
     console.print("")
@@ -96,6 +85,6 @@ def _print_results(
     print_table(console, (f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
     print_next(
         console,
-        (shlex.join(compare), "whether they are better, with other seeds"),
+        (compare, "whether they are better, with other seeds"),
         (f"optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),
     )
