@@ -187,7 +187,9 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     ended = [trial for trial in study.trials if trial.state.is_finished()]
     if stopped is not None and len(ended) < request.trials:
         raise Interrupted(
-            f"stopped after {len(ended)} of {request.trials} trials, which are in {folder}", stopped
+            f"stopped after {len(ended)} of {request.trials} trials, which are in {folder}.\n"
+            f"Go on with the same command and --out {folder}.",
+            stopped,
         )
     complete = [trial for trial in ended if trial.value is not None]
     if not complete:

@@ -38,13 +38,13 @@ def print_plan(
 ) -> None:
     """Print a decision: the state, what each action is predicted to bring, and the best path."""
     console.print(title, style="bold")
-    print_account(console, account, _verdict(planner, plan))
+    print_explanation(console, account, _verdict(planner, plan))
     if plan.path:
         console.print("")
         _print_path(console, planner, account, plan)
 
 
-def print_account(
+def print_explanation(
     console: Console, account: Explanation, verdict: list[str], refused: str = ""
 ) -> None:
     """Print the state, the alternatives, a verdict, and what is behind the main alternatives.

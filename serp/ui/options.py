@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import re
 import shlex
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -17,9 +15,14 @@ from serp.runs import Policy
 if TYPE_CHECKING:
     from serp.settings import Changes
 
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+_TASK = f"{__name__}.task"
+_SETTINGS = f"{__name__}.settings"
+
 
 def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
-    ctx.meta["serp.ui.options.task"] = value
+    ctx.meta[_TASK] = value
 
 
 own_task_option = click.option(
@@ -32,15 +35,53 @@ domain_option = click.option(
     help="Installed task, or a domain file of one; any other file is a world, as in "
          "serp play.")  # fmt: skip
 
+problem_option = click.option(
+    "--problem", type=click.Path(path_type=Path), metavar="FILE",
+    help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
+
 settings_option = click.option(
     "--set", "settings", multiple=True, metavar="SECTION.NAME=VALUE",
-    callback=lambda ctx, parameter, value: parse_settings(value),
+    callback=lambda ctx, parameter, value: parse_settings([*ctx.meta.get(_SETTINGS, ()), *value]),
     help="Change a setting; may be repeated.")  # fmt: skip
+
+dt_option = click.option(
+    "--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
+    help="Control period.  [default: the task's, else 1]")  # fmt: skip
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+
+policy_option = click.option(
+    "--policy", type=click.Choice(get_args(Policy)), default="serp", show_default=True,
+    help="serp: the trained policy, within the vetoes; planner: the planner alone; learner: the "
+         "learner alone, no veto. None explores.")  # fmt: skip
+
+
+def run_argument(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the argument RUN and the option --task."""
+    return click.argument("run", type=click.Path(path_type=Path))(own_task_option(command))
+
+
+def seed_option(what: str) -> Decorator:
+    """Return the option of a seed; `what` is its help."""
+    return click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
+                        metavar="N", help=what)  # fmt: skip
+
+
+def setting_option(option: str, setting: str, *, metavar: str, what: str) -> Decorator:
+    """Return an option that is short for `--set` of a setting; `what` is its help."""
+
+    def short(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
+        if value is not None:
+            ctx.meta.setdefault(_SETTINGS, []).append(f"{setting}={value}")
+
+    # Eager, so that it is known when `--set` is read.
+    return click.option(option, metavar=metavar, help=what, callback=short, is_eager=True,
+                        expose_value=False)  # fmt: skip
 
 
 def own_task_name() -> str | None:
     """Return what `--task` says, or None where it is not given."""
-    name: str | None = click.get_current_context().meta.get("serp.ui.options.task")
+    name: str | None = click.get_current_context().meta.get(_TASK)
     return name
 
 
@@ -49,46 +90,6 @@ def again(command: str, *words: str, domain: str | None = None) -> str:
     own = own_task_name()
     given = [*(("--domain", domain) if domain else ()), *(("--task", own) if own else ())]
     return shlex.join(["serp", command, *given, *words])
-
-
-def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the argument RUN and the options --policy and --task."""
-    option = click.option("--policy", type=click.Choice(get_args(Policy)),
-                          default="serp", show_default=True,
-                          help="serp: the trained policy, within the vetoes; planner: the "
-                               "planner alone; learner: the learner alone, no veto. None "
-                               "explores.")  # fmt: skip
-    run = click.argument("run", type=click.Path(path_type=Path))
-    return run(option(own_task_option(command)))
-
-
-def trials_options(seeds: range, folder: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return a decorator that gives a command the options of whatever runs trials.
-
-    `folder` is the first part of the name of the default folder.
-    """
-    options = (
-        domain_option,
-        own_task_option,
-        click.option("--seeds", metavar="N|A-B|A,B",
-                     callback=lambda ctx, parameter, value: parse_seeds(value),
-                     help=f"How many seeds from {seeds.start} on, or the seeds themselves.  "
-                          f"[default: {len(seeds)}]"),
-        click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
-                     help="Budget of each training."),
-        settings_option,
-        click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-                     help="Folder of the results; one that is there is continued.  "
-                          f"[default: runs/{folder}-<domain>-<time>]"),
-        click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-                     help="Trainings at the same time.  [default: one a core]"),
-        click.option("--engine", metavar="local|ray", default="local", show_default=True,
-                     help="What runs the trainings: processes of this machine, or a cluster."),
-        click.option("--address", metavar="ADDRESS",
-                     help="The cluster of the engine.  [default: the engine starts workers here]"),
-        click.option("--quiet", is_flag=True, help="No display; print the result alone."),
-    )  # fmt: skip
-    return lambda command: functools.reduce(lambda f, option: option(f), options[::-1], command)
 
 
 def refuse_given(names: Iterable[str], why: str) -> None:
@@ -124,19 +125,3 @@ def parse_settings(assignments: Iterable[str]) -> Changes:
         return assigned(assignments)
     except SettingsError as error:
         raise click.UsageError(f"--set {error}") from None
-
-
-def parse_seeds(text: str | None) -> int | list[int] | None:
-    """Return how many seeds, or the seeds themselves, of `--seeds`; None where it is not given."""
-    if text is None or text.strip().isdecimal():
-        return None if text is None else int(text)
-    seeds: list[int] = []
-    for part in text.split(","):
-        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
-        chosen = range(int(ends[1]), int(ends[2] or ends[1]) + 1) if ends else ()
-        if not 0 < len(chosen) <= 10_000:
-            raise click.BadParameter(
-                "expected a number, or seeds such as 0-9 or 1,3", param_hint="--seeds"
-            )
-        seeds += chosen
-    return seeds

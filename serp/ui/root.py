@@ -19,7 +19,7 @@ import click
 from serp import __version__
 from serp._util.did_you_mean import did_you_mean
 from serp._util.terminal import visible
-from serp.errors import Notice, SerpError, with_notes
+from serp.errors import Interrupted, Notice, SerpError, with_notes
 from serp.ui.output import examples
 
 _default_format = warnings.formatwarning
@@ -33,8 +33,8 @@ def stopped_by(stop: BaseException) -> int:
 def exit_with(run: Callable[[], Any]) -> NoReturn:
     """Run a command, which returns its status or None for 0, and exit with it.
 
-    A `SerpError` or an `OSError`, which the user can fix, becomes a message, followed by its notes;
-    any other exception is a bug and keeps its traceback.
+    A `SerpError` or an `OSError`, which the user can fix, becomes a message, followed by its notes,
+    as does a signal that stopped it; any other exception is a bug and keeps its traceback.
     """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # what the terminal's encoding lacks is replaced
@@ -49,10 +49,14 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
             error.show(shown)
             say(shown.getvalue().rstrip("\n"))
         status = error.exit_code
-    except (click.Abort, KeyboardInterrupt) as stop:
-        if isinstance(stop.__cause__, EOFError):  # click takes any for the end of what is typed
-            raise stop.__cause__ from None
-        say("Stopped.")
+    except (click.Abort, KeyboardInterrupt) as abort:
+        stop = abort.__cause__ or abort  # click replaces what it was
+        if isinstance(stop, EOFError):  # click takes any for the end of what is typed
+            raise stop from None
+        say(with_notes(stop, "Stopped."))
+        status = stopped_by(stop)
+    except Interrupted as stop:
+        say(with_notes(stop))
         status = stopped_by(stop)
     except (SerpError, OSError) as error:
         if _is_closed_output(error):
@@ -131,12 +135,19 @@ SECTIONS = {
     },
 }
 """Section of the help → command → one line of help, in the order of use."""
+_MODULES = {
+    "files": ("new", "format", "lsp", "studio"),
+    "trials": ("compare", "tune"),
+    "trained": ("why", "report", "evaluate", "watch", "export"),
+    "diagnosis": ("diagnose", "repair"),
+}
+"""Module of `serp.ui.commands` → its commands; another command has a module of its name."""
 COMMANDS = {
-    name: f"serp.ui.commands.{name.replace('-', '_')}"
+    name: next((module for module, names in _MODULES.items() if name in names), name)
     for commands in SECTIONS.values()
     for name in commands
 }
-"""Command → the module whose `command` it is; imported when the command is used."""
+"""Command → the module of `serp.ui.commands` that has it; imported when the command is used."""
 
 
 class LazyGroup(click.Group):
@@ -150,7 +161,8 @@ class LazyGroup(click.Group):
         """Import and return a command; None where there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = import_module(COMMANDS[cmd_name]).command
+        module = import_module(f"serp.ui.commands.{COMMANDS[cmd_name].replace('-', '_')}")
+        command: click.Command = getattr(module, cmd_name.replace("-", "_"))
         return command
 
     def resolve_command(

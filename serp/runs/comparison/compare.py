@@ -293,7 +293,8 @@ def compare(task: Task | str, **options: Any) -> Comparison:
     complete = len(results.records)
     if stopping.signal is not None and complete + len(failed) < len(jobs):
         raise Interrupted(
-            f"stopped with {complete} of {len(jobs)} trials complete in {folder}",
+            f"stopped with {complete} of {len(jobs)} trials complete in {folder}.\n"
+            f"Go on with the same command and --out {folder}.",
             stopping.signal,
         )
     if failed:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 @click.argument("domains", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
 @click.option("--json", "as_json", is_flag=True, help="Print findings as JSON.")
-def command(domains: tuple[str, ...], as_json: bool) -> int:
+def check(domains: tuple[str, ...], as_json: bool) -> int:
     """Check domain and problem files: print all mistakes with their places, and a summary.
 
     A problem file is checked with its domain: the given file of the domain that it names, or else

@@ -11,7 +11,7 @@ from serp.ui.output import examples, open_console, print_table
 
 
 @click.command("list", epilog=examples("serp list"))
-def command() -> None:
+def list() -> None:
     """List the installed tasks, with their domain files, and what the settings can name."""
     from serp._util.plugins import offered
     from serp.agent.registry import KINDS, PLANNERS

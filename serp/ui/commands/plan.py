@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
               help="Draw the planning graph there, that of the lookahead.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def command(
+def plan(
     run: Path | None,
     name: str | None,
     problem: Path | None,

@@ -10,17 +10,18 @@ import click
 
 from serp._util.text import plural, readable
 from serp.ui.asked import asked_task
+from serp.ui.commands.trained import print_account, unsafe_text
 from serp.ui.options import (
     again,
     domain_option,
     own_task_name,
     own_task_option,
     refuse_given,
+    seed_option,
+    setting_option,
     settings_option,
 )
 from serp.ui.output import examples, open_console, print_next, print_result, print_table
-from serp.ui.root import say, stopped_by
-from serp.ui.trained import print_account, unsafe_text
 
 if TYPE_CHECKING:
     from serp.runs.run import Run
@@ -43,30 +44,23 @@ if TYPE_CHECKING:
               help="Train until N episodes have ended.")  # fmt: skip
 @click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
               help="Train for N steps in the environment.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
-              help="Seed of everything random.")  # fmt: skip
+@seed_option("Seed of everything random.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
               help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
 @click.option("--resume", is_flag=False, flag_value="", metavar="[RUN]",
               help="Continue a run: this one, or that in --out.")  # fmt: skip
-@click.option("--adapt", metavar="off|parameters|residual|full",
-              help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
-@click.option("--planner", metavar="NAME", help="The planner.  [default: by the preset]")
-@click.option("--num-envs", type=click.IntRange(min=1), metavar="N",
-              help="Step N environments at the same time.  [default: 1]")  # fmt: skip
+@setting_option("--adapt", "adaptation.mode", metavar="off|parameters|residual|full",
+                what="What the model learns from its errors.  "
+                     "[default: by the preset]")  # fmt: skip
+@setting_option("--planner", "planner.name", metavar="NAME",
+                what="The planner.  [default: by the preset]")  # fmt: skip
+@setting_option("--num-envs", "training.num_envs", metavar="N",
+                what="Step N environments at the same time.  [default: 1]")  # fmt: skip
 @settings_option
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
-def command(
-    domain: str | None,
-    out: Path | None,
-    resume: str | None,
-    adapt: str | None,
-    planner: str | None,
-    num_envs: int | None,
-    settings: dict[str, dict[str, Any]],
-    quiet: bool,
-    **options: Any,
-) -> int | None:
+def plan_and_learn(
+    domain: str | None, out: Path | None, resume: str | None, quiet: bool, **options: Any
+) -> None:
     """Train on a task, or continue a training.
 
     The planner acts from the first step and the learner takes over; what the domain file flags
@@ -76,47 +70,24 @@ def command(
     episode is finished first. A second one stops at once, and the run goes on from its last
     checkpoint.
     """
-    _set(settings, "adaptation", "mode", "--adapt", adapt)
-    _set(settings, "planner", "name", "--planner", planner)
-    _set(settings, "training", "num_envs", "--num-envs", num_envs)
     resuming = resume is not None
     path = out if resume is None else _run_to_resume(resume, out)
     named = domain or own_task_name() or not resuming
     task = asked_task(domain) if named else str(path)
-    from serp.errors import Interrupted
-    from serp.runs.train import plan_and_learn
+    from serp.runs import train
 
     try:
-        run = plan_and_learn(
-            task, settings=settings, out=path, resume=resuming, quiet=quiet, **options
-        )
+        run = train.plan_and_learn(task, out=path, resume=resuming, quiet=quiet, **options)
     except BaseException as error:
-        notes = getattr(error, "__notes__", [])  # how the run goes on
-        if notes and (own := own_task_name()):
+        own = own_task_name()
+        if own and hasattr(error, "__notes__"):  # they say how the run goes on
             add = f"--task {shlex.quote(own)}"
             error.add_note(f"and add {add} to the command, for this task is not installed")
-        stopped = isinstance(error, KeyboardInterrupt) and notes
-        if not (stopped or isinstance(error, Interrupted)):
-            raise
-        message = "Stopped at once." if stopped else str(error)
-        say("\n".join([message, *notes]))
-        return stopped_by(error)
+        raise
     if quiet:
         print_result(run.path)
     else:
         _print_results(run)
-    return None
-
-
-def _set(
-    settings: dict[str, dict[str, Any]], section: str, name: str, option: str, value: Any
-) -> None:
-    """Set what an option of its own says, unless `--set` says it, too."""
-    if value is None:
-        return
-    if name in settings.setdefault(section, {}):
-        raise click.UsageError(f"give {option} or --set {section}.{name}, not both")
-    settings[section][name] = value
 
 
 def _run_to_resume(given: str, out: Path | None) -> Path:

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 @click.option("--planner", metavar="NAME", help="Who is asked by `?` and `p`.  "
                                                 "[default: that of the preset]")  # fmt: skip
 @settings_option
-def command(
+def play(
     name: str,
     problem: Path | None,
     assignments: tuple[str, ...],

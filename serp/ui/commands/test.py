@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 @click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
               help="Control period.  [default: the task's, else 1]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print all results as JSON.")
-def command(
+def test(
     names: tuple[str, ...],
     words: str,
     as_json: bool,

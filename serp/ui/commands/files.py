@@ -1,0 +1,174 @@
+"""Commands that write domain files, or open them elsewhere: `new`, `format`, `lsp`, `studio`."""
+
+from __future__ import annotations
+
+import codecs
+import difflib
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from serp._util.text import plural
+from serp.errors import SerpError, needs_extra
+from serp.ui.asked import asked_own_task
+from serp.ui.options import own_task_option
+from serp.ui.output import examples, open_console, print_next
+from serp.ui.root import say
+
+if TYPE_CHECKING:
+    from serp.pddl.source import Source
+
+
+@click.command(
+    "new",
+    epilog=examples(
+        "serp new delivery",
+        "serp new mountain --env MountainCar-v0",
+        "serp new my-robot --env my_env.py:Robot",
+    ),
+)
+@click.argument("name", type=click.Path(path_type=Path))
+@click.option("--env", metavar="ID|FILE.py:CLASS",
+              help="A Gymnasium environment: ID, PACKAGE:ID or a class of yours.")  # fmt: skip
+def new(name: Path, env: str | None) -> None:
+    """Write the first files of the task NAME; none is overwritten.
+
+    With --env these are NAME.pddl, a frame of a domain file with the environment's actions and the
+    numbers of its observations, and NAME.py, the task that adapts it. What is known of the
+    environment is yours to write; check and plan-and-learn work at once.
+
+    Without --env it is an example whose world is the file itself, for `serp play`. NAME.scenarios
+    is for what you expect of the file, for `serp test`.
+    """
+    from serp.authoring.scaffold import new_task
+
+    files = new_task(name, env)
+    domain = files[0]
+    console = open_console()
+    for file in files:
+        console.print(f"written: {file}")
+    rows = [
+        (f"serp play {domain}", "step it by hand; `?` asks the planner"),
+        (f"serp check {domain}", "does it make sense, after each change"),
+        (f"serp test {domain}", "does the planner do what you expect"),
+        (f"serp plan-and-learn --domain {domain}", "let a learner practise in it"),
+    ]
+    if env is not None:
+        task = files[1]
+        rows = [
+            (str(domain), "say what the actions change, what is good, what must not happen"),
+            (f"serp check {domain} --task {task}", "does it fit together, after each change"),
+            (f"serp plan --task {task} --observe", "what the planner would do"),
+            (f"serp plan-and-learn --task {task}", "train"),
+        ]
+    print_next(console, *rows)
+
+
+@click.command(
+    "format",
+    epilog=examples(
+        "serp format robot.pddl",
+        "serp format domains/*.pddl --check",
+        "serp format robot.pddl --diff",
+    ),
+)
+@click.argument(
+    "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file would change.")
+@click.option("--diff", is_flag=True, help="Write nothing; print what would change.")
+def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
+    """Lay files out regularly: indentation and blanks, and nothing else.
+
+    Line breaks and comments are kept; only lines of more than 100 columns are broken. Other options
+    do not exist, so that files of different authors look the same.
+    """
+    from serp.authoring.lint.formatting import formatted
+    from serp.pddl.source import Source
+
+    changed, wrong = 0, 0
+    for file in files:
+        try:
+            before = Source.read(file)
+            after = Source(before.name, formatted(before))
+            if before.text == after.text:
+                continue
+            changed += 1
+            if diff:
+                click.echo(_difference(before, after), nl=False)
+            elif check:
+                click.echo(f"{file}: would change")
+            else:
+                write_changed(file, after.text)
+                click.echo(f"{file}: formatted")
+        except SerpError as error:
+            say(str(error))
+            wrong += 1
+    done = "would change" if check or diff else "formatted"
+    say(f"{plural(changed, 'file')} {done}, {len(files) - changed - wrong} as they should be")
+    return 1 if wrong or (check and changed) else 0
+
+
+def _difference(before: Source, after: Source) -> str:
+    """Return the unified difference of two versions of a file."""
+    old, new = (source.text.splitlines(keepends=True) for source in (before, after))
+    lines = difflib.unified_diff(old, new, before.name, f"{after.name} (changed)")
+    return "".join(line if line.endswith("\n") else f"{line}\n" for line in lines)
+
+
+def write_changed(path: Path, text: str) -> None:
+    """Replace a file atomically, but for its byte order mark and its mode."""
+    from serp._util.files import write_durably
+
+    target = Path(os.path.realpath(path))
+    mark = codecs.BOM_UTF8 if target.read_bytes().startswith(codecs.BOM_UTF8) else b""
+    mode = target.stat().st_mode
+    write_durably(target, mark + text.encode())
+    if target.stat().st_mode != mode:
+        target.chmod(mode)
+
+
+@click.command("lsp", epilog=examples("serp lsp", "pip install 'serp[lsp]'"))
+def lsp() -> None:
+    """Serve an editor over standard input and output, by the Language Server Protocol.
+
+    Editors start this command themselves; docs/how-to/editors.md says how each is told.
+    """
+    with needs_extra("lsp", "`serp lsp`"):
+        from serp.authoring.language_server.server import server
+
+    server.start_io()
+
+
+@click.command(
+    "studio",
+    epilog=examples(
+        "serp studio soccer",
+        "serp studio my/world.pddl --port 8400 --no-browser",
+    ),
+)
+@click.argument("name", metavar="FILE|NAME|RUN")
+@own_task_option
+@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
+              help="Port on this machine.  [default: any that is free]")  # fmt: skip
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+def studio(name: str, port: int, no_browser: bool) -> None:
+    """Edit a domain file in the browser and see at every keystroke what it means.
+
+    Beside the text stand what is wrong in it, the planner's decision in a state of your choice, and
+    its planning graph. The page is served on this machine alone, at an address with a token; it
+    loads nothing from the network. Files are saved in the working folder alone.
+
+    With RUN, the folder of a training, its copy of the file is opened.
+
+    Ctrl-C ends it.
+    """
+    with needs_extra("studio", "serp studio"):
+        from serp.ui.studio.serving import serve
+    from serp.ui.studio.session import open_session
+
+    session = open_session(name, Path.cwd(), asked_own_task())
+    say("serp studio runs at this address; Ctrl-C ends it.")
+    serve(session, port, browser=not no_browser)
