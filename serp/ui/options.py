@@ -1,19 +1,30 @@
-"""Options that several commands have."""
+"""Options that several commands have, and what they mean: a task, a domain, a run, a state."""
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import click
 from click.core import ParameterSource
 
+from serp._util.did_you_mean import did_you_mean
+from serp.errors import SerpError
 from serp.runs import Policy
+from serp.ui.output import examples
+from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from serp.settings import Changes
+    from serp.agent.chosen_planner import ChosenPlanner
+    from serp.model.domain import Domain
+    from serp.model.transition_model import Vector
+    from serp.planning.replanner import MonitorReplanner, Plan
+    from serp.runs.run import Run
+    from serp.settings import Changes, Settings
+    from serp.tasks.task import BoundTask, Task
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -54,6 +65,14 @@ policy_option = click.option(
     "--policy", type=click.Choice(get_args(Policy)), default="serp", show_default=True,
     help="serp: the trained policy, within the vetoes; planner: the planner alone; learner: the "
          "learner alone, no veto. None explores.")  # fmt: skip
+
+
+def command(*lines: str) -> Callable[[Callable[..., Any]], click.Command]:
+    """Return the decorator of a command with the name of its function; its help ends with examples.
+
+    Whatever runs a command is to import little, so a command imports what it needs when it runs.
+    """
+    return click.command(epilog=examples(*lines))
 
 
 def run_argument(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -125,3 +144,146 @@ def parse_settings(assignments: Iterable[str]) -> Changes:
         return assigned(assignments)
     except SettingsError as error:
         raise click.UsageError(f"--set {error}") from None
+
+
+# What the options mean --------------------------------------------------------------------------
+
+
+def asked_own_task() -> Task | None:
+    """Return the task that `--task` names, or None where it is not given."""
+    name = own_task_name()
+    if name is None:
+        return None
+    from serp.tasks.registry import custom_task
+
+    return custom_task(name)
+
+
+def asked_task(domain: str | None) -> Task:
+    """Return the task that `--task` and `--domain` mean together.
+
+    `--domain` is an installed task or a domain file; beside `--task`, another domain file for it.
+    """
+    from serp.tasks.registry import find_domain_file, find_task
+
+    task = asked_own_task()
+    if task is None:
+        return find_task(_given(domain))
+    if domain is None:
+        return task
+    file = find_domain_file(domain)
+    if file is None:
+        raise SerpError(f"--domain {domain}: beside --task it is a domain file")
+    return dataclasses.replace(task, domain=file, problem=None)
+
+
+def asked_domain(name: str | None, problem: Path | None = None) -> tuple[Domain, Task | None]:
+    """Return a domain and the task that it belongs to, with that domain; None for no task.
+
+    `name` is a domain file, or that of an installed task, for which the task of `--task` stands.
+    The problem is by default the one that belongs to the domain.
+    """
+    from serp.model.domain import load_domain
+    from serp.tasks.registry import find_domain_file, load_task, task_of
+
+    own = asked_own_task()
+    file = find_domain_file(name) if name else None
+    if file is None:
+        task = own or load_task(_given(name))
+        domain = task.load()
+        if problem is not None:
+            domain = load_domain(domain.source.name, problem, observed=not task.closed)
+        return domain, with_domain(task, domain)
+    domain = load_domain(file, problem)
+    belonging = task_of(domain, file) if own is None else with_domain(own, domain)
+    return domain if belonging is None else belonging.load(), belonging
+
+
+def _given(domain: str | None) -> str:
+    if not domain:
+        raise click.UsageError("give --domain (`serp list` names the tasks) or --task")
+    return domain
+
+
+def with_domain(task: Task, domain: Domain) -> Task:
+    """Return a task with a domain in place of its own."""
+    return dataclasses.replace(task, domain=domain, problem=None)
+
+
+def asked_settings(
+    task: Task | None, changes: Changes, dt: float | None, preset: str = "default"
+) -> tuple[Settings, float]:
+    """Return the settings of a decision on a task, or on none, and its control period."""
+    from serp.settings import resolve
+
+    settings = resolve(preset, None if task is None else task.settings, changes)
+    return settings, dt or (1.0 if task is None else task.dt)
+
+
+def open_run(folder: Path) -> Run:
+    """Open a run, and print the notice of its agent, if it has one."""
+    from serp.runs.run import load_run
+
+    run = load_run(folder, asked_own_task())
+    if run.notice is not None:
+        say(run.notice)
+    return run
+
+
+def rolled_out(
+    bound: BoundTask, planner: ChosenPlanner | MonitorReplanner, seed: int
+) -> Iterator[tuple[Vector, Plan, bool]]:
+    """Let a planner act in an environment, without end; yield each state, plan, and episode's end.
+
+    The plan of a state at the end is not carried out.
+    """
+    (raw, info), over = bound.reset(seed), False
+    while True:
+        state = bound.ground(raw, info, bound.env)
+        plan = planner.plan(state)
+        over = over or plan.action is None
+        yield state, plan, over
+        if over or plan.action is None:
+            (raw, info), over = bound.reset(), False
+            continue
+        action = bound.actions.environment_action[plan.action]
+        raw, _, terminated, truncated, info = bound.step(action)
+        over = terminated or truncated
+
+
+def parse_state(
+    assignments: Iterable[str], domain: Domain, option: str = "--state"
+) -> dict[str, float]:
+    """Return fluent → value of `fluent=value` texts, several in one text separated by commas.
+
+    A predicate takes `true` or `false` as well as 1 or 0. `option` begins the messages.
+    """
+    state: dict[str, float] = {}
+    for text in (part for whole in assignments for part in whole.split(",") if part.strip()):
+        target, equals, value = text.partition("=")
+        if not equals or not target.strip():
+            raise click.UsageError(
+                f"{option} {text}: expected fluent=value, such as pole-angle=0.05"
+            )
+        name = " ".join(target.lower().strip().strip("()").split())
+        declaration = domain.declared(name)
+        if declaration is None:
+            model = domain.model
+            known = [*(fluent.name for fluent in model.fluents), *model.ground.static]
+            raise SerpError(f"{option}: unknown fluent `{name}`; {did_you_mean(name, known)}")
+        if name in state:
+            raise SerpError(f"{option}: `{name}` is given twice")
+        state[name] = _value(name, value.strip(), option, numeric=declaration.numeric)
+    return state
+
+
+def _value(name: str, text: str, option: str, *, numeric: bool) -> float:
+    words = {} if numeric else {"true": 1.0, "false": 0.0}
+    try:
+        value = words[text.lower()] if text.lower() in words else float(text.replace("−", "-"))
+    except ValueError:
+        value = float("nan")
+    if value - value != 0.0 or (not numeric and value not in (0.0, 1.0)):
+        wanted = "a finite number" if numeric else "true or false"
+        raise SerpError(f"{option}: `{name}` is {wanted}, not `{text}`")
+    return value

@@ -12,14 +12,18 @@ import click
 
 from serp._util.text import plural
 from serp.errors import SerpError, TaskError
-from serp.ui.asked import asked_domain, asked_own_task
-from serp.ui.options import own_task_name, own_task_option
-from serp.ui.output import examples, open_console
+from serp.ui.options import (
+    asked_domain,
+    asked_own_task,
+    command,
+    json_option,
+    own_task_name,
+    own_task_option,
+)
+from serp.ui.output import show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from serp.authoring.lint.domain_pairs import DomainFiles
     from serp.authoring.lint.findings import Finding
     from serp.model.domain import Domain
@@ -27,17 +31,14 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
 
 
-@click.command(
-    "check",
-    epilog=examples(
-        "serp check domains/cartpole.pddl",
-        "serp check --task my_robot.py",
-        "serp check domains/*.pddl --json > findings.json",
-    ),
+@command(
+    "serp check domains/cartpole.pddl",
+    "serp check --task my_robot.py",
+    "serp check domains/*.pddl --json > findings.json",
 )
 @click.argument("domains", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
-@click.option("--json", "as_json", is_flag=True, help="Print findings as JSON.")
+@json_option
 def check(domains: tuple[str, ...], as_json: bool) -> int:
     """Check domain and problem files: print all mistakes with their places, and a summary.
 
@@ -57,11 +58,11 @@ def check(domains: tuple[str, ...], as_json: bool) -> int:
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task")
     asked = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
-    console, checks = open_console(), list[_CheckedDomain]()
+    checks: list[_CheckedDomain] = []
     for pair in asked:
         checks.append(_checked(pair, own))
         if not as_json:
-            _print(console, checks[-1], first=len(checks) == 1)
+            _print(checks[-1], first=len(checks) == 1)
     wrong = sum(check.count("error") > 0 for check in checks)
     if as_json:
         findings = [finding.as_dict() for check in checks for finding in check.findings]
@@ -71,7 +72,7 @@ def check(domains: tuple[str, ...], as_json: bool) -> int:
                 say(check.failure)
     elif len(checks) > 1:
         warnings = plural(sum(check.count("warning") for check in checks), "warning")
-        console.print(f"\n{plural(len(checks), 'domain')}: {wrong} wrong, {warnings}")
+        show(f"\n{plural(len(checks), 'domain')}: {wrong} wrong, {warnings}")
     return 1 if wrong else 0
 
 
@@ -202,7 +203,7 @@ def _summary(domain: Domain) -> Iterator[str]:
     yield f"terminal: {', '.join(ends) or 'nothing'}"
 
 
-def _print(console: Console, check: _CheckedDomain, *, first: bool) -> None:
+def _print(check: _CheckedDomain, *, first: bool) -> None:
     counts = {kind: check.count(kind) for kind in ("error", "warning", "note")}
     wrong, warned = counts["error"], counts["warning"]
     style = "bold red" if wrong else "bold yellow" if warned else "bold green"
@@ -210,7 +211,7 @@ def _print(console: Console, check: _CheckedDomain, *, first: bool) -> None:
     headline = ", ".join(parts if wrong or warned else ["right", *parts])
     if check.failure:
         headline = "not checked"
-    console.print("\n" * (not first) + f"{check.name}: {headline}", style=style)
+    show("\n" * (not first) + f"{check.name}: {headline}", style=style)
     if check.failure:
         say(check.failure)
     remarks = [finding for finding in check.findings if finding.severity != "error"]
@@ -218,9 +219,9 @@ def _print(console: Console, check: _CheckedDomain, *, first: bool) -> None:
         if finding.severity == "error":
             say(finding.rendered)
     for line in check.summary:
-        console.print(f"  {line}")
+        show(f"  {line}")
     for finding in remarks[:100]:
         style = "yellow" if finding.severity == "warning" else "dim"
-        console.print(f"  {finding.severity}: {finding.rendered}", style=style)
+        show(f"  {finding.severity}: {finding.rendered}", style=style)
     if len(remarks) > 100:
-        console.print(f"  ... and {len(remarks) - 100} more")
+        show(f"  ... and {len(remarks) - 100} more")

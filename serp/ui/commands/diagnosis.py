@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
-import difflib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,24 +10,19 @@ import click
 
 from serp._util.text import percent, plural, readable
 from serp.errors import SerpError, needs_extra
-from serp.ui.options import OutputFile, json_option, run_argument
-from serp.ui.output import examples, open_console, print_json, print_table
+from serp.ui.options import OutputFile, command, json_option, run_argument
+from serp.ui.output import print_difference, print_json, print_table, show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from serp.model.learned.adoption import WorthAdoption
     from serp.runs.diagnosis.diagnosis import Diagnosis, Recorded
 
 
-@click.command(
-    "diagnose",
-    epilog=examples(
-        "serp diagnose runs/seven",
-        "serp diagnose runs/seven --svg diagnosis.svg",
-        "serp diagnose runs/seven --json > diagnosis.json",
-    ),
+@command(
+    "serp diagnose runs/seven",
+    "serp diagnose runs/seven --svg diagnosis.svg",
+    "serp diagnose runs/seven --json > diagnosis.json",
 )
 @run_argument
 @json_option
@@ -55,30 +48,30 @@ def diagnose(run: Path, as_json: bool, svg: Path | None) -> None:
     if as_json:
         print_json(diagnosing.as_dict(diagnosis))
     else:
-        _print_diagnosis(open_console(), diagnosis)
+        _print_diagnosis(diagnosis)
     if svg is not None:
         write_durably(svg, picture(diagnosis, "svg"))
         say(f"Predicted against observed is drawn in {svg}")
 
 
-def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
+def _print_diagnosis(diagnosis: Diagnosis) -> None:
     recorded, sample = diagnosis.recorded, diagnosis.sample
     file = next(iter(recorded.files.values()), recorded.domain.name)
     newest = f"{len(recorded.experience):,} of {plural(recorded.env_steps, 'step')}"
-    console.print(f"{recorded.run}: {file} compared with {newest}")
+    show(f"{recorded.run}: {file} compared with {newest}")
     if sample.left_out:
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
-        console.print(f"{plural(sample.skipped, 'step')} left out because of: {reasons}")
+        show(f"{plural(sample.skipped, 'step')} left out because of: {reasons}")
     if recorded.learned_from == "environment":
-        console.print("Rewards are compared with those of the environment.")
-    console.print(diagnosis.verdict)
+        show("Rewards are compared with those of the environment.")
+    show(diagnosis.verdict)
     if diagnosis.remarks:
-        console.print("")
+        show("")
         rows = [(percent(remark.share), remark.text) for remark in diagnosis.remarks]
-        print_table(console, ("of its error", "finding"), rows, right=[0])
+        print_table(("of its error", "finding"), rows, right=[0])
     quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)
     if quantities:
-        console.print("")
+        show("")
         head = ("fluent", "change in a step", "error of the file", "with findings", "mostly after")
         table = [
             (
@@ -90,12 +83,12 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
             )
             for quantity in quantities
         ]
-        print_table(console, head, table, right=range(1, 4))
-    console.print(f"\nThe run planned with this model: {recorded.adoption}")
-    _print_worth(console, recorded.adoption.worth)
+        print_table(head, table, right=range(1, 4))
+    show(f"\nThe run planned with this model: {recorded.adoption}")
+    _print_worth(recorded.adoption.worth)
 
 
-def _print_worth(console: Console, worth: tuple[WorthAdoption, ...]) -> None:
+def _print_worth(worth: tuple[WorthAdoption, ...]) -> None:
     """Print how well reward and end were predicted before each step was learned from."""
     told = [each for each in worth if each.corrected]
     if not told:
@@ -107,23 +100,20 @@ def _print_worth(console: Console, worth: tuple[WorthAdoption, ...]) -> None:
         name = "end: Brier score" if ends else "reward: root mean square error"
         errors = each.written, each.in_use
         rows.append((name, *(readable(error if ends else error**0.5) for error in errors)))
-    print_table(console, head, rows, right=[1, 2])
+    print_table(head, rows, right=[1, 2])
     rows = [
         (percent(of.chance), percent(of.ended), f"{of.steps:,}")
         for each in told
         for of in each.reliability
     ]
     if rows:
-        print_table(console, ("chance of an end", "ended", "steps"), rows, right=range(3))
+        print_table(("chance of an end", "ended", "steps"), rows, right=range(3))
 
 
-@click.command(
-    "repair",
-    epilog=examples(
-        "serp repair runs/seven",
-        "serp repair runs/seven -o cartpole-repaired.pddl",
-        "serp repair runs/seven -o domains/cartpole.pddl --force",
-    ),
+@command(
+    "serp repair runs/seven",
+    "serp repair runs/seven -o cartpole-repaired.pddl",
+    "serp repair runs/seven -o domains/cartpole.pddl --force",
 )
 @run_argument
 @click.option("-o", "--out", type=OutputFile(".pddl"), metavar="FILE.pddl",
@@ -148,17 +138,15 @@ def repair(run: Path, out: Path | None, force: bool) -> None:
         say(recorded.notice)
     diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.experience))
     repaired = repairing.repair(recorded.domain, diagnosis.worthwhile)
-    console = open_console()
     name = recorded.files.get("domain.pddl", "domain.pddl")
     steps, changes = plural(len(diagnosis.sample), "step"), plural(len(repaired.changes), "change")
     if repaired.changes:
         new_name = "repaired" if out is None else str(out)
-        old = recorded.domain.source.text
-        _print_difference(console, old, repaired.text, Path(name).name, new_name)
+        print_difference(recorded.domain.source.text, repaired.text, Path(name).name, new_name)
     else:
         unwritten = "" if out is None else f", and {out} was not written"
-        console.print(f"{name}: nothing to repair was found in {steps}{unwritten}")
-        console.print(diagnosis.verdict)
+        show(f"{name}: nothing to repair was found in {steps}{unwritten}")
+        show(diagnosis.verdict)
     if unrepaired := [*diagnosis.unexplained, *repaired.in_problem]:
         say("\n  ".join(["Not explained, and left as it is:", *unrepaired]))
     if repaired.changes and out is not None:
@@ -174,42 +162,17 @@ def _refuse_to_replace(recorded: Recorded, out: Path, force: bool) -> None:
 
     if os.path.realpath(out) in {os.path.realpath(recorded.run / n) for n in recorded.files}:
         raise SerpError(f"{out} belongs to the run; give a name outside {recorded.run}")
-    if force:
-        return
-    if os.path.lexists(out):
-        raise SerpError(f"{out} exists; give another name, or replace it with --force")
-    if os.path.lexists(beside := problem_beside(out)) and not _holds_problem(beside, recorded):
-        raise SerpError(
-            f"{beside} exists, and would be taken for the problem of {out}; give another name, or "
-            "go on with --force"
-        )
+    for file, what in ((out, ""), (problem_beside(out), f", the place of {out}'s problem")):
+        if os.path.lexists(file) and not force:
+            raise SerpError(f"{file} exists{what}; give another name, or go on with --force")
 
 
 def _write(recorded: Recorded, text: str, out: Path) -> None:
-    """Write the domain file and, where it is not there already, its problem file beside it."""
+    """Write the domain file and, if there is one, its problem file beside it."""
     from serp._util.files import write_together
     from serp.model.domain import problem_beside
 
     beside, problem = problem_beside(out), recorded.domain.problem_source
-    if problem is None or _holds_problem(beside, recorded):
-        write_together({out: text})
-        return
-    write_together({beside: problem.text, out: text})
-    say(f"Its problem file is copied to {beside}")
-
-
-def _holds_problem(file: Path, recorded: Recorded) -> bool:
-    problem = recorded.domain.problem_source
-    if problem is None or not file.is_file():
-        return False
-    return file.read_bytes().removeprefix(codecs.BOM_UTF8) == problem.text.encode("utf-8")
-
-
-def _print_difference(console: Console, old: str, new: str, name: str, new_name: str) -> None:
-    styles = {"+": "green", "-": "red", "@": "cyan"}
-    lines = difflib.unified_diff(
-        old.splitlines(), new.splitlines(), name, new_name, n=2, lineterm=""
-    )
-    for line in lines:
-        style = "bold" if line.startswith(("+++", "---")) else styles.get(line[:1])
-        console.print(line, style=style, soft_wrap=True)
+    write_together({**({} if problem is None else {beside: problem.text}), out: text})
+    if problem is not None:
+        say(f"Its problem file is copied to {beside}")

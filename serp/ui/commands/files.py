@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import difflib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,22 +11,18 @@ import click
 
 from serp._util.text import plural
 from serp.errors import SerpError, needs_extra
-from serp.ui.asked import asked_own_task
-from serp.ui.options import own_task_option
-from serp.ui.output import examples, open_console, print_next
+from serp.ui.options import asked_own_task, command, own_task_option
+from serp.ui.output import print_difference, print_next, show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from serp.pddl.source import Source
+    pass
 
 
-@click.command(
-    "new",
-    epilog=examples(
-        "serp new delivery",
-        "serp new mountain --env MountainCar-v0",
-        "serp new my-robot --env my_env.py:Robot",
-    ),
+@command(
+    "serp new delivery",
+    "serp new mountain --env MountainCar-v0",
+    "serp new my-robot --env my_env.py:Robot",
 )
 @click.argument("name", type=click.Path(path_type=Path))
 @click.option("--env", metavar="ID|FILE.py:CLASS",
@@ -46,9 +41,8 @@ def new(name: Path, env: str | None) -> None:
 
     files = new_task(name, env)
     domain = files[0]
-    console = open_console()
     for file in files:
-        console.print(f"written: {file}")
+        show(f"written: {file}")
     rows = [
         (f"serp play {domain}", "step it by hand; `?` asks the planner"),
         (f"serp check {domain}", "does it make sense, after each change"),
@@ -63,16 +57,13 @@ def new(name: Path, env: str | None) -> None:
             (f"serp plan --task {task} --observe", "what the planner would do"),
             (f"serp plan-and-learn --task {task}", "train"),
         ]
-    print_next(console, *rows)
+    print_next(*rows)
 
 
-@click.command(
-    "format",
-    epilog=examples(
-        "serp format robot.pddl",
-        "serp format domains/*.pddl --check",
-        "serp format robot.pddl --diff",
-    ),
+@command(
+    "serp format robot.pddl",
+    "serp format domains/*.pddl --check",
+    "serp format robot.pddl --diff",
 )
 @click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
@@ -97,7 +88,7 @@ def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
                 continue
             changed += 1
             if diff:
-                click.echo(_difference(before, after), nl=False)
+                print_difference(before.text, after.text, before.name, f"{after.name} (changed)")
             elif check:
                 click.echo(f"{file}: would change")
             else:
@@ -109,13 +100,6 @@ def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
     done = "would change" if check or diff else "formatted"
     say(f"{plural(changed, 'file')} {done}, {len(files) - changed - wrong} as they should be")
     return 1 if wrong or (check and changed) else 0
-
-
-def _difference(before: Source, after: Source) -> str:
-    """Return the unified difference of two versions of a file."""
-    old, new = (source.text.splitlines(keepends=True) for source in (before, after))
-    lines = difflib.unified_diff(old, new, before.name, f"{after.name} (changed)")
-    return "".join(line if line.endswith("\n") else f"{line}\n" for line in lines)
 
 
 def write_changed(path: Path, text: str) -> None:
@@ -130,7 +114,7 @@ def write_changed(path: Path, text: str) -> None:
         target.chmod(mode)
 
 
-@click.command("lsp", epilog=examples("serp lsp", "pip install 'serp[lsp]'"))
+@command("serp lsp", "pip install 'serp[lsp]'")
 def lsp() -> None:
     """Serve an editor over standard input and output, by the Language Server Protocol.
 
@@ -142,12 +126,9 @@ def lsp() -> None:
     server.start_io()
 
 
-@click.command(
-    "studio",
-    epilog=examples(
-        "serp studio soccer",
-        "serp studio my/world.pddl --port 8400 --no-browser",
-    ),
+@command(
+    "serp studio soccer",
+    "serp studio my/world.pddl --port 8400 --no-browser",
 )
 @click.argument("name", metavar="FILE|NAME|RUN")
 @own_task_option

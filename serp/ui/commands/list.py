@@ -5,12 +5,11 @@ from __future__ import annotations
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
-import click
+from serp.ui.options import command
+from serp.ui.output import print_table, show
 
-from serp.ui.output import examples, open_console, print_table
 
-
-@click.command("list", epilog=examples("serp list"))
+@command("serp list")
 def list() -> None:
     """List the installed tasks, with their domain files, and what the settings can name."""
     from serp._util.plugins import offered
@@ -20,28 +19,27 @@ def list() -> None:
     from serp.runs.comparison.pool import LOCAL
     from serp.tasks.registry import task_entries
 
-    console = open_console()
     rows, styles = [], []
     for name in sorted(task_entries()):
         description, domain, broken = _about(name)
         rows.append((name, description, domain))
         styles.append("red" if broken else "")
     if rows:
-        print_table(console, ("task", "", "domain file"), rows, styles=styles)
+        print_table(("task", "", "domain file"), rows, styles=styles)
     else:
-        console.print("No task is installed.")
+        show("No task is installed.")
     own = {name: algorithm.description for name, algorithm in OWN.items()}
     groups = {GROUP: ("algorithm", "algorithm (serp compare)", own)} | {
         group: (what, f"{setting} ({'--planner' if group == PLANNERS else '--set'})", {})
         for group, (what, setting) in KINDS.items()
     }
     groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes of this machine"}
-    console.print("")
+    show("")
     presets = [
         ("default", "what gives the best result today"),
         ("paper", "Algorithm 1 and section 4 of the paper to the letter"),
     ]
-    print_table(console, ("preset", ""), presets)
+    print_table(("preset", ""), presets)
     for group, (what, title, known) in groups.items():
         shown = [*known.items()]
         styles = [""] * len(shown)
@@ -49,8 +47,8 @@ def list() -> None:
             description, broken = _first_line(entry, what)
             shown.append((name, description))
             styles.append("red" if broken else "")
-        console.print("")
-        print_table(console, (title, ""), shown, styles=styles)
+        show("")
+        print_table((title, ""), shown, styles=styles)
 
 
 def _first_line(entry: EntryPoint, what: str) -> tuple[str, bool]:

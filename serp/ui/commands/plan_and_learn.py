@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp._util.text import plural, readable
-from serp.ui.asked import asked_task
 from serp.ui.commands.trained import print_account, unsafe_text
 from serp.ui.options import (
     again,
+    asked_task,
+    command,
     domain_option,
     own_task_name,
     own_task_option,
@@ -21,20 +22,17 @@ from serp.ui.options import (
     setting_option,
     settings_option,
 )
-from serp.ui.output import examples, open_console, print_next, print_result, print_table
+from serp.ui.output import print_next, print_result, print_table, show
 
 if TYPE_CHECKING:
     from serp.runs.run import Run
 
 
-@click.command(
-    "plan-and-learn",
-    epilog=examples(
-        "serp plan-and-learn --domain cartpole",
-        "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
-        "serp plan-and-learn --task my_robot.py",
-        "serp plan-and-learn --resume runs/seven --episodes 500",
-    ),
+@command(
+    "serp plan-and-learn --domain cartpole",
+    "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
+    "serp plan-and-learn --task my_robot.py",
+    "serp plan-and-learn --resume runs/seven --episodes 500",
 )
 @domain_option
 @own_task_option
@@ -112,10 +110,8 @@ def _print_results(run: Run) -> None:
         mean += f", {readable(returns['first_10'])} in the first 10 episodes, "
         mean += f"{readable(returns['last_20'])} in the last 20"
     path = str(run.path)
-    console = open_console()
-    console.print("")
+    show("")
     print_table(
-        console,
         ("", ""),
         [
             ("run", path),
@@ -127,10 +123,9 @@ def _print_results(run: Run) -> None:
             ("unsafe", unsafe_text(summary)),
         ],
     )  # fmt: skip
-    console.print("")
-    print_account(console, summary, summary["sight"])
+    show("")
+    print_account(summary, summary["sight"])
     print_next(
-        console,
         (again("evaluate", path), "how good it is now, without exploration"),
         (again("plan", path), "what its planner sees, and why"),
         (again("why", path), "what happened in a step, and the lines behind it"),

@@ -12,26 +12,29 @@ import click
 from serp._util.text import percent, plural, readable
 from serp.errors import needs_extra
 from serp.runs import Policy
-from serp.ui.asked import asked_own_task, open_run
-from serp.ui.options import OutputFile, json_option, policy_option, run_argument, seed_option
-from serp.ui.output import examples, open_console, print_json, print_table
+from serp.ui.options import (
+    OutputFile,
+    asked_own_task,
+    command,
+    json_option,
+    open_run,
+    policy_option,
+    run_argument,
+    seed_option,
+)
+from serp.ui.output import print_json, print_table, show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from serp.agent.step_record import StepRecord
     from serp.runs.run_model import RunModel
     from serp.runs.step_account import StepAccount
 
 
-@click.command(
-    "why",
-    epilog=examples(
-        "serp why runs/seven",
-        "serp why runs/seven --step 1204",
-        "serp why runs/seven --evaluation serp-seed0 --episode 3 --step 8 --json",
-    ),
+@command(
+    "serp why runs/seven",
+    "serp why runs/seven --step 1204",
+    "serp why runs/seven --evaluation serp-seed0 --episode 3 --step 8 --json",
 )
 @run_argument
 @click.option("--step", type=click.IntRange(min=0), metavar="N",
@@ -68,37 +71,34 @@ def why(
         about = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
         print_json({**about, **account.as_dict()})
     else:
-        _print_step(open_console(), read, account)
+        _print_step(read, account)
 
 
-def _print_step(console: Console, run: RunModel, account: StepAccount) -> None:
+def _print_step(run: RunModel, account: StepAccount) -> None:
     """Print an account in sentences and tables."""
     from serp.runs.step_account import heading, what_came, what_would_differ, who_acted
     from serp.ui.decision import print_explanation
 
     because = f" ({account.because})" if account.because else ""
-    console.print(f"{run.domain.name}, {heading(account)}{because}", style="bold")
-    console.print(f"Lines are those of {run.domain.source.name}, the run's copy.", style="dim")
+    show(f"{run.domain.name}, {heading(account)}{because}", style="bold")
+    show(f"Lines are those of {run.domain.source.name}, the run's copy.", style="dim")
     for line in [*who_acted(account), ""]:
-        console.print(line)
+        show(line)
     refused = account.proposed if account.step.decision.vetoed else ""
-    print_explanation(console, account.account, [], refused)
+    print_explanation(account.account, [], refused)
     if account.ahead_by:
-        console.print(f"Later steps were planned again with {account.ahead_by}.")
+        show(f"Later steps were planned again with {account.ahead_by}.")
     else:
-        console.print("Later steps are unknown: today's model plans otherwise.")
+        show("Later steps are unknown: today's model plans otherwise.")
     differences = what_would_differ(account)
     for line in ["", *what_came(account), *([""] if differences else []), *differences]:
-        console.print(line)
+        show(line)
 
 
-@click.command(
-    "report",
-    epilog=examples(
-        "serp report runs/seven",
-        "serp report runs/seven -o seven.html --pictures 0",
-        "serp report runs/seven --evaluation serp-seed0 -o evaluation.html",
-    ),
+@command(
+    "serp report runs/seven",
+    "serp report runs/seven -o seven.html --pictures 0",
+    "serp report runs/seven --evaluation serp-seed0 -o evaluation.html",
 )
 @run_argument
 @click.option("-o", "--out", type=OutputFile(".html"), metavar="FILE.html",
@@ -125,16 +125,13 @@ def report(run: Path, out: Path | None, **options: Any) -> None:
 
 
 def _print_size(path: Path) -> None:
-    open_console().print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+    show(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
 
 
-@click.command(
-    "evaluate",
-    epilog=examples(
-        "serp evaluate runs/seven",
-        "serp evaluate runs/seven --policy planner --episodes 500",
-        "serp evaluate runs/seven --policy learner --json > learner.json",
-    ),
+@command(
+    "serp evaluate runs/seven",
+    "serp evaluate runs/seven --policy planner --episodes 500",
+    "serp evaluate runs/seven --policy learner --json > learner.json",
 )
 @run_argument
 @policy_option
@@ -157,9 +154,8 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
     if as_json:
         print_json({"run": str(run), "seed": seed, **result, **account_of(loaded.agent)})
         return
-    console = open_console()
-    console.print(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
-    console.print(f"Measured: {result['meaning']}.")
+    show(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
+    show(f"Measured: {result['meaning']}.")
     steps = sum(result["lengths"])
     interval = ""
     if result["confidence_interval"] is not None:
@@ -173,11 +169,11 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
         ("unsafe", f"{unsafe_text(result)}; {plural(steps, 'step')} in all"),
         ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
     ]  # fmt: skip
-    print_table(console, ("", ""), rows)
+    print_table(("", ""), rows)
     if result["warning"] is not None:
-        console.print(result["warning"])
-    console.print("")
-    print_account(console, account_of(loaded.agent), result["sight"])
+        show(result["warning"])
+    show("")
+    print_account(account_of(loaded.agent), result["sight"])
 
 
 def unsafe_text(counts: Mapping[str, Any]) -> str:
@@ -188,9 +184,7 @@ def unsafe_text(counts: Mapping[str, Any]) -> str:
     return text + f"; {plural(counts['unsafe_observed'], 'step')} observed unsafe, predicted or not"
 
 
-def print_account(
-    console: Console, account: Mapping[str, Any], sight: Mapping[str, float | None]
-) -> None:
+def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None]) -> None:
     """Print what `serp.agent.agent.account_of` and `sight_of` return."""
     rows = [("trained policy", account["trained_policy"])]
     if account["evidence"] is not None:
@@ -215,15 +209,12 @@ def print_account(
         for fluent in account["model"]["fluents"]
         if not fluent["adapted"]
     ]
-    print_table(console, ("", ""), rows)
+    print_table(("", ""), rows)
 
 
-@click.command(
-    "watch",
-    epilog=examples(
-        "serp watch runs/seven",
-        "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
-    ),
+@command(
+    "serp watch runs/seven",
+    "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
 )
 @run_argument
 @policy_option
@@ -263,10 +254,7 @@ def _say_episode(number: int, last: StepRecord) -> None:
     say(text)
 
 
-@click.command(
-    "export",
-    epilog=examples("serp export runs/seven -o policy", "serp export runs/seven -o robot/policy"),
-)
+@command("serp export runs/seven -o policy", "serp export runs/seven -o robot/policy")
 @run_argument
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, metavar="FOLDER",
               help="The new folder.")  # fmt: skip

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp._util.text import readable
-from serp.ui.asked import asked_task
 from serp.ui.options import (
     Decorator,
     again,
+    asked_task,
+    command,
     domain_option,
     own_task_option,
     seed_option,
     settings_option,
 )
-from serp.ui.output import examples, open_console, print_next, print_result, print_table
+from serp.ui.output import print_next, print_result, print_table, show
 
 if TYPE_CHECKING:
     from serp.runs.comparison.compare import Comparison
@@ -72,14 +73,11 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
     return seeds
 
 
-@click.command(
-    "compare",
-    epilog=examples(
-        "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
-        "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
-        "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
-        "serp compare --domain soccer --out runs/soccer --seeds 100 --engine ray --address auto",
-    ),
+@command(
+    "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
+    "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
+    "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
+    "serp compare --domain soccer --out runs/soccer --seeds 100 --engine ray --address auto",
 )
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
               help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
@@ -120,14 +118,13 @@ def _named(texts: tuple[str, ...]) -> list[str]:
 
 
 def _print_comparison(comparison: Comparison, domain: str | None) -> None:
-    console, path = open_console(), comparison.path
+    path = comparison.path
     more = again("compare", "--out", str(path), "--seeds", "10", domain=domain)
-    console.print("")
-    print_table(console, *comparison.overview())
+    show("")
+    print_table(*comparison.overview())
     if comparison.results.caution is not None:
-        console.print(f"\n{comparison.results.caution}")
+        show(f"\n{comparison.results.caution}")
     print_next(
-        console,
         (str(path / "report.html"), "the whole comparison on one page"),
         (str(path / "measures.csv"), "all measures, a row a trial"),
         (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
@@ -135,12 +132,9 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     )
 
 
-@click.command(
-    "tune",
-    epilog=examples(
-        "serp tune --domain cartpole --vary learner.learning_rate=log:1e-4..1e-2",
-        "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --out runs/tuned",
-    ),
+@command(
+    "serp tune --domain cartpole --vary learner.learning_rate=log:1e-4..1e-2",
+    "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --out runs/tuned",
 )
 @click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME[=VALUES]",
               help="A setting and its values: a range (2..7, log:1e-4..1e-2), or values "
@@ -187,12 +181,10 @@ def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: s
     compared = f"{algorithm}:{';'.join(assignments)},{algorithm}"
     compare = again("compare", "--algorithms", compared, "--seeds", "10", domain=domain)
     before = "" if tuned.before is None else f" ({readable(tuned.before)} as they were)"
-    console = open_console()
-    console.print("")
+    show("")
     rows = [(text, "") for text in assignments]
-    print_table(console, (f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
+    print_table((f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
     print_next(
-        console,
         (compare, "whether they are better, with other seeds"),
         (f"optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),
     )

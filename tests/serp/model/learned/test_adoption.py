@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from serp.model.learned.adoption import ModelAdoption, Reliability, WorthAdoption
 from serp.model.learned.transitions import GOES_ON
@@ -74,7 +73,7 @@ def test_corrections_of_reward_and_end_are_printed_with_their_errors(capsys):
         WorthAdoption("reward", True, 100, 4.0, 0.25, ()),
         WorthAdoption("terminal", True, 100, 0.3, 0.04, bins),
     )
-    diagnosis._print_worth(Console(width=100), worth)
+    diagnosis._print_worth(worth)
     printed = capsys.readouterr().out
     for row in (
         ("square error", "2", "0.5"),
@@ -82,7 +81,7 @@ def test_corrections_of_reward_and_end_are_printed_with_their_errors(capsys):
         ("50 %", "40 %", "10"),
     ):
         assert re.search(r" +".join(map(re.escape, row)), printed), printed
-    diagnosis._print_worth(Console(), tuple(each._replace(corrected=False) for each in worth))
+    diagnosis._print_worth(tuple(each._replace(corrected=False) for each in worth))
     assert capsys.readouterr().out == ""
     in_use = ModelAdoption(adapts=True, worth=worth)
     assert in_use.in_use and in_use.as_dict()["worth"][1]["reliability"][1]["ended"] == 0.4
