@@ -69,7 +69,7 @@ class Player:
     game: Game
     begun: Mapping[str, float]
 
-    def play(self, by_hand: bool) -> None:
+    def play(self, *, by_hand: bool) -> None:
         """Read commands from standard input, one a line, until one ends the game.
 
         A mistake ends it, too, unless it is played `by_hand`.
@@ -85,6 +85,8 @@ class Player:
                 if not self.do(line):
                     return
             except EOFError:
+                if by_hand:
+                    show()
                 return
             except (SerpError, click.UsageError) as error:
                 if not by_hand:

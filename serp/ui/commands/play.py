@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -69,34 +68,26 @@ def play(
     """
     from serp.agent.registry import refuse_unknown_names
     from serp.authoring.play import Game
-    from serp.errors import SettingsError
     from serp.tasks.file_world import WorldOptions, starting
     from serp.tasks.registry import find_domain_file
     from serp.ui.player import Player
 
-    try:
-        world = WorldOptions(**disturbances)
-    except SettingsError as error:
-        as_options = re.sub(r"\bworld\.(\w+)", r"--\1", str(error))
-        raise click.UsageError(as_options) from None
     file = find_domain_file(name)
     domain, task = asked_domain(name, problem)
     resolved, dt = asked_settings(task, settings, dt)
     refuse_unknown_names(resolved, {} if task is None else task.planners)
-    by_hand = sys.stdin.isatty()
     if not assignments and (domain.problem_syntax is None or not domain.problem_syntax.has_init):
         show(
             f"{domain.source.name} has no problem with an :init: numbers begin at 0, and all else "
-            "is false."
+            "is false. --state FLUENT=VALUE,... changes that."
         )
-        if by_hand:
-            text = click.prompt("Other values (FLUENT=VALUE,...)", default="", type=str)
-            assignments = (text,)
     begun = parse_state(assignments, domain)
-    game = Game(starting(domain, begun) if begun else domain, world, dt=dt, seed=seed)
+    game = Game(
+        starting(domain, begun) if begun else domain, WorldOptions(**disturbances), dt=dt, seed=seed
+    )
     player = Player(domain, task, dt, resolved, file is not None, game, begun)
     disturbed = "".join(f", {what} {size:g}" for what, size in disturbances.items() if size)
     show(f"the world of {game.domain.source.name}, control period {dt:g}{disturbed}")
     player.print_state()
     player.print_actions()
-    player.play(by_hand)
+    player.play(by_hand=sys.stdin.isatty())
