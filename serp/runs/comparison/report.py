@@ -106,7 +106,7 @@ def estimate_text(found: Estimate) -> str:
 
 def _cell(results: Results, algorithm: str, name: str) -> str:
     """Return a measure with its interval, and how often a threshold was never reached."""
-    text = estimate_text(results.estimate(algorithm, name))
+    text = estimate_text(results.estimate(name, algorithm))
     values = results.values(algorithm, name)
     never = int(np.isposinf(values).sum())
     return f"{text}, never in {never} of {len(values)}" if never else text
@@ -141,7 +141,7 @@ def differences_table(results: Results) -> Content:
     rows = [
         [
             f"{other} − {first}",
-            *(estimate_text(results.difference(other, first, m.name)) for m in compared),
+            *(estimate_text(results.estimate(m.name, other, first)) for m in compared),
         ]
         for other in others
     ]

@@ -9,7 +9,7 @@ The generator has a fixed seed, so that equal data give equal intervals.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -205,44 +205,33 @@ def interquartile_mean(values: Array) -> Array:
     return np.asarray(trim_mean(values, 0.25, axis=-1), dtype=np.float64)
 
 
-def estimate(values: ArrayLike) -> Estimate:
-    """Return the interquartile mean with its bootstrap interval, widened to hold the mean."""
-    return _interval([_known(values)], interquartile_mean)
+def estimate(values: ArrayLike, less: ArrayLike | None = None) -> Estimate:
+    """Return the interquartile mean with its bootstrap interval, widened to hold the mean.
 
-
-def difference(first: ArrayLike, second: ArrayLike) -> Estimate:
-    """Estimate by how much the interquartile mean of `first` exceeds that of `second`.
-
-    Seeds of both are resampled independently, which is on the safe side where the same seeds of an
-    environment make both alike.
+    With `less`, by how much it exceeds that of `less`. Both are resampled independently, which is
+    on the safe side where the same seeds of an environment make both alike. The order of values
+    does not matter.
     """
-    return _interval(
-        [_known(first), _known(second)],
-        lambda one, other: interquartile_mean(one) - interquartile_mean(other),
-    )
-
-
-def _known(values: ArrayLike) -> Array:
-    """Return the values that are not NaN in an order that is always the same."""
-    array = np.asarray(values, dtype=np.float64).ravel()
-    return np.sort(array[~np.isnan(array)])
-
-
-def _interval(samples: Sequence[Array], statistic: Callable[..., Array]) -> Estimate:
-    value = float(statistic(*samples))
+    samples = [np.sort(np.asarray(part, np.float64)) for part in (values, less) if part is not None]
+    value = float(_excess(*samples))
     if any(len(sample) < 2 for sample in samples):
         return Estimate(value, None, None)
-    low, high = _bootstrap(samples, statistic)
+    low, high = _bootstrap(*samples)
     return Estimate(value, min(float(low), value), max(float(high), value))
 
 
-def _bootstrap(samples: Sequence[Array], statistic: Callable[..., Array]) -> tuple[Array, Array]:
+def _excess(sample: Array, less: Array | None = None) -> Array:
+    mean = interquartile_mean(sample)
+    return mean if less is None else mean - interquartile_mean(less)
+
+
+def _bootstrap(*samples: Array) -> tuple[Array, Array]:
     """Return the ends of the percentile interval; seeds are on the last axis."""
     size = sum(sample.size for sample in samples)
     # Numbers that are resampled at once: many seeds would need more memory than there is.
     result = bootstrap(
         samples,
-        lambda *parts, axis: statistic(*parts),
+        lambda *parts, axis: _excess(*parts),
         n_resamples=RESAMPLES,
         batch=min(RESAMPLES, max(1, 10_000_000 // size)),
         vectorized=True,
@@ -269,7 +258,7 @@ class Curves(NamedTuple):
         centre = interquartile_mean(across)
         if len(self.y) < 2:
             return centre, centre, centre
-        low, high = _bootstrap([across], interquartile_mean)
+        low, high = _bootstrap(across)
         return centre, np.minimum(low, centre), np.maximum(high, centre)
 
 
@@ -361,10 +350,7 @@ class Results:
         values = np.where(np.isposinf(values), float(self.plan.protocol.env_steps), values)
         return values[~np.isnan(values)]
 
-    def estimate(self, algorithm: str, name: str) -> Estimate:
-        """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
-        return estimate(self.known(algorithm, name))
-
-    def difference(self, first: str, second: str, name: str) -> Estimate:
-        """Estimate by how much a measure of one algorithm exceeds another's."""
-        return difference(self.known(first, name), self.known(second, name))
+    def estimate(self, name: str, algorithm: str, less: str | None = None) -> Estimate:
+        """Estimate a measure of an algorithm or, with `less`, how much it exceeds another's."""
+        other = None if less is None else self.known(less, name)
+        return estimate(self.known(algorithm, name), other)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import datetime
 import hashlib
 import io
 import json
@@ -182,7 +181,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
         else:
             folder = begin_run(
                 job.folder, bound, settings, preset=job.algorithm.preset, seed=seed, budget=budget,
-                begun=datetime.datetime.now(), baseline=baseline,
+                baseline=baseline,
             )  # fmt: skip
         with folder:
             restore(folder, trainer, budget)
@@ -265,13 +264,12 @@ class _ExternalLearner(NamedTuple):
     def propose_greedily(self, x: Vector) -> Proposal:
         """Propose the greedy action for one input `[F]`."""
         with _blamed(self.name):
-            chosen: NDArray[Any] = np.asarray(self.external.act(x[np.newaxis].astype(np.float32)))
-            whole = chosen.dtype.kind in "iu" and chosen.shape == (1,)
-            if not whole or not 0 <= chosen[0] < self.actions:
+            (action,) = self.external.act(x[np.newaxis].astype(np.float32))
+            if action not in range(self.actions):
                 raise ValueError(
-                    f"act returned {chosen!r}; one whole number 0 ... {self.actions - 1} is wanted"
+                    f"act returned {action!r}; a whole number 0 ... {self.actions - 1} is wanted"
                 )
-            return Proposal(int(chosen[0]), False, None)
+            return Proposal(int(action), False, None)
 
 
 def _train_external(
@@ -286,7 +284,7 @@ def _train_external(
     evaluations = _Evaluations(job, agent, bound, arena)
     folder = begin_run(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
-        budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
+        budget=Budget(env_steps=budget), baseline=True,
     )  # fmt: skip
     books = Bookkeeping()
     books.log = log = RunLog(folder, bound)
