@@ -24,7 +24,7 @@ from serp.runs.comparison.algorithms import find_algorithm
 from serp.runs.comparison.compare import locked
 from serp.runs.comparison.pool import LOCAL, TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import measure
-from serp.runs.comparison.trial import Job, Trial, TrialProtocol, read_trial
+from serp.runs.comparison.trial import Job, TrialProtocol, read_trial
 from serp.runs.folder import default_path
 from serp.runs.train import stop_between_episodes
 from serp.settings import Changes
@@ -113,8 +113,8 @@ class _Search:
         settings = algorithm.settings(self._task, self.request.settings)
         return [
             Job(
-                Trial(algorithm.name, seed), algorithm, self._task, settings,
-                self._protocol, folder.absolute() / "trials" / f"{number}-{seed}",
+                algorithm, seed, self._task, settings, self._protocol,
+                folder.absolute() / "trials" / f"{number}-{seed}",
             )
             for seed in self.request.seeds
         ]  # fmt: skip
@@ -233,7 +233,7 @@ def _run(optuna: Any, study: Any, search: _Search, folder: Path) -> int | None:
             for result in run_jobs(missing, request, stopping, say):
                 if result.error is not None:
                     number = int(result.job.folder.name.partition("-")[0])
-                    errors[number] = f"seed {result.job.trial.seed}: {result.error}"
+                    errors[number] = f"seed {result.job.seed}: {result.error}"
             for number, parameters in running.items():
                 text = None
                 if number not in errors and all(job.complete for job in jobs[number]):

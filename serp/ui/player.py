@@ -47,10 +47,6 @@ HELP: Final = (
     ("q", "quit"),
     ("", "on a terminal, an empty line repeats the last one"),
 )
-_WORDS: Final = {
-    "plan": "?", "planner": "p", "undo": "u", "restart": "r", "state": "s", "help": "h",
-    "quit": "q", "exit": "q",
-}  # fmt: skip
 
 
 @dataclass
@@ -97,20 +93,18 @@ class Player:
     def do(self, line: str) -> bool:
         """Carry out a command; return whether the game goes on."""
         line = " ".join(line.split())
-        command = re.fullmatch(r"(?P<what>\?|[a-z]+)(?: (?P<count>\d+))?", line)
-        what = _WORDS.get(command["what"], command["what"]) if command else ""
+        command = re.fullmatch(r"([?pursh])(?: (\d+))?", line)
+        if line == "q":
+            return False
         if not line or line.startswith((";", "#")):
             return True
-        if line.startswith("save "):
-            title = line.removeprefix("save ")
-            show(self._save(title))
+        if command:
+            self._command(command[1], _count(command[2]))
+        elif line.startswith("save "):
+            show(self._save(line.removeprefix("save ")))
         elif "=" in line:
             self.game.set(parse_state([line], self.game.domain, "change"))
             self.print_state()
-        elif what == "q":
-            return False
-        elif command and what in ("?", *"pursh"):
-            self._command(what, _count(command["count"]))
         else:
             times = re.fullmatch(r"(?P<action>.+?) ?\* ?(?P<count>\d+)", line)
             action = self._find(times["action"] if times else line)
@@ -149,7 +143,7 @@ class Player:
             return matches[0]
         if matches:
             raise SerpError(f"`{name}` may be {' or '.join(names[k] for k in matches[:8])}")
-        known = did_you_mean(name, [*names, *_WORDS, "save"])
+        known = did_you_mean(name, [*names, "save"])
         raise SerpError(f"there is no action or command `{name}`; {known} (h: help)")
 
     def _repeat(self, choose: Callable[[], int], count: int) -> None:

@@ -34,7 +34,6 @@ from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import Results
 from serp.runs.comparison.trial import (
     Job,
-    Trial,
     TrialProtocol,
     file_name,
     make_external,
@@ -201,12 +200,11 @@ def _jobs(folder: Path, plan: ComparisonPlan, bound: BoundTask) -> list[Job]:
             make_external(algorithm, bound, settings, plan.seeds[0])
         for seed in plan.seeds:
             trial_folder = place / f"{file_name(algorithm.name)}-{seed}"
-            trial = Trial(algorithm.name, seed)
-            jobs.append(Job(trial, algorithm, task, settings, plan.protocol, trial_folder))
+            jobs.append(Job(algorithm, seed, task, settings, plan.protocol, trial_folder))
     for job in jobs:
         if job.begun:
             job.refuse_changes()
-    return sorted(jobs, key=lambda job: job.trial.seed)
+    return sorted(jobs, key=lambda job: job.seed)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import os
 import pickle
 import signal
 import sys
+import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -117,15 +118,13 @@ class Ended(NamedTuple):
 @contextlib.contextmanager
 def progress(what: str, quiet: bool) -> Iterator[Callable[[str], None]]:
     """Show on a terminal that work goes on; yield a function that shows a line unless quiet."""
-    console = open_console(sys.stderr)
+    console = open_console(sys.stderr, quiet=quiet)
 
     def say(text: str) -> None:
-        if not quiet:
-            with contextlib.suppress(OSError, ValueError):
-                console.print(text, soft_wrap=True)
+        with contextlib.suppress(OSError, ValueError):  # a terminal that was closed ends no work
+            console.print(text, soft_wrap=True)
 
-    alive = console.status(what) if console.is_terminal and not quiet else contextlib.nullcontext()
-    with alive:
+    with console.status(what) if console.is_terminal else contextlib.nullcontext():
         yield say
 
 
@@ -181,10 +180,10 @@ def _portable(jobs: Sequence[Job]) -> bool:
         return False
 
 
-def attempt(job: Job, stopped: Callable[[], bool] = lambda: False) -> Ended:
+def attempt(job: Job, stopped: Callable[[], bool] | None = None) -> Ended:
     """Run a job; an error that is no `SerpError` is a bug, and keeps its traceback."""
     try:
-        run_trial(job, stopped)
+        run_trial(job, stopped or _stop.is_set)
     except Interrupted:
         return Ended(job, stopped=True)
     except SerpError as error:
@@ -199,14 +198,14 @@ def _run_apart(
 ) -> Iterator[Ended]:
     """Run jobs in processes or on a cluster."""
     waiting, running = deque(jobs), dict[Future[Ended], Job]()
-    with _opened(request, most) as (executor, slots, function, stop):
+    with _opened(request, most) as (executor, slots, stop):
         while True:
             if stopped():
                 waiting.clear()
                 stop()
             while waiting and len(running) < slots:
                 try:
-                    running[executor.submit(function, waiting[0])] = waiting[0]
+                    running[executor.submit(attempt, waiting[0])] = waiting[0]
                 except BrokenExecutor:
                     yield from (Ended(job, error=_LOST) for job in waiting)
                     waiting.clear()
@@ -229,14 +228,14 @@ def _run_apart(
 @contextlib.contextmanager
 def _opened(
     request: TrialsRequest, most: int | None
-) -> Iterator[tuple[Executor, int, Callable[[Job], Ended], Callable[[], None]]]:
-    """Yield executor, trials at the same time, their function, and a function that stops them.
+) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
+    """Yield executor, trials at the same time, and a function that stops them.
 
     Processes of this machine stop after their episodes; at an exception they are killed.
     """
     if request.engine != LOCAL:
         with find_engine(request.engine)(request.address, most) as (executor, slots):
-            yield executor, slots, attempt, lambda: None
+            yield executor, slots, lambda: None
         return
     assert most is not None
     context = multiprocessing.get_context("spawn")
@@ -245,15 +244,15 @@ def _opened(
         stop = context.Event()  # begins a process, too
         with ProcessPoolExecutor(most, context, _begin_worker, (stop,)) as executor:
             try:
-                yield executor, most, _attempt_in_worker, stop.set
+                yield executor, most, stop.set
             except BaseException:
                 for process in set(multiprocessing.active_children()) - others:
                     process.kill()
                 raise
 
 
-_stop: Any = None
-"""In a worker process: the event that stops trials."""
+_stop: Any = threading.Event()
+"""The event that stops trials; in a worker process, that of the one which began it."""
 
 
 def _begin_worker(stop: Any) -> None:
@@ -261,7 +260,3 @@ def _begin_worker(stop: Any) -> None:
     _stop = stop
     unsafe_path()
     follow_parent()
-
-
-def _attempt_in_worker(job: Job) -> Ended:
-    return attempt(job, _stop.is_set)

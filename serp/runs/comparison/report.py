@@ -74,7 +74,7 @@ def write_report(folder: Path, results: Results, jobs: Sequence[Job]) -> None:
         domains=", ".join(dict.fromkeys(job.task.load().source.name for job in jobs)),
         machine=machine(),
         versions=_versions(results),
-        settings=settings_table(results, jobs),
+        algorithms=algorithms_table(jobs),
         overview=overview(results),
         values=partial(values_table, results),
         differences=differences_table(results),
@@ -148,26 +148,22 @@ def differences_table(results: Results) -> Content:
     return ["difference", *(m.title for m in compared)], rows
 
 
-def settings_table(results: Results, jobs: Sequence[Job]) -> Content:
-    """Return what the algorithms are, and the settings that are not the same for all of them."""
-    texts: dict[str, dict[str, str]] = {name: {} for name in results.algorithms}
-    for job in jobs:
-        if job.trial.algorithm not in texts:
-            continue
-        own = texts[job.trial.algorithm] = {"algorithm": job.algorithm.description}
-        if job.algorithm.make_external is None:
-            for section, values in job.settings.as_dict().items():
-                own |= {
-                    f"{section}.{name}": value if isinstance(value, str) else json.dumps(value)
-                    for name, value in values.items()
-                }
-    # External algorithms have no settings of ours, so these are compared among the others.
+def algorithms_table(jobs: Sequence[Job]) -> Content:
+    """Return what the algorithms are: beside their presets, the settings that they change."""
     rows = [
-        [key, *(text.get(key, NOTHING) for text in texts.values())]
-        for key in dict.fromkeys(key for text in texts.values() for key in text)
-        if "." not in key or len({text[key] for text in texts.values() if key in text}) > 1
+        [
+            name,
+            algorithm.description,
+            NOTHING if algorithm.kind == "external" else algorithm.preset,
+            ", ".join(
+                f"{section}.{setting} = {json.dumps(value)}"
+                for section, values in algorithm.changes.items()
+                for setting, value in values.items()
+            ),
+        ]
+        for name, algorithm in {job.algorithm.name: job.algorithm for job in jobs}.items()
     ]
-    return ["what", *texts], rows
+    return ["algorithm", "what it is", "preset", "settings of its own"], rows
 
 
 # Figures ---------------------------------------------------------------------------------------

@@ -90,12 +90,17 @@ class Job:
     It is sent to other machines, so its task has the domain itself, not the name of a file.
     """
 
-    trial: Trial
     algorithm: Algorithm
+    seed: int
     task: Task
     settings: Settings
     protocol: TrialProtocol
     folder: Path
+
+    @property
+    def trial(self) -> Trial:
+        """The key of the trial."""
+        return Trial(self.algorithm.name, self.seed)
 
     @property
     def begun(self) -> bool:
@@ -118,10 +123,10 @@ class Job:
         folder = RunFolder.open(self.folder)
         domain = self.task.load()
         copies = [file.read_text("utf-8") for file in folder.copies() if file is not None]
-        seed, settings = self.trial.seed, json.loads(json.dumps(self.settings.as_dict()))
+        settings = json.loads(json.dumps(self.settings.as_dict()))
         parts = {
             "settings": folder.config.get("settings") != settings,
-            "seed": folder.config.get("seed") != seed,
+            "seed": folder.config.get("seed") != self.seed,
             "domain file": copies != [source.text for source in domain.sources],
         }
         if other := [what for what, differs in parts.items() if differs]:
@@ -161,7 +166,7 @@ def run_trial(job: Job, stopped: Callable[[], bool] = lambda: False) -> None:
 
 def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], bool]) -> None:
     """Train one of serp's algorithms."""
-    seed, settings, budget = job.trial.seed, job.settings, Budget(env_steps=job.protocol.env_steps)
+    seed, settings, budget = job.seed, job.settings, Budget(env_steps=job.protocol.env_steps)
     baseline = job.algorithm.kind == "baseline"
     with Trainer(bound, settings, seed, baseline=baseline) as trainer:
         agent = trainer.agent
@@ -276,7 +281,7 @@ def _train_external(
     job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], bool]
 ) -> None:
     """Let an external algorithm train itself, from the beginning: it has no checkpoints."""
-    seed, settings, budget = job.trial.seed, job.settings, job.protocol.env_steps
+    seed, settings, budget = job.seed, job.settings, job.protocol.env_steps
     agent, env, external = make_external(job.algorithm, bound, settings, seed)
     shutil.rmtree(job.folder, ignore_errors=True)
     learner = _ExternalLearner(external, job.algorithm.name, bound.actions.size)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
               help="Draw predicted against observed there.")  # fmt: skip
 def diagnose(run: Path, as_json: bool, svg: Path | None) -> None:
-    """Report what is wrong or missing in the domain file of RUN, a folder of plan-and-learn.
+    """Report what is wrong or missing in the domain file of RUN.
 
     The predictions of the file are compared with the run's newest steps (up to 20,000): fluents,
     rewards and ends. The most costly findings come first. The environment is not needed, and
@@ -121,7 +121,7 @@ def _print_worth(worth: tuple[WorthAdoption, ...]) -> None:
 @click.option("--force", is_flag=True,
               help="Replace FILE.pddl and its problem file where they exist.")  # fmt: skip
 def repair(run: Path, out: Path | None, force: bool) -> None:
-    """Correct the domain file of RUN, a folder of plan-and-learn, and show what changes.
+    """Correct the domain file of RUN, and show what changes.
 
     Numbers are changed where they stand, and missing effects are added, each with its evidence as
     a comment; everything else stays as it is. Rewards, unsafe and ends are never changed: comments

@@ -71,7 +71,7 @@ def new(name: Path, env: str | None) -> None:
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file would change.")
 @click.option("--diff", is_flag=True, help="Write nothing; print what would change.")
 def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
-    """Lay files out regularly: indentation and blanks, and nothing else.
+    """Lay files out regularly: indentation and blanks, nothing else.
 
     Line breaks and comments are kept; only lines of more than 100 columns are broken. Other options
     do not exist, so that files of different authors look the same.
@@ -116,7 +116,7 @@ def write_changed(path: Path, text: str) -> None:
 
 @command("serp lsp", "pip install 'serp[lsp]'")
 def lsp() -> None:
-    """Serve an editor over standard input and output, by the Language Server Protocol.
+    """Serve an editor, by the Language Server Protocol.
 
     Editors start this command themselves; docs/how-to/editors.md says how each is told.
     """
@@ -136,7 +136,7 @@ def lsp() -> None:
               help="Port on this machine.  [default: any that is free]")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 def studio(name: str, port: int, no_browser: bool) -> None:
-    """Edit a domain file in the browser and see at every keystroke what it means.
+    """Edit a domain file in the browser and see what it means.
 
     Beside the text stand what is wrong in it, the planner's decision in a state of your choice, and
     its planning graph. The page is served on this machine alone, at an address with a token; it

@@ -11,7 +11,7 @@ from serp.ui.output import print_table, show
 
 @command("serp list")
 def list() -> None:
-    """List the installed tasks, with their domain files, and what the settings can name."""
+    """List what is installed: tasks, algorithms, strategies."""
     from serp._util.plugins import offered
     from serp.agent.registry import KINDS, PLANNERS
     from serp.runs.comparison.algorithms import GROUP, OWN

@@ -55,11 +55,12 @@ def play(
     settings: dict[str, dict[str, Any]],
     **disturbances: Any,
 ) -> None:
-    """Play the world of a domain file: no environment is needed, and no Python.
+    """Step through the world of a domain file.
 
-    What each step changed is shown, and the line of the file behind it. A line is a command: the
-    number or name of an action; `?` asks the planner, `p` lets it act, `u` undoes a step, `h` shows
-    all commands. On a terminal an empty line repeats the last one.
+    No environment is needed, and no Python. What each step changed is shown, and the line of the
+    file behind it. A line is a command: the number or name of an action; `?` asks the planner, `p`
+    lets it act, `u` undoes a step, `h` shows all commands. On a terminal an empty line repeats the
+    last one.
 
     The planner knows the file. The world may slip and be noisy beside that, so that you see what
     a plan and its vetoes stand.

@@ -55,11 +55,11 @@ def test(
     as_json: bool,
     **deciding: Any,
 ) -> int:
-    """Check the scenarios beside domain files: NAME.scenarios beside NAME.pddl.
+    """Check the scenarios beside domain files.
 
-    A scenario is a situation and what is expected in it: what the planner chooses, what is refused
-    and why, what an action is worth, what comes of it. Without an argument, all scenario files here
-    and in `domains` are checked.
+    Those of NAME.pddl are in NAME.scenarios. A scenario is a situation and what is expected in it:
+    what the planner chooses, what is refused and why, what an action is worth, what comes of it.
+    Without an argument, all scenario files here and in `domains` are checked.
 
     Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
     """

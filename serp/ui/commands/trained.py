@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 def why(
     run: Path, step: int | None, episode: int | None, evaluation: str | None, as_json: bool
 ) -> None:
-    """Explain a step of RUN, the folder that plan-and-learn made.
+    """Explain a step of RUN, a folder of plan-and-learn.
 
     Who acted and why; the state; every action with its value, risk and reward, and what of the
     domain file is behind them; what was predicted and what came; the next best action, and what
@@ -111,10 +111,10 @@ def _print_step(run: RunModel, account: StepAccount) -> None:
 @click.option("--pictures", type=click.IntRange(min=0), default=1_000, show_default=True,
               metavar="N", help="Most pictures of the scene; at most 6 MB.")  # fmt: skip
 def report(run: Path, out: Path | None, **options: Any) -> None:
-    """Write what happened in RUN as one HTML file, which needs nothing else.
+    """Write RUN, a folder of plan-and-learn, as one HTML file.
 
-    Curves and refusals; and every recorded step with its scene, its state, its alternatives and the
-    lines of the file behind the executed and the refused action.
+    It needs nothing else: curves and refusals; and every recorded step with its scene, its state,
+    its alternatives and the lines of the file behind the executed and the refused action.
     """
     from serp.runs.run import load_run
     from serp.ui.report.report import write_report
@@ -140,7 +140,7 @@ def _print_size(path: Path) -> None:
 @seed_option("Seed of the environment.")
 @json_option
 def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) -> None:
-    """Measure a policy of RUN, the folder that plan-and-learn made.
+    """Measure a policy of RUN, a folder of plan-and-learn.
 
     Return is the sum of the environment's rewards. The interval holds the mean of all episodes with
     95 % confidence (Student's t); the spread is what single episodes differ by.
@@ -224,7 +224,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
 @click.option("-o", "--out", type=OutputFile(".mp4"), metavar="FILE.mp4",
               help="The film.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
 def watch(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None) -> None:
-    """Film episodes of a policy of RUN, the folder that plan-and-learn made.
+    """Film a policy of RUN, a folder of plan-and-learn.
 
     Below the picture stands who acts and what is done; in red what was refused, and why in the
     words of the domain file. No screen is needed; on a terminal a film without --out is opened by
@@ -259,7 +259,7 @@ def _say_episode(number: int, last: StepRecord) -> None:
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, metavar="FOLDER",
               help="The new folder.")  # fmt: skip
 def export(run: Path, out: Path) -> None:
-    """Export the trained policy of RUN, the folder that plan-and-learn made, to FOLDER.
+    """Export the policy of RUN, a folder of plan-and-learn, to FOLDER.
 
     FOLDER holds the domain file and what the agent has learned. A robot with serp decides by it,
     without the environment of the task.

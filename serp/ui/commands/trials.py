@@ -95,7 +95,7 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
               help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
 @_trials_options(seeds=range(5), folder="compare")
 def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> None:
-    """Train several algorithms on one task, with the same budget, seeds, reward and observation.
+    """Compare algorithms on one task, with the same budget and seeds.
 
     The report says how fast each learns, what it costs and what is left to chance. --set changes
     all of serp's algorithms that do not set the same themselves. Each trial is a
@@ -151,7 +151,7 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
 @seed_option("Seed of the search.")
 @_trials_options(seeds=range(1_000, 1_003), folder="tune")
 def tune(domain: str | None, vary: tuple[str, ...], quiet: bool, **options: Any) -> None:
-    """Search settings by the returns of whole trainings, with Optuna.
+    """Search settings by the returns of whole trainings.
 
     With the same --out the study goes on. Its seeds are not those of `serp compare`, so that
     results are not those of the seeds that were tuned on.
