@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp._util.text import plural, readable
-from serp.ui.commands.trained import print_account, unsafe_text
+from serp._util.text import plural
+from serp.ui.commands.trained import print_account
 from serp.ui.options import (
     again,
     asked_task,
@@ -22,7 +22,7 @@ from serp.ui.options import (
     setting_option,
     settings_option,
 )
-from serp.ui.output import print_next, print_result, print_table, show
+from serp.ui.output import print_next, print_result, show
 
 if TYPE_CHECKING:
     from serp.runs.run import Run
@@ -103,27 +103,11 @@ def _run_to_resume(given: str, out: Path | None) -> Path:
 
 
 def _print_results(run: Run) -> None:
-    summary: dict[str, Any] = run.summary
-    episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
-    mean = f"{readable(returns['mean'])} on average"
-    if returns["last_20"] is not None:
-        mean += f", {readable(returns['first_10'])} in the first 10 episodes, "
-        mean += f"{readable(returns['last_20'])} in the last 20"
-    path = str(run.path)
-    show("")
-    print_table(
-        ("", ""),
-        [
-            ("run", path),
-            ("length", f"{episodes}, {plural(summary['env_steps'], 'env step')}"),
-            ("return", mean),
-            ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
-                           "(a fall, a crash, the goal)"),
-            ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
-            ("unsafe", unsafe_text(summary)),
-        ],
-    )  # fmt: skip
-    show("")
+    from serp.runs.results import lead, title
+
+    summary, path = run.summary, str(run.path)
+    show(f"\n{path}: {title(summary)}")
+    show(f"{lead(summary)} {plural(summary['vetoes'], 'proposal')} refused.\n")
     print_account(summary, summary["sight"])
     print_next(
         (again("evaluate", path), "how good it is now, without exploration"),

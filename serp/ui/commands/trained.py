@@ -157,6 +157,10 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
     show(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
     show(f"Measured: {result['meaning']}.")
     steps = sum(result["lengths"])
+    unsafe = f"{plural(result['unsafe_executed'], 'action')} executed that the domain file flags"
+    if result["avoidable_unsafe"]:
+        unsafe += f", {result['avoidable_unsafe']:,} of them while another one was not flagged"
+    unsafe += f"; {plural(result['unsafe_observed'], 'step')} observed unsafe, predicted or not"
     interval = ""
     if result["confidence_interval"] is not None:
         low, high = map(readable, result["confidence_interval"])
@@ -166,7 +170,7 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
         ("spread", f"standard deviation {readable(result['std'])}, {readable(result['min'])} to "
                    f"{readable(result['max'])}, median {readable(result['median'])}"),
         ("terminated", f"{result['terminated']} of {episodes} episodes"),
-        ("unsafe", f"{unsafe_text(result)}; {plural(steps, 'step')} in all"),
+        ("unsafe", f"{unsafe}; {plural(steps, 'step')} in all"),
         ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
     ]  # fmt: skip
     print_table(("", ""), rows)
@@ -174,14 +178,6 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
         show(result["warning"])
     show("")
     print_account(account_of(loaded.agent), result["sight"])
-
-
-def unsafe_text(counts: Mapping[str, Any]) -> str:
-    """Return how often a run, or an evaluation, was unsafe: by prediction, and by observation."""
-    text = f"{plural(counts['unsafe_executed'], 'action')} executed that the domain file flags"
-    if counts["avoidable_unsafe"]:
-        text += f", {counts['avoidable_unsafe']:,} of them while another one was not flagged"
-    return text + f"; {plural(counts['unsafe_observed'], 'step')} observed unsafe, predicted or not"
 
 
 def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None]) -> None:
