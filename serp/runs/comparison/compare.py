@@ -24,10 +24,9 @@ from pydantic import (
     field_validator,
 )
 
-from serp._util.did_you_mean import did_you_mean
 from serp._util.files import make_inside, read_regular, write_durably
 from serp.agent.agent import Agent
-from serp.errors import Interrupted, RunError, SettingsError, TaskError, needs_extra
+from serp.errors import Interrupted, RunError, SettingsError, needs_extra
 from serp.model.domain import load_domain
 from serp.runs.comparison.algorithms import DQN, PLANNER, find_algorithm
 from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
@@ -169,12 +168,8 @@ def _with_domain_file(bound: BoundTask, name: str) -> Task:
     """
     if not name:
         return bound.task.loaded()
-    own = Path(bound.domain.source.name)
+    own, limit = Path(bound.domain.source.name), bound.domain.max_ground_schemas
     file = find_domain_file(name) or own.with_name(f"{name}.pddl")
-    if not file.is_file():
-        known = sorted(path.stem for path in own.parent.glob("*.pddl") if path != own)
-        raise TaskError(f"there is no domain file {name}; {did_you_mean(name, known)}")
-    limit = bound.domain.max_ground_schemas
     domain = load_domain(file, observed=not bound.task.closed, max_ground_schemas=limit)
     # Binding checks that the file fits the task.
     with dataclasses.replace(bound.task, domain=domain, problem=None).bind() as other:

@@ -26,7 +26,7 @@ from concurrent.futures import (
 )
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, ClassVar, Final, NamedTuple, Self
+from typing import Any, ClassVar, Final, NamedTuple
 
 from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
@@ -69,7 +69,7 @@ _LOST: Final = (
 class TrialsRequest(Section):
     """Options of whatever runs trials: their settings and seeds, and where they run.
 
-    None stands for the default. An engine that cannot be found is refused, too.
+    None stands for the default.
     """
 
     first_seed: ClassVar[int] = 0
@@ -97,14 +97,6 @@ class TrialsRequest(Section):
         if not seeds:
             raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
         return tuple(dict.fromkeys(seeds))
-
-    @model_validator(mode="after")
-    def _engine_is_there(self) -> Self:
-        if self.engine != LOCAL:
-            find_engine(self.engine)
-        elif self.address is not None:
-            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
-        return self
 
 
 class Ended(NamedTuple):

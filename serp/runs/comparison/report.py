@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import shlex
 import sys
@@ -59,7 +58,7 @@ def write_report(folder: Path, results: Results, jobs: Sequence[Job]) -> None:
     files["report.html"] = render_template(
         "serp.runs.comparison",
         "report.html.j2",
-        {"plain": lambda text: visible(" ".join(str(text).split()))},
+        {"plain": lambda text: visible(" ".join(str(text).split())), "estimate": estimate_text},
         results=results,
         plan=results.plan,
         protocol=results.plan.protocol,
@@ -74,10 +73,9 @@ def write_report(folder: Path, results: Results, jobs: Sequence[Job]) -> None:
         domains=", ".join(dict.fromkeys(job.task.load().source.name for job in jobs)),
         machine=machine(),
         versions=_versions(results),
-        algorithms=algorithms_table(jobs),
+        algorithms={job.algorithm.name: job.algorithm for job in jobs}.values(),
         overview=overview(results),
         values=partial(values_table, results),
-        differences=differences_table(results),
         definitions=[[m.name, m.meaning, m.better or NOTHING] for m in results.measures],
     )
     for name, content in files.items():
@@ -132,38 +130,6 @@ def values_table(results: Results, name: str) -> Content:
 def _measured(results: Results, measures: Sequence[Measure]) -> Content:
     rows = [[a, *(_cell(results, a, m.name) for m in measures)] for a in results.algorithms]
     return ["algorithm", *(measure.title for measure in measures)], rows
-
-
-def differences_table(results: Results) -> Content:
-    """Return the differences of interquartile means of each algorithm to the first."""
-    compared = [measure for measure in results.measures if measure.compared]
-    first, *others = results.algorithms or ("",)
-    rows = [
-        [
-            f"{other} − {first}",
-            *(estimate_text(results.estimate(m.name, other, first)) for m in compared),
-        ]
-        for other in others
-    ]
-    return ["difference", *(m.title for m in compared)], rows
-
-
-def algorithms_table(jobs: Sequence[Job]) -> Content:
-    """Return what the algorithms are: beside their presets, the settings that they change."""
-    rows = [
-        [
-            name,
-            algorithm.description,
-            NOTHING if algorithm.kind == "external" else algorithm.preset,
-            ", ".join(
-                f"{section}.{setting} = {json.dumps(value)}"
-                for section, values in algorithm.changes.items()
-                for setting, value in values.items()
-            ),
-        ]
-        for name, algorithm in {job.algorithm.name: job.algorithm for job in jobs}.items()
-    ]
-    return ["algorithm", "what it is", "preset", "settings of its own"], rows
 
 
 # Figures ---------------------------------------------------------------------------------------

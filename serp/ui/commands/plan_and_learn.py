@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 @seed_option("Seed of everything random.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
               help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
-@click.option("--resume", is_flag=False, flag_value="", metavar="[RUN]",
-              help="Continue a run: this one, or that in --out.")  # fmt: skip
+@click.option("--resume", type=click.Path(path_type=Path), metavar="RUN",
+              help="Continue this run.")  # fmt: skip
 @setting_option("--adapt", "adaptation.mode", metavar="off|parameters|residual|full",
                 what="What the model learns from its errors.  "
                      "[default: by the preset]")  # fmt: skip
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 @settings_option
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
 def plan_and_learn(
-    domain: str | None, out: Path | None, resume: str | None, quiet: bool, **options: Any
+    domain: str | None, out: Path | None, resume: Path | None, quiet: bool, **options: Any
 ) -> None:
     """Train on a task, or continue a training.
 
@@ -69,13 +69,15 @@ def plan_and_learn(
     checkpoint.
     """
     resuming = resume is not None
-    path = out if resume is None else _run_to_resume(resume, out)
+    if resuming:
+        begun_with = ("out", "preset", "seed", "adapt", "planner", "num_envs", "settings")
+        refuse_given(begun_with, "cannot change in a run that is resumed")
     named = domain or own_task_name() or not resuming
-    task = asked_task(domain) if named else str(path)
+    task = asked_task(domain) if named else str(resume)
     from serp.runs import train
 
     try:
-        run = train.plan_and_learn(task, out=path, resume=resuming, quiet=quiet, **options)
+        run = train.plan_and_learn(task, out=resume or out, resume=resuming, quiet=quiet, **options)
     except BaseException as error:
         own = own_task_name()
         if own and hasattr(error, "__notes__"):  # they say how the run goes on
@@ -86,20 +88,6 @@ def plan_and_learn(
         print_result(run.path)
     else:
         _print_results(run)
-
-
-def _run_to_resume(given: str, out: Path | None) -> Path:
-    """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
-    refuse_given(
-        ("preset", "seed", "adapt", "planner", "num_envs", "settings"),
-        "cannot change in a run that is resumed",
-    )
-    if given and out is not None and Path(given) != out:
-        raise click.UsageError(f"which run: --resume {given} or --out {out}?")
-    path = Path(given) if given else out
-    if path is None:
-        raise click.UsageError("give the run to continue: --resume RUN")
-    return path
 
 
 def _print_results(run: Run) -> None:
