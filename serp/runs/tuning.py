@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import NonNegativeInt, PositiveInt, field_validator
+from pydantic import NonNegativeInt, PositiveInt
 
 from serp._util.files import json_text
 from serp._util.text import readable
-from serp.errors import Interrupted, RunError, SettingsError, TaskError, needs_extra
+from serp.errors import Interrupted, RunError, SettingsError, needs_extra
 from serp.runs.comparison.algorithms import find_algorithm
 from serp.runs.comparison.compare import locked
 from serp.runs.comparison.pool import LOCAL, TrialsRequest, progress, run_jobs
@@ -43,13 +43,6 @@ class TuneSettings(TrialsRequest):
     trials: PositiveInt = 50
     env_steps: PositiveInt | None = None
     seed: NonNegativeInt = 0
-
-    @field_validator("vary", mode="before")
-    @classmethod
-    def _varied(cls, value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            raise ValueError("must be a mapping, such as {'planner.depth': '2..7'}")
-        return value
 
 
 @dataclass(frozen=True)
@@ -165,9 +158,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     if "vary" not in options:
         raise SettingsError("tune: say what to `vary`, such as {'planner.depth': '2..7'}")
     request = TuneSettings(**options)
-    if not isinstance(task, Task | str):
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
-    search = _Search(find_task(task) if isinstance(task, str) else task, request)
+    search = _Search(find_task(task), request)
     folder = request.out or default_path(f"tune-{search.name}")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     with locked(folder, journal):

@@ -9,20 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    FiniteFloat,
-    PositiveInt,
-    ValidationError,
-    field_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
 from serp._util.files import make_inside, read_regular, write_durably
 from serp.agent.agent import Agent
@@ -50,19 +42,12 @@ _PLAN: Final = "plan.json"
 class CompareSettings(TrialsRequest):
     """The options of `serp.compare`, which describes them; None stands for the default."""
 
-    algorithms: tuple[str, ...] = ()
+    algorithms: tuple[str, ...] = Field((), strict=False)
     env_steps: PositiveInt | None = None
     threshold: FiniteFloat | None = None
     evaluate_every: PositiveInt | None = None
     evaluation_episodes: PositiveInt | None = None
     final_episodes: PositiveInt | None = None
-
-    @field_validator("algorithms", mode="before")
-    @classmethod
-    def _names(cls, value: Any) -> Any:
-        if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
-            raise ValueError("must be a list of names, such as ['serp', 'dqn']")
-        return tuple(dict.fromkeys(map(str, value)))
 
 
 class ComparisonPlan(BaseModel):

@@ -133,17 +133,17 @@ def run_jobs(
     local = request.engine == LOCAL
     most = min(request.jobs or os.cpu_count() or 1, len(jobs)) if local else request.jobs
     here = (local and most == 1) or not _portable(jobs)
+    why = (
+        "the task has functions that cannot be imported elsewhere (lambdas, or functions of a "
+        "notebook or of __main__)"
+    )
     if here and not local:
         raise RunError(
-            f"engine {request.engine}: the task has functions that cannot be imported on other "
-            "machines (lambdas, or functions of a notebook or of __main__). Put them into a module "
-            "that is installed there, or leave --engine out."
+            f"engine {request.engine}: {why}. Put them into a module that is installed there, or "
+            "leave --engine out."
         )
     if here and most != 1:
-        say(
-            "The trials run one after another: the task has functions that cannot be imported from "
-            "other processes (lambdas, or functions of a notebook or of __main__)."
-        )
+        say(f"The trials run one after another: {why}.")
 
     def stopped() -> bool:
         answer = stopping.answer("the episodes that run", "trials go on from their checkpoints")

@@ -70,7 +70,7 @@ def write_report(folder: Path, results: Results, jobs: Sequence[Job]) -> None:
         command=shlex.join(map(str, sys.argv)),
         resamples=RESAMPLES,
         window=WINDOW,
-        domains=", ".join(dict.fromkeys(job.task.load().source.name for job in jobs)),
+        domains=", ".join(dict.fromkeys(Path(job.task.load().source.name).name for job in jobs)),
         machine=machine(),
         versions=_versions(results),
         algorithms={job.algorithm.name: job.algorithm for job in jobs}.values(),

@@ -199,42 +199,48 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
             train(folder, trainer, budget, callbacks, quiet=True)
 
 
-class ExternalEnv(TaskEnv):
+class _Spent(BaseException):
+    """The budget is spent; no `Exception`, which an external algorithm might handle."""
+
+
+class ExternalEnv(Bookkeeping, TaskEnv):
     """A task as a Gymnasium environment for a learner that trains itself.
 
     Episodes begin with the same seeds as in serp's training, whatever is given to `reset`. Nothing
     is refused; the agent forecasts steps to count unsafe ones.
 
     Attributes:
+        budget: Env steps after which no more is made; None for no limit.
         on_step: Called with every env step.
     """
 
     def __init__(
         self, task: BoundTask, agent: Agent, seed: int, on_step: OnStep | None = None
     ) -> None:
-        super().__init__(task, agent)
+        Bookkeeping.__init__(self)
+        TaskEnv.__init__(self, task, agent)
+        self.budget: int | None = None
         self.on_step = on_step
         self._seed = seed
-        self._episode = 0
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode of serp's training."""
-        self._episode += 1
-        return training_seed(self._seed, self._episode - 1)
+        return training_seed(self._seed, self.episode)
 
     def decide(self, rollout: Rollout, action: int) -> Decision:
         """Execute the action, whatever it is."""
+        if self.env_steps == self.budget:
+            raise _Spent
         return self._agent.guarded.execute(rollout.state, Proposal(action, False, None))
 
     def after_step(self, step: StepRecord) -> dict[str, Any]:
-        """Report the step; the info is the task's."""
+        """Count, write and report the step; the info is the task's."""
+        self.record_step(step, self.episode + 1)
+        if step.last:
+            self.record_episode(step.episode, rho=1.0)
         if self.on_step is not None:
             self.on_step(step)
         return step.info
-
-
-class _Spent(BaseException):
-    """The budget is spent; no `Exception`, which an external algorithm might handle."""
 
 
 def make_external(
@@ -244,7 +250,7 @@ def make_external(
     assert algorithm.make_external is not None
     agent = Agent(bound, settings, seed)
     env = ExternalEnv(bound, agent, seed)
-    with _blamed(algorithm.name):
+    with _blamed(algorithm.name), env.paused():
         return agent, env, algorithm.make_external(env, bound.name, seed)
 
 
@@ -291,28 +297,23 @@ def _train_external(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
         budget=Budget(env_steps=budget), baseline=True,
     )  # fmt: skip
-    books = Bookkeeping()
-    books.log = log = RunLog(folder, bound)
+    env.log = log = RunLog(folder, bound)
+    env.budget = budget
 
     def after_step(step: StepRecord) -> None:
-        if books.env_steps >= budget:
-            raise _Spent
-        books.record_step(step, books.episode + 1)
-        made = books.env_steps
-        if step.last:
-            books.record_episode(step.episode, rho=1.0)
-            if stopped():
-                raise Interrupted(f"stopped after {made} env steps", 0)
+        made = env.env_steps
+        if step.last and stopped():
+            raise Interrupted(f"stopped after {made} env steps", 0)
         # At the budget it still learns from the last steps, and then ends.
         if made in evaluations.due and made < budget:
-            with books.paused():
+            with env.paused():
                 evaluations.evaluate(made)
 
     env.on_step = after_step
     with folder, log:
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
-        if (made := books.env_steps) < budget:
+        if (made := env.env_steps) < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
         write_results(folder, {}, account=account_of(agent))

@@ -134,7 +134,7 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(tmp_path, whole)
         ({"settings": {"learner": {"members": 1}}}, "was made with another settings than now"),
         ({"seeds": []}, "seeds must be how many, at least 1"),
         ({"seeds": [1, -1]}, "seed"),
-        ({"algorithms": 3}, r"algorithms must be a list .* such as \['serp', 'dqn'\], not 3"),
+        ({"algorithms": 3}, "algorithms must be a list, not 3"),
         ({"threshold": float("nan")}, "threshold must be a finite number"),
     ],
 )
