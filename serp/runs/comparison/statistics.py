@@ -29,7 +29,7 @@ RESAMPLES: Final = 5_000
 ENOUGH: Final = 5
 """Number of seeds below which intervals are rough; they tend to be too narrow."""
 GRID: Final = 200
-"""Largest number of points of a curve."""
+"""Number of points of a training curve."""
 
 
 class Measure(NamedTuple):
@@ -213,11 +213,9 @@ def estimate(values: ArrayLike, less: ArrayLike | None = None) -> Estimate:
     does not matter.
     """
     samples = [np.sort(np.asarray(part, np.float64)) for part in (values, less) if part is not None]
-    value = float(_excess(*samples))
-    if any(len(sample) < 2 for sample in samples):
-        return Estimate(value, None, None)
-    low, high = _bootstrap(*samples)
-    return Estimate(value, min(float(low), value), max(float(high), value))
+    value, low, high = map(float, _with_interval(*samples))
+    known = all(len(sample) > 1 for sample in samples)
+    return Estimate(value, low if known else None, high if known else None)
 
 
 def _excess(sample: Array, less: Array | None = None) -> Array:
@@ -225,11 +223,16 @@ def _excess(sample: Array, less: Array | None = None) -> Array:
     return mean if less is None else mean - interquartile_mean(less)
 
 
-def _bootstrap(*samples: Array) -> tuple[Array, Array]:
-    """Return the ends of the percentile interval; seeds are on the last axis."""
-    size = sum(sample.size for sample in samples)
+def _with_interval(*samples: Array) -> tuple[Array, Array, Array]:
+    """Return the statistic and the ends of its percentile interval; seeds are on the last axis.
+
+    The ends are the statistic itself where there are less than two seeds.
+    """
+    value, size = _excess(*samples), sum(sample.size for sample in samples)
+    if any(sample.shape[-1] < 2 for sample in samples):
+        return value, value, value
     # Numbers that are resampled at once: many seeds would need more memory than there is.
-    result = bootstrap(
+    ends = bootstrap(
         samples,
         lambda *parts, axis: _excess(*parts),
         n_resamples=RESAMPLES,
@@ -239,8 +242,8 @@ def _bootstrap(*samples: Array) -> tuple[Array, Array]:
         axis=-1,
         method="percentile",
         rng=np.random.default_rng(0),
-    )
-    return result.confidence_interval.low, result.confidence_interval.high
+    ).confidence_interval
+    return value, np.minimum(ends.low, value), np.maximum(ends.high, value)
 
 
 # Curves ----------------------------------------------------------------------------------------
@@ -254,12 +257,7 @@ class Curves(NamedTuple):
 
     def band(self) -> tuple[Array, Array, Array]:
         """Return the interquartile mean and the ends of its pointwise 95 % interval, all `[G]`."""
-        across = np.ascontiguousarray(np.sort(self.y, axis=0).T)
-        centre = interquartile_mean(across)
-        if len(self.y) < 2:
-            return centre, centre, centre
-        low, high = _bootstrap(across)
-        return centre, np.minimum(low, centre), np.maximum(high, centre)
+        return _with_interval(np.ascontiguousarray(np.sort(self.y, axis=0).T))
 
 
 def evaluation_curve(record: Record) -> tuple[Array, Array]:
@@ -286,13 +284,10 @@ def training_curves(records: Iterable[Record], env_steps: int) -> Curves:
 
 
 def evaluation_curves(records: Iterable[Record]) -> Curves:
-    """Return mean returns of the learner alone at all evaluations, interpolated linearly."""
+    """Return mean returns of the learner alone at the evaluations, which all trials have alike."""
     curves = [curve for record in records if len((curve := evaluation_curve(record))[0])]
-    grid = np.unique([at for steps, _ in curves for at in steps])
-    if len(grid) > GRID:
-        grid = np.linspace(grid[0], grid[-1], GRID)
-    rows = [np.interp(grid, *curve) for curve in curves]
-    return Curves(grid, np.array(rows).reshape(len(rows), len(grid)))
+    grid = curves[0][0] if curves else np.zeros(0)
+    return Curves(grid, np.array([y for _, y in curves]).reshape(len(curves), len(grid)))
 
 
 class Results:
