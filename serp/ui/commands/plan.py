@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from serp._util.did_you_mean import listed
-from serp._util.text import plural
 from serp.errors import SerpError
 from serp.ui.options import (
     OutputFile,
@@ -26,7 +23,6 @@ from serp.ui.options import (
     parse_state,
     problem_option,
     refuse_given,
-    rolled_out,
     seed_option,
     setting_option,
     settings_option,
@@ -43,8 +39,6 @@ if TYPE_CHECKING:
     from serp.settings import Changes
     from serp.tasks.task import Task
 
-MakePlanner = Callable[["Domain"], "ChosenPlanner"]
-
 
 @command(
     "serp plan --domain cartpole",
@@ -60,8 +54,7 @@ MakePlanner = Callable[["Domain"], "ChosenPlanner"]
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,
-              help="Take the state from the environment: the first one in which the planner has "
-                   "a choice; with --state, the one after a reset.")  # fmt: skip
+              help="Take the state from the environment, after a reset.")  # fmt: skip
 @seed_option("Seed of the reset.")
 @setting_option("--planner", "planner.name", metavar="NAME",
                 what="Who plans.  [default: the planner of a training]")  # fmt: skip
@@ -82,7 +75,8 @@ def plan(
     seed: int,
     svg: Path | None,
     as_json: bool,
-    **planning: Any,
+    settings: Changes,
+    dt: float | None,
 ) -> None:
     """Show what the planner decides in one state, and why.
 
@@ -96,19 +90,22 @@ def plan(
     With RUN, the folder of a training, the decision is that of its planner, with the model that it
     plans with, whatever that has learned.
     """
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.agent.sentences import lines_of_changes
     from serp.ui.decision import describe, print_plan
 
     loaded = None if run is None else _opened(run)
     if loaded is None:
         domain, task = asked_domain(name, problem)
-        make_planner = _planning(task, **planning)
     else:
-        domain, task, make_planner = loaded.agent.task.domain, loaded.task, _planner_of(loaded)
-    domain, state, origin = _asked_state(
-        domain, task, make_planner, assignments, observe=observe, seed=seed
-    )
-    planner = make_planner(domain)
+        domain, task = loaded.agent.task.domain, loaded.task
+    domain, state, origin = _asked_state(domain, task, assignments, observe=observe, seed=seed)
+    if loaded is None:
+        chosen, period = asked_settings(task, settings, dt)
+        model = domain.model.replace(dt=period)
+        planner = ChosenPlanner.of_settings(model, chosen.planner, task)
+    else:
+        planner = _planner_of(loaded, domain)
     plan = planner.plan(state)
     account = planner.explain(state, plan)
     changes = None
@@ -139,19 +136,12 @@ def plan(
 
 
 def _asked_state(
-    domain: Domain,
-    task: Task | None,
-    make_planner: MakePlanner,
-    assignments: Iterable[str],
-    *,
-    observe: bool,
-    seed: int,
+    domain: Domain, task: Task | None, assignments: Iterable[str], *, observe: bool, seed: int
 ) -> tuple[Domain, Vector, str]:
     """Return the domain, grounded for the state to plan from; this state `[F]`; its origin.
 
     The state is what `assignments` say, the rest of it from the problem or, with `observe` or where
-    nothing else is known, from the environment of the task after a reset with `seed`: the first
-    state in which the planner has a choice or, with assignments, the one after the reset.
+    nothing else is known, from the environment of the task after a reset with `seed`.
     """
     given = parse_state(assignments, domain)
     complete = all(fluent.name in given for fluent in domain.model.fluents)
@@ -173,19 +163,9 @@ def _asked_state(
         with with_domain(task, domain).bind() as bound:
             # The grounding says what of :init is observed.
             grounded = domain if problem is None else bound.domain
-            origin, deadline = f"observed after a reset with seed {seed}", time.monotonic() + 10.0
-            played = rolled_out(bound, make_planner(grounded), seed)
-            state = None
-            for steps, (reached, plan, _) in enumerate(itertools.islice(played, 200)):
-                state = reached if state is None else state
-                if given or time.monotonic() > deadline:
-                    break
-                if plan.forecast.applicable.sum() > 1 and not plan.indifferent:
-                    origin += f" and {plural(steps, 'step')} without a choice" if steps else ""
-                    state = reached
-                    break
-            assert state is not None
-        base = grounded.model.values(state)
+            raw, info = bound.reset(seed)
+            base = grounded.model.values(bound.ground(raw, info, bound.env))
+        origin = f"observed after a reset with seed {seed}"
     elif complete or initial is not None:
         base = {} if initial is None else grounded.model.values(initial)
         origin = "in the initial state of its problem"
@@ -219,29 +199,13 @@ def _opened(folder: Path) -> Run:
     return open_run(folder)
 
 
-def _planner_of(run: Run) -> MakePlanner:
-    """Return a function that returns the planner of a run, with the model that it plans with."""
+def _planner_of(run: Run, domain: Domain) -> ChosenPlanner:
+    """Return the planner of a run, with the model that it plans with."""
     from serp.agent.chosen_planner import ChosenPlanner
 
     agent = run.agent
-    planner, model, settings = agent.arbiter.planner, agent.arbiter.model, agent.settings.planner
-
-    def make_planner(domain: Domain) -> ChosenPlanner:
-        if domain.model.fluents != model.fluents:
-            raise SerpError("--state gives a value to what the problem file of the run fixes")
-        name = "The planner of the run"
-        return ChosenPlanner(planner, model, settings, name, agent.undisturbed)
-
-    return make_planner
-
-
-def _planning(task: Task | None, settings: Changes, dt: float | None) -> MakePlanner:
-    """Return a function that makes the planner of a domain, as task, settings and options say."""
-    from serp.agent.chosen_planner import ChosenPlanner
-
-    chosen, period = asked_settings(task, settings, dt)
-
-    def make_planner(domain: Domain) -> ChosenPlanner:
-        return ChosenPlanner.of_settings(domain.model.replace(dt=period), chosen.planner, task)
-
-    return make_planner
+    model = agent.arbiter.model
+    if domain.model.fluents != model.fluents:
+        raise SerpError("--state gives a value to what the problem file of the run fixes")
+    settings, name = agent.settings.planner, "The planner of the run"
+    return ChosenPlanner(agent.arbiter.planner, model, settings, name, agent.undisturbed)
