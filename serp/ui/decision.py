@@ -36,7 +36,7 @@ def print_plan(title: str, planner: ChosenPlanner, account: Explanation, plan: P
     show(title, style="bold")
     print_explanation(account, _verdict(planner, plan))
     if plan.path:
-        show("")
+        show()
         _print_path(planner, account, plan)
 
 
@@ -46,9 +46,9 @@ def print_explanation(account: Explanation, verdict: list[str], refused: str = "
     `refused` is the name of a proposal that was refused.
     """
     _print_state(account)
-    show("")
+    show()
     _print_alternatives(account, refused)
-    show("")
+    show()
     for line in verdict:
         show(line)
     taken, other = account.taken, account.runner_up

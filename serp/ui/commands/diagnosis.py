@@ -66,12 +66,12 @@ def _print_diagnosis(diagnosis: Diagnosis) -> None:
         show("Rewards are compared with those of the environment.")
     show(diagnosis.verdict)
     if diagnosis.remarks:
-        show("")
+        show()
         rows = [(percent(remark.share), remark.text) for remark in diagnosis.remarks]
         print_table(("of its error", "finding"), rows, right=[0])
     quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)
     if quantities:
-        show("")
+        show()
         head = ("fluent", "change in a step", "error of the file", "with findings", "mostly after")
         table = [
             (
@@ -101,13 +101,6 @@ def _print_worth(worth: tuple[WorthAdoption, ...]) -> None:
         errors = each.written, each.in_use
         rows.append((name, *(readable(error if ends else error**0.5) for error in errors)))
     print_table(head, rows, right=[1, 2])
-    rows = [
-        (percent(of.chance), percent(of.ended), f"{of.steps:,}")
-        for each in told
-        for of in each.reliability
-    ]
-    if rows:
-        print_table(("chance of an end", "ended", "steps"), rows, right=range(3))
 
 
 @command(

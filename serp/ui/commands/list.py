@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
+from serp.errors import SerpError
 from serp.ui.options import command
 from serp.ui.output import print_table, show
 
@@ -19,61 +19,48 @@ def list() -> None:
     from serp.runs.comparison.pool import LOCAL
     from serp.tasks.registry import task_entries
 
-    rows, styles = [], []
-    for name in sorted(task_entries()):
-        description, domain, broken = _about(name)
-        rows.append((name, description, domain))
-        styles.append("red" if broken else "")
-    if rows:
-        print_table(("task", "", "domain file"), rows, styles=styles)
-    else:
-        show("No task is installed.")
+    rows = [(name, *_describe_task(name)) for name in sorted(task_entries())]
+    print_table(("task", "", "domain file"), rows)
     own = {name: algorithm.description for name, algorithm in OWN.items()}
     groups = {GROUP: ("algorithm", "algorithm (serp compare)", own)} | {
         group: (what, f"{setting} ({'--planner' if group == PLANNERS else '--set'})", {})
         for group, (what, setting) in KINDS.items()
     }
     groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes of this machine"}
-    show("")
     presets = [
         ("default", "what gives the best result today"),
         ("paper", "Algorithm 1 and section 4 of the paper to the letter"),
     ]
+    show()
     print_table(("preset", ""), presets)
     for group, (what, title, known) in groups.items():
-        shown = [*known.items()]
-        styles = [""] * len(shown)
-        for name, entry in sorted(offered(group).items()):
-            description, broken = _first_line(entry, what)
-            shown.append((name, description))
-            styles.append("red" if broken else "")
-        show("")
-        print_table((title, ""), shown, styles=styles)
+        installed = sorted(offered(group).items())
+        show()
+        print_table(
+            (title, ""),
+            [*known.items(), *((name, _first_line(entry, what)) for name, entry in installed)],
+        )
 
 
-def _first_line(entry: EntryPoint, what: str) -> tuple[str, bool]:
-    """Return how an implementation describes itself, and whether it cannot be loaded."""
+def _first_line(entry: EntryPoint, what: str) -> str:
+    """Return how an implementation describes itself, or why it cannot be loaded."""
     from serp._util.plugins import first_line, loading
-    from serp.errors import SerpError
 
     try:
         with loading(entry, what, SerpError):
-            return first_line(entry.load()), False
+            return first_line(entry.load())
     except SerpError as error:
-        return str(error), True
+        return str(error)
 
 
-def _about(name: str) -> tuple[str, str, bool]:
-    """Return description and domain file of a task, and whether it cannot be loaded."""
-    from serp.errors import SerpError
+def _describe_task(name: str) -> tuple[str, str]:
+    """Return description and domain file of a task, or why it cannot be loaded."""
     from serp.model.domain import Domain
     from serp.tasks.registry import find_domain_file, load_task
 
     try:
         task = load_task(name)
     except SerpError as error:
-        return str(error), "", True
-    shipped = Path(task.domain.source.name if isinstance(task.domain, Domain) else task.domain)
-    used = find_domain_file(name) or shipped
-    replaced = used.resolve() != shipped.resolve()
-    return task.description, f"{used}{' (instead of the installed one)' * replaced}", False
+        return str(error), ""
+    shipped = task.domain.source.name if isinstance(task.domain, Domain) else task.domain
+    return task.description, str(find_domain_file(name) or shipped)

@@ -118,7 +118,7 @@ def plan(
     else:
         print_plan(title, planner, account, plan)
         if changes is not None:
-            show("")
+            show()
             for line in [*lines_of_changes(changes), changes.searched]:
                 show(line)
         if loaded is not None:
@@ -170,7 +170,7 @@ def _asked_state(
         base = {} if initial is None else grounded.model.values(initial)
         origin = "in the initial state of its problem"
         if complete:
-            origin = "in the given state" if given else "in its only state"
+            origin = "in the given state"
     else:
         missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
         other = "a problem file with an :init" if task is None else "the environment's: --observe"

@@ -176,7 +176,7 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
     print_table(("", ""), rows)
     if result["warning"] is not None:
         show(result["warning"])
-    show("")
+    show()
     print_account(account_of(loaded.agent), result["sight"])
 
 

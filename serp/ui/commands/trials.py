@@ -120,7 +120,7 @@ def _named(texts: tuple[str, ...]) -> list[str]:
 def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     path = comparison.path
     more = again("compare", "--out", str(path), "--seeds", "10", domain=domain)
-    show("")
+    show()
     print_table(*comparison.overview())
     if comparison.results.caution is not None:
         show(f"\n{comparison.results.caution}")
@@ -181,7 +181,7 @@ def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: s
     compared = f"{algorithm}:{';'.join(assignments)},{algorithm}"
     compare = again("compare", "--algorithms", compared, "--seeds", "10", domain=domain)
     before = "" if tuned.before is None else f" ({readable(tuned.before)} as they were)"
-    show("")
+    show()
     rows = [(text, "") for text in assignments]
     print_table((f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
     print_next(
