@@ -65,8 +65,6 @@ def print_explanation(account: Explanation, verdict: list[str], refused: str = "
 
 def _verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
     if plan.name is None:
-        if not planner.model.actions:
-            return ["The domain has no ground action: there is nothing to decide."]
         return ["No action is applicable here."]
     kind = kind_of_return(plan.bound.partial)
     lines = [f"Chosen: {plan.name}, {kind} {readable(plan.reward)}."]

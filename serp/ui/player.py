@@ -158,11 +158,7 @@ class Player:
         if plan.action is None:
             raise SerpError("the planner has nothing to propose: no action is applicable")
         if plan.indifferent:
-            show(
-                "The planner is indifferent: all actions are worth the same as far as it sees. A "
-                "reward for coming nearer would guide it.",
-                style="dim",
-            )
+            show("The planner is indifferent: all actions are worth the same to it.", style="dim")
         return plan.action
 
     def _ask(self) -> None:
@@ -184,8 +180,6 @@ class Player:
         if not self.own_file:
             name = Path(self.domain.source.name).name
             raise SerpError(f"{name} is the file of an installed task; play a copy of it")
-        if ";" in title:
-            raise SerpError("a title has no `;`, which begins a comment")
         file, moment = scenarios_beside(self.domain), self.game.moment
         source = Source.read(file) if file.exists() else Source(str(file), "")
         known = {**self.begun, **self.game.values}

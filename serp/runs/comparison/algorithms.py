@@ -73,14 +73,12 @@ class Algorithm:
         return replace(self, name=name, changes=both)
 
     def settings(self, task: Task, changes: Changes) -> Settings:
-        """Return its settings on a task; its own changes override those of the user."""
+        """Return its settings on a task; its own changes override those of the user.
+
+        A trial steps one environment, because trials run at the same time.
+        """
         settings = resolve(self.preset, task.settings, changes).replace(self.changes)
-        if settings.training.num_envs > 1:
-            raise SettingsError(
-                f"training.num_envs is {settings.training.num_envs}, but a comparison steps one "
-                "environment in each trial; leave it out: trials run at the same time"
-            )
-        return settings
+        return settings.replace({"training": {"num_envs": 1}})
 
 
 _BASELINE: Final[Changes] = {

@@ -86,10 +86,9 @@ def test(
     if as_json:
         print_json({"passed": passed, "failed": failed, "wrong": wrong, "scenarios": results})
     elif results:
-        style = "bold green" if not failed and not wrong else "bold red"
         total = f"{passed} passed" + (f", {failed} failed" if failed else "")
         total += f", {plural(wrong, 'file')} wrong" if wrong else ""
-        show(f"\n{total}", style=style)
+        show(f"\n{total}", style="bold red" if failed or wrong else "bold green")
     elif not wrong:
         raise SerpError(f"no scenario has the words `{words}` in its title")
     return 0 if not failed and not wrong else 1
