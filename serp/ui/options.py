@@ -121,17 +121,17 @@ def refuse_given(names: Iterable[str], why: str) -> None:
 
 
 class OutputFile(click.Path):
-    """A file to be written, as a `Path`; its name must have one of some endings, such as `.svg`."""
+    """A file to be written, as a `Path`; its name must have an ending, such as `.svg`."""
 
-    def __init__(self, *endings: str) -> None:
+    def __init__(self, ending: str) -> None:
         super().__init__(path_type=Path)
-        self._endings = endings
+        self._ending = ending
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path; fail if it has another ending."""
         path: Path = super().convert(value, param, ctx)  # type: ignore[assignment]
-        if path.suffix.lower() not in self._endings:
-            self.fail(f"name a file that ends in {' or '.join(self._endings)}", param, ctx)
+        if path.suffix.lower() != self._ending:
+            self.fail(f"name a file that ends in {self._ending}", param, ctx)
         return path
 
 
@@ -151,8 +151,7 @@ def parse_settings(assignments: Iterable[str]) -> Changes:
 
 def asked_own_task() -> Task | None:
     """Return the task that `--task` names, or None where it is not given."""
-    name = own_task_name()
-    if name is None:
+    if (name := own_task_name()) is None:
         return None
     from serp.tasks.registry import custom_task
 
