@@ -82,7 +82,7 @@ def begin_run(
     preset: str,
     seed: int,
     budget: Budget,
-    begun: datetime.datetime,
+    begun: datetime.datetime | None = None,
     baseline: bool = False,
 ) -> RunFolder:
     """Begin a run in a new or empty folder, and lock it for writing."""

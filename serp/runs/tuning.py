@@ -15,17 +15,16 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import NonNegativeInt, PositiveInt, field_validator
+from pydantic import NonNegativeInt, PositiveInt
 
 from serp._util.files import json_text
 from serp._util.text import readable
-from serp.errors import Interrupted, RunError, SettingsError, TaskError, needs_extra
+from serp.errors import Interrupted, RunError, SettingsError, needs_extra
 from serp.runs.comparison.algorithms import find_algorithm
 from serp.runs.comparison.compare import locked
-from serp.runs.comparison.engines import LOCAL
-from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
+from serp.runs.comparison.pool import LOCAL, TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import measure
-from serp.runs.comparison.trial import Job, Trial, TrialProtocol, read_trial
+from serp.runs.comparison.trial import Job, TrialProtocol, read_trial
 from serp.runs.folder import default_path
 from serp.runs.train import stop_between_episodes
 from serp.settings import Changes
@@ -44,13 +43,6 @@ class TuneSettings(TrialsRequest):
     trials: PositiveInt = 50
     env_steps: PositiveInt | None = None
     seed: NonNegativeInt = 0
-
-    @field_validator("vary", mode="before")
-    @classmethod
-    def _varied(cls, value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            raise ValueError("must be a mapping, such as {'planner.depth': '2..7'}")
-        return value
 
 
 @dataclass(frozen=True)
@@ -114,8 +106,8 @@ class _Search:
         settings = algorithm.settings(self._task, self.request.settings)
         return [
             Job(
-                Trial(algorithm.name, seed), algorithm, self._task, settings,
-                self._protocol, folder.absolute() / "trials" / f"{number}-{seed}",
+                algorithm, seed, self._task, settings, self._protocol,
+                folder.absolute() / "trials" / f"{number}-{seed}",
             )
             for seed in self.request.seeds
         ]  # fmt: skip
@@ -166,9 +158,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     if "vary" not in options:
         raise SettingsError("tune: say what to `vary`, such as {'planner.depth': '2..7'}")
     request = TuneSettings(**options)
-    if not isinstance(task, Task | str):
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
-    search = _Search(find_task(task) if isinstance(task, str) else task, request)
+    search = _Search(find_task(task), request)
     folder = request.out or default_path(f"tune-{search.name}")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     with locked(folder, journal):
@@ -188,7 +178,9 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     ended = [trial for trial in study.trials if trial.state.is_finished()]
     if stopped is not None and len(ended) < request.trials:
         raise Interrupted(
-            f"stopped after {len(ended)} of {request.trials} trials, which are in {folder}", stopped
+            f"stopped after {len(ended)} of {request.trials} trials, which are in {folder}.\n"
+            f"Go on with the same command and --out {folder}.",
+            stopped,
         )
     complete = [trial for trial in ended if trial.value is not None]
     if not complete:
@@ -232,7 +224,7 @@ def _run(optuna: Any, study: Any, search: _Search, folder: Path) -> int | None:
             for result in run_jobs(missing, request, stopping, say):
                 if result.error is not None:
                     number = int(result.job.folder.name.partition("-")[0])
-                    errors[number] = f"seed {result.job.trial.seed}: {result.error}"
+                    errors[number] = f"seed {result.job.seed}: {result.error}"
             for number, parameters in running.items():
                 text = None
                 if number not in errors and all(job.complete for job in jobs[number]):

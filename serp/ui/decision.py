@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rich.console import Console
-
 from serp._util.text import percent, plural, readable
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.explanation import Alternative, Explanation
 from serp.agent.sentences import between, kind_of_return, lines_of, special_about
 from serp.planning.replanner import Plan
-from serp.ui.output import changes_between, print_table
+from serp.ui.output import changes_between, print_table, show
 
 
 def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[str, Any]:
@@ -33,65 +31,59 @@ def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[s
     }
 
 
-def print_plan(
-    console: Console, title: str, planner: ChosenPlanner, account: Explanation, plan: Plan
-) -> None:
+def print_plan(title: str, planner: ChosenPlanner, account: Explanation, plan: Plan) -> None:
     """Print a decision: the state, what each action is predicted to bring, and the best path."""
-    console.print(title, style="bold")
-    print_account(console, account, _verdict(planner, plan))
+    show(title, style="bold")
+    print_explanation(account, _verdict(planner, plan))
     if plan.path:
-        console.print("")
-        _print_path(console, planner, account, plan)
+        show()
+        _print_path(planner, account, plan)
 
 
-def print_account(
-    console: Console, account: Explanation, verdict: list[str], refused: str = ""
-) -> None:
+def print_explanation(account: Explanation, verdict: list[str], refused: str = "") -> None:
     """Print the state, the alternatives, a verdict, and what is behind the main alternatives.
 
     `refused` is the name of a proposal that was refused.
     """
-    _print_state(console, account)
-    console.print("")
-    _print_alternatives(console, account, refused)
-    console.print("")
+    _print_state(account)
+    show()
+    _print_alternatives(account, refused)
+    show()
     for line in verdict:
-        console.print(line)
+        show(line)
     taken, other = account.taken, account.runner_up
     if taken is None:
         return
-    _print_causes(console, taken)
+    _print_causes(taken)
     for alternative in account.alternatives:
         if alternative.name == refused and (other is None or alternative.action != other.action):
-            _print_causes(console, alternative)
+            _print_causes(alternative)
     if other is not None:
-        console.print(between(other, taken.name))
-        _print_causes(console, account.alternatives[other.action])
+        show(between(other, taken.name))
+        _print_causes(account.alternatives[other.action])
 
 
 def _verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
     if plan.name is None:
-        if not planner.model.actions:
-            return ["The domain has no ground action: there is nothing to decide."]
         return ["No action is applicable here."]
     kind = kind_of_return(plan.bound.partial)
     lines = [f"Chosen: {plan.name}, {kind} {readable(plan.reward)}."]
     return [*lines, *special_about(plan.forecast), planner.sight(plan)]
 
 
-def _print_state(console: Console, account: Explanation) -> None:
+def _print_state(account: Explanation) -> None:
     state = account.state
     numbers = [(name, value) for name, value in state.items() if not isinstance(value, bool)]
     true = [name for name, value in state.items() if value is True]
     for name, value in numbers[:24]:
-        console.print(f"  {name} = {readable(value)}")
+        show(f"  {name} = {readable(value)}")
     if len(numbers) > 24:
-        console.print(f"  … and {len(numbers) - 24} more numbers (--json has all)")
+        show(f"  … and {len(numbers) - 24} more numbers (--json has all)")
     if true:
-        console.print(f"  true: {_shortened(true)}")
+        show(f"  true: {_shortened(true)}")
 
 
-def _print_alternatives(console: Console, account: Explanation, refused: str) -> None:
+def _print_alternatives(account: Explanation, refused: str) -> None:
     shown = best_of(account, 30)
     rows, styles = [], []
     for each in shown:
@@ -104,10 +96,10 @@ def _print_alternatives(console: Console, account: Explanation, refused: str) ->
         rows.append((mark, each.name, *numbers, each.remark))
         styles.append(style)
     head = ("", "action", "reward", kind_of_return(account.partial), "remarks")
-    print_table(console, head, rows, styles=styles, right=(2, 3))
+    print_table(head, rows, styles=styles, right=(2, 3))
     if rest := len(account.alternatives) - len(shown):
         more = plural(rest, "more action")
-        console.print(f"  … and {more}, no better than these (--json has all)")
+        show(f"  … and {more}, no better than these (--json has all)")
 
 
 def best_of(account: Explanation, most: int) -> list[Alternative]:
@@ -121,21 +113,21 @@ def best_of(account: Explanation, most: int) -> list[Alternative]:
     return sorted(shown, key=score, reverse=True)[:most] if len(shown) > most else shown
 
 
-def _print_causes(console: Console, alternative: Alternative) -> None:
+def _print_causes(alternative: Alternative) -> None:
     if lines := lines_of(alternative, most=12):
-        console.print(f"Behind {alternative.name}:")
+        show(f"Behind {alternative.name}:")
     for line in lines:
-        console.print(f"  {line}")
+        show(f"  {line}")
 
 
-def _print_path(console: Console, planner: ChosenPlanner, account: Explanation, plan: Plan) -> None:
+def _print_path(planner: ChosenPlanner, account: Explanation, plan: Plan) -> None:
     rows, before = [], tuple(map(float, account.state.values()))
     for k, step in enumerate(plan.path, 1):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
         changes = changes_between(planner.model, before, step.state)
         rows.append((str(k), step.action + mark, readable(step.reward), _shortened(changes)))
         before = step.state
-    print_table(console, ("", "best path", "reward", "what changes"), rows, right=(2,))
+    print_table(("", "best path", "reward", "what changes"), rows, right=(2,))
 
 
 def _shortened(texts: list[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -23,16 +24,19 @@ def examples(*lines: str) -> str:
     return "\n".join(["\b", "Examples:", *(f"  {line}" for line in lines)])
 
 
-def open_console() -> Console:
-    """Return a console on standard output that takes text as it stands."""
+def _open_console() -> Console:
     console = terminal.open_console()
     if not console.is_terminal:
         console.width = 10_000  # in a file or pipe nothing is wrapped or cut
     return console
 
 
+def show(text: str = "", style: str | None = None) -> None:
+    """Print a text as it stands; `style` is one of rich's."""
+    _open_console().print(text, style=style)
+
+
 def print_table(
-    console: Console,
     head: Sequence[str],
     rows: Iterable[Sequence[str]],
     *,
@@ -48,7 +52,7 @@ def print_table(
     from rich.table import Table
     from rich.text import Text
 
-    to_the_right = set(right)
+    console, to_the_right = _open_console(), set(right)
     table = Table(
         box=box.SIMPLE_HEAD if any(head) else None,
         show_header=any(head),
@@ -74,10 +78,20 @@ def print_table(
         console.print(line.rstrip())
 
 
-def print_next(console: Console, *commands: tuple[str, str]) -> None:
+def print_next(*commands: tuple[str, str]) -> None:
     """Print commands that may follow, each with what it is for."""
-    console.print("\nNext:")
-    print_table(console, ("", ""), [(f"  {command}", why) for command, why in commands])
+    show("\nNext:")
+    print_table(("", ""), [(f"  {command}", why) for command, why in commands])
+
+
+def print_difference(old: str, new: str, old_name: str, new_name: str) -> None:
+    """Print the unified difference of two versions of a text."""
+    colours = {"+": "green", "-": "red", "@": "cyan"}
+    lines = difflib.unified_diff(
+        old.splitlines(), new.splitlines(), old_name, new_name, n=2, lineterm=""
+    )
+    for line in lines:
+        click.secho(visible(line), fg=colours.get(line[:1]), bold=line.startswith(("+++", "---")))
 
 
 def print_json(value: Any) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import itertools
 import re
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
+import click
 
 from serp._util.did_you_mean import did_you_mean
 from serp._util.files import write_durably
@@ -26,9 +29,10 @@ from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.settings import Settings
 from serp.tasks.task import Task
-from serp.ui.asked import parse_state
 from serp.ui.decision import print_plan
-from serp.ui.output import print_table
+from serp.ui.options import parse_state
+from serp.ui.output import print_table, show
+from serp.ui.root import say
 
 HELP: Final = (
     ("ACTION", "do it: its number, its name, the beginning of its name; `ACTION * 5`: five times"),
@@ -43,10 +47,6 @@ HELP: Final = (
     ("q", "quit"),
     ("", "on a terminal, an empty line repeats the last one"),
 )
-_WORDS: Final = {
-    "plan": "?", "planner": "p", "undo": "u", "restart": "r", "state": "s", "help": "h",
-    "quit": "q", "exit": "q",
-}  # fmt: skip
 
 
 @dataclass
@@ -64,29 +64,51 @@ class Player:
     own_file: bool
     game: Game
     begun: Mapping[str, float]
-    console: Console
+
+    def play(self, *, by_hand: bool) -> None:
+        """Read commands from standard input, one a line, until one ends the game.
+
+        A mistake ends it, too, unless it is played `by_hand`.
+        """
+        if by_hand:
+            with contextlib.suppress(ImportError):
+                import readline  # noqa: F401  (lines can be edited, and called back)
+            show("? plan  p planner  u undo  r restart  s state  h help  q quit", style="dim")
+        last = ""
+        for number in itertools.count(1):
+            try:
+                line = input(f"{self._possible()} > ") or last if by_hand else input()
+                if not self.do(line):
+                    return
+            except EOFError:
+                if by_hand:
+                    show()
+                return
+            except (SerpError, click.UsageError) as error:
+                if not by_hand:
+                    raise SerpError(f"line {number}: {error}") from error
+                say(str(error))
+            last = line
 
     def do(self, line: str) -> bool:
         """Carry out a command; return whether the game goes on."""
         line = " ".join(line.split())
-        command = re.fullmatch(r"(?P<what>\?|[a-z]+)(?: (?P<count>\d+))?", line)
-        what = _WORDS.get(command["what"], command["what"]) if command else ""
+        command = re.fullmatch(r"([?pursh])(?: (\d+))?", line)
+        if line == "q":
+            return False
         if not line or line.startswith((";", "#")):
             return True
-        if line.startswith("save "):
-            title = line.removeprefix("save ")
-            self.console.print(self._save(title))
+        if command:
+            self._command(command[1], int(command[2] or 1))
+        elif line.startswith("save "):
+            show(self._save(line.removeprefix("save ")))
         elif "=" in line:
             self.game.set(parse_state([line], self.game.domain, "change"))
             self.print_state()
-        elif what == "q":
-            return False
-        elif command and what in ("?", *"pursh"):
-            self._command(what, _count(command["count"]))
         else:
             times = re.fullmatch(r"(?P<action>.+?) ?\* ?(?P<count>\d+)", line)
             action = self._find(times["action"] if times else line)
-            self._repeat(lambda: action, _count(times["count"] if times else None))
+            self._repeat(lambda: action, int(times["count"]) if times else 1)
         return True
 
     def _command(self, what: str, count: int) -> None:
@@ -97,7 +119,7 @@ class Player:
                 self._repeat(self._planned, count)
             case "u":
                 undone = sum(self.game.undo() for _ in range(count))
-                self.console.print(f"{undone} undone" if undone else "there is nothing to undo")
+                show(f"{undone} undone" if undone else "there is nothing to undo")
                 self.print_state()
             case "r":
                 self.game.restart()
@@ -106,7 +128,7 @@ class Player:
                 self.print_state()
                 self.print_actions()
             case _:
-                print_table(self.console, ("", ""), HELP)
+                print_table(("", ""), HELP)
 
     def _find(self, name: str) -> int:
         """Return the position of the action that a number, a name, or its beginning means."""
@@ -121,7 +143,7 @@ class Player:
             return matches[0]
         if matches:
             raise SerpError(f"`{name}` may be {' or '.join(names[k] for k in matches[:8])}")
-        known = did_you_mean(name, [*names, *_WORDS, "save"])
+        known = did_you_mean(name, [*names, "save"])
         raise SerpError(f"there is no action or command `{name}`; {known} (h: help)")
 
     def _repeat(self, choose: Callable[[], int], count: int) -> None:
@@ -136,18 +158,14 @@ class Player:
         if plan.action is None:
             raise SerpError("the planner has nothing to propose: no action is applicable")
         if plan.indifferent:
-            self.console.print(
-                "The planner is indifferent: all actions are worth the same as far as it sees. A "
-                "reward for coming nearer would guide it.",
-                style="dim",
-            )
+            show("The planner is indifferent: all actions are worth the same to it.", style="dim")
         return plan.action
 
     def _ask(self) -> None:
         moment, planner = self.game.moment, self._planner
         plan = planner.plan(moment.state)
         title = f"{self.domain.name}, after {plural(moment.steps, 'step')}"
-        print_plan(self.console, title, planner, planner.explain(moment.state, plan), plan)
+        print_plan(title, planner, planner.explain(moment.state, plan), plan)
 
     @functools.cached_property
     def _planner(self) -> ChosenPlanner:
@@ -162,8 +180,6 @@ class Player:
         if not self.own_file:
             name = Path(self.domain.source.name).name
             raise SerpError(f"{name} is the file of an installed task; play a copy of it")
-        if ";" in title:
-            raise SerpError("a title has no `;`, which begins a comment")
         file, moment = scenarios_beside(self.domain), self.game.moment
         source = Source.read(file) if file.exists() else Source(str(file), "")
         known = {**self.begun, **self.game.values}
@@ -179,20 +195,20 @@ class Player:
         moment, fluents = self.game.moment, self.game.model.fluents
         ended = ", over" if moment.over else ""
         steps = plural(moment.steps, "step")
-        self.console.print(f"after {steps}, total {readable(moment.total)}{ended}", style="bold")
+        show(f"after {steps}, total {readable(moment.total)}{ended}", style="bold")
         rows = [(f"  {fluent.name}", readable(self.game.values[fluent.name])) for fluent in fluents]
-        print_table(self.console, ("", ""), rows[:96])
+        print_table(("", ""), rows[:96])
         if len(rows) > 96:
-            self.console.print(f"  … and {len(rows) - 96:,} more")
+            show(f"  … and {len(rows) - 96:,} more")
 
-    def possible(self) -> str:
+    def _possible(self) -> str:
         """Return numbers and names of the applicable actions, as far as they fit in a line."""
         line = "  ".join(
             f"{k} {action.name}"
             for k, action in enumerate(self.game.model.actions, 1)
             if not self.game.moment.over and not self.game.refusal(k - 1)
         )
-        most = max(20, self.console.width - 4)
+        most = max(20, shutil.get_terminal_size().columns - 4)
         return visible(line if len(line) <= most else f"{line[: most - 2]} …")
 
     def print_actions(self) -> None:
@@ -201,12 +217,12 @@ class Player:
         refusals = [self.game.refusal(k) for k in range(min(24, len(actions)))]
         rows = [(str(k + 1), actions[k].name, refusal) for k, refusal in enumerate(refusals)]
         styles = ["dim" if refusal else "" for refusal in refusals]
-        print_table(self.console, ("", "", ""), rows, styles=styles)
+        print_table(("", "", ""), rows, styles=styles)
         if len(actions) > 24:
-            self.console.print(f"   … and {plural(len(actions) - 24, 'more action')}, by name")
+            show(f"   … and {plural(len(actions) - 24, 'more action')}, by name")
 
     def _print_step(self, step: GameStep) -> None:
-        console, action, moment = self.console, step.chosen, self.game.moment
+        action, moment = step.chosen, self.game.moment
         if step.refusal:
             action += " is not applicable, and nothing is done"
         elif step.carried_out is None:
@@ -214,24 +230,16 @@ class Player:
         elif step.carried_out != step.chosen:
             action += f" slips: {step.carried_out} happens instead"
         gain = f"reward {readable(step.reward)}, total {readable(moment.total)}"
-        console.print(f"step {moment.steps}: {action}; {gain}", style="bold")
+        show(f"step {moment.steps}: {action}; {gain}", style="bold")
         if step.refusal:
-            console.print(f"   {step.refusal}")
+            show(f"   {step.refusal}")
         rows = [row for change in step.changes for row in _rows(change)]
-        print_table(console, ("", "", "", ""), [("  ", *row) for row in rows])
+        print_table(("", "", "", ""), [("  ", *row) for row in rows])
         for cause in step.brought:
             style = "red" if cause.what == "unsafe" else ""
-            console.print(f"   {line_of_cause(cause)}", style=style)
+            show(f"   {line_of_cause(cause)}", style=style)
         if moment.over:
-            console.print("The episode is over. r: restart, u: undo", style="bold")
-
-
-def _count(text: str | None) -> int:
-    most = 10_000
-    count = 1 if text is None else int(text)
-    if not 0 < count <= most:
-        raise SerpError(f"expected a number from 1 to {most:,}, not {count:,}")
-    return count
+            show("The episode is over. r: restart, u: undo", style="bold")
 
 
 def _rows(change: FluentChange) -> list[tuple[str, str, str]]:

@@ -19,7 +19,7 @@ import click
 from serp import __version__
 from serp._util.did_you_mean import did_you_mean
 from serp._util.terminal import visible
-from serp.errors import Notice, SerpError, with_notes
+from serp.errors import Interrupted, Notice, SerpError, with_notes
 from serp.ui.output import examples
 
 _default_format = warnings.formatwarning
@@ -33,8 +33,8 @@ def stopped_by(stop: BaseException) -> int:
 def exit_with(run: Callable[[], Any]) -> NoReturn:
     """Run a command, which returns its status or None for 0, and exit with it.
 
-    A `SerpError` or an `OSError`, which the user can fix, becomes a message, followed by its notes;
-    any other exception is a bug and keeps its traceback.
+    A `SerpError` or an `OSError`, which the user can fix, becomes a message, followed by its notes,
+    as does a signal that stopped it; any other exception is a bug and keeps its traceback.
     """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # what the terminal's encoding lacks is replaced
@@ -49,10 +49,14 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
             error.show(shown)
             say(shown.getvalue().rstrip("\n"))
         status = error.exit_code
-    except (click.Abort, KeyboardInterrupt) as stop:
-        if isinstance(stop.__cause__, EOFError):  # click takes any for the end of what is typed
-            raise stop.__cause__ from None
-        say("Stopped.")
+    except (click.Abort, KeyboardInterrupt) as abort:
+        stop = abort.__cause__ or abort  # click replaces what it was
+        if isinstance(stop, EOFError):  # click takes any for the end of what is typed
+            raise stop from None
+        say(with_notes(stop, "Stopped."))
+        status = stopped_by(stop)
+    except Interrupted as stop:
+        say(with_notes(stop))
         status = stopped_by(stop)
     except (SerpError, OSError) as error:
         if _is_closed_output(error):
@@ -105,42 +109,38 @@ def _discard_output() -> None:
 
 SECTIONS = {
     "Your domain file": {
-        "new": "Write the first files of a task of your own.",
-        "check": "Check domain files and say what to fix.",
-        "format": "Lay domain files out regularly.",
-        "lsp": "Check and complete domain files in an editor.",
-        "plan": "Show one decision of the planner, as a table or a picture.",
-        "play": "Step through the world of a domain file.",
-        "test": "Check that a domain file leads to what you expect.",
-        "studio": "Edit a domain file in the browser and see what it means.",
+        "new": "files",
+        "check": "check",
+        "format": "files",
+        "lsp": "files",
+        "plan": "plan",
+        "play": "play",
+        "test": "test",
+        "studio": "files",
     },
     "Training": {
-        "plan-and-learn": "Train: the planner acts first, the learner takes over.",
-        "compare": "Compare algorithms on one task, under one protocol.",
-        "tune": "Search settings by the returns of whole trainings.",
-        "list": "List what is installed: tasks, algorithms, strategies.",
+        "plan-and-learn": "plan_and_learn",
+        "compare": "trials",
+        "tune": "trials",
+        "list": "list",
     },
     "After a training": {
-        "why": "Explain a recorded step of a run, in the words of its file.",
-        "report": "Write what happened in a run as one page for the browser.",
-        "evaluate": "Measure a trained policy.",
-        "watch": "Film a trained policy.",
-        "diagnose": "Report what is wrong or missing in a run's domain file.",
-        "repair": "Write a run's domain file, corrected by what it observed.",
-        "export": "Write a trained policy for a robot.",
+        "why": "trained",
+        "report": "trained",
+        "evaluate": "trained",
+        "watch": "trained",
+        "diagnose": "diagnosis",
+        "repair": "diagnosis",
+        "export": "trained",
     },
 }
-"""Section of the help → command → one line of help, in the order of use."""
-COMMANDS = {
-    name: f"serp.ui.commands.{name.replace('-', '_')}"
-    for commands in SECTIONS.values()
-    for name in commands
-}
-"""Command → the module whose `command` it is; imported when the command is used."""
+"""Section of the help → command, in the order of use → its module in `serp.ui.commands`."""
+COMMANDS = {name: module for section in SECTIONS.values() for name, module in section.items()}
+"""Command → its module."""
 
 
 class LazyGroup(click.Group):
-    """The commands of `COMMANDS`; `serp --help` imports none of them."""
+    """The commands of `COMMANDS`, each imported when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order in which they are of use."""
@@ -150,7 +150,8 @@ class LazyGroup(click.Group):
         """Import and return a command; None where there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = import_module(COMMANDS[cmd_name]).command
+        module = import_module(f"serp.ui.commands.{COMMANDS[cmd_name]}")
+        command: click.Command = getattr(module, cmd_name.replace("-", "_"))
         return command
 
     def resolve_command(
@@ -163,11 +164,15 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write a table of commands for each section."""
+        """Write a table of commands for each section, each with the first line of its help."""
         width = max(map(len, COMMANDS))
-        for head, commands in SECTIONS.items():
+        for head, names in SECTIONS.items():
+            commands = ((name, self.get_command(ctx, name)) for name in names)
             with formatter.section(head):
-                formatter.write_dl([(name.ljust(width), line) for name, line in commands.items()])
+                formatter.write_dl([
+                    (name.ljust(width), command.get_short_help_str(limit=100))
+                    for name, command in commands if command is not None
+                ])  # fmt: skip
 
     def main(self, *arguments: Any, standalone_mode: bool = True, **options: Any) -> Any:
         """Run a command; in standalone mode errors become messages, and the process exits."""

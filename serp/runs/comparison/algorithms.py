@@ -66,17 +66,19 @@ class Algorithm:
         """Return the algorithm with some settings changed, under a new name."""
         if self.kind == "external":
             raise SettingsError(f"`{self.name}` has no settings that serp could change")
-        return replace(self, name=name, changes=_merged(self.changes, changes))
+        both = {
+            section: {**self.changes.get(section, {}), **changes.get(section, {})}
+            for section in {**self.changes, **changes}
+        }
+        return replace(self, name=name, changes=both)
 
     def settings(self, task: Task, changes: Changes) -> Settings:
-        """Return its settings on a task; its own changes override those of the user."""
-        settings = resolve(self.preset, task.settings, _merged(changes, self.changes))
-        if settings.training.num_envs > 1:
-            raise SettingsError(
-                f"training.num_envs is {settings.training.num_envs}, but a comparison steps one "
-                "environment in each trial; leave it out: trials run at the same time"
-            )
-        return settings
+        """Return its settings on a task; its own changes override those of the user.
+
+        A trial steps one environment, because trials run at the same time.
+        """
+        settings = resolve(self.preset, task.settings, changes).replace(self.changes)
+        return settings.replace({"training": {"num_envs": 1}})
 
 
 _BASELINE: Final[Changes] = {
@@ -148,11 +150,3 @@ def find_algorithm(name: str) -> Algorithm:
             raise SettingsError(f"`{name}`: `{base}` uses no domain file `{domain}`")
         algorithm = replace(algorithm, name=name, domain=domain)
     return algorithm.changed(name, assigned(text.split(";"))) if colon else algorithm
-
-
-def _merged(first: Changes, second: Changes) -> Changes:
-    """Return both; where they differ, the second applies."""
-    return {
-        section: {**first.get(section, {}), **second.get(section, {})}
-        for section in {**first, **second}
-    }

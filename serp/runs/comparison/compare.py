@@ -1,6 +1,6 @@
 """`compare`: plans the trials, runs the missing ones, and writes the report.
 
-comparison/plan.json     everything that was requested so far, with the texts of the domain files
+comparison/plan.json     everything that was requested so far
 comparison/trials/NAME/  the trials, each a run folder
 comparison/report.html   the report, see `serp.runs.comparison.report`
 """
@@ -9,38 +9,22 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
-import os
-import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    FiniteFloat,
-    PositiveInt,
-    ValidationError,
-    field_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
-from serp._util.did_you_mean import did_you_mean
 from serp._util.files import make_inside, read_regular, write_durably
 from serp.agent.agent import Agent
-from serp.errors import Interrupted, Notice, RunError, SettingsError, TaskError, needs_extra
-from serp.model.domain import Domain, load_domain
-from serp.pddl.source import Source
+from serp.errors import Interrupted, RunError, SettingsError, needs_extra
+from serp.model.domain import load_domain
 from serp.runs.comparison.algorithms import DQN, PLANNER, find_algorithm
 from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import Results
 from serp.runs.comparison.trial import (
-    ExternalEnv,
     Job,
-    Record,
-    Trial,
     TrialProtocol,
     file_name,
     make_external,
@@ -48,8 +32,8 @@ from serp.runs.comparison.trial import (
 )
 from serp.runs.folder import RunLock, default_path, make_empty
 from serp.runs.train import stop_between_episodes
-from serp.settings import Changes, resolve
-from serp.tasks.registry import find_domain_file, find_task, load_task, task_entries
+from serp.settings import resolve
+from serp.tasks.registry import find_domain_file, find_task
 from serp.tasks.task import BoundTask, Task
 
 _PLAN: Final = "plan.json"
@@ -58,19 +42,12 @@ _PLAN: Final = "plan.json"
 class CompareSettings(TrialsRequest):
     """The options of `serp.compare`, which describes them; None stands for the default."""
 
-    algorithms: tuple[str, ...] = ()
+    algorithms: tuple[str, ...] = Field((), strict=False)
     env_steps: PositiveInt | None = None
     threshold: FiniteFloat | None = None
     evaluate_every: PositiveInt | None = None
     evaluation_episodes: PositiveInt | None = None
     final_episodes: PositiveInt | None = None
-
-    @field_validator("algorithms", mode="before")
-    @classmethod
-    def _names(cls, value: Any) -> Any:
-        if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
-            raise ValueError("must be a list of names, such as ['serp', 'dqn']")
-        return tuple(dict.fromkeys(map(str, value)))
 
 
 class ComparisonPlan(BaseModel):
@@ -78,37 +55,19 @@ class ComparisonPlan(BaseModel):
 
     Attributes:
         algorithms: Their names; the others are compared with the first.
-        domains: Name of each domain file → its text, and that of its problem file. The first is the
-            task's own; the others are named by algorithms.
         settings: Changes to the settings of all algorithms, JSON values.
         threshold: Return from which a policy counts as good; None for none.
-        max_ground_schemas: Limit on the size of the grounded domains.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
 
-    format: Literal[4] = 4
+    format: Literal[5] = 5
     task: str
     algorithms: tuple[str, ...]
-    domains: dict[str, tuple[str, ...]] = Field(min_length=1)
     seeds: tuple[int, ...]
     protocol: TrialProtocol
     settings: dict[str, dict[str, Any]]
     threshold: float | None
-    max_ground_schemas: int
-
-    def domain(self, name: str, *, observed: bool) -> Domain:
-        """Return one of the domains."""
-        texts = zip((f"{name}.pddl", f"{name}-problem.pddl"), self.domains[name], strict=False)
-        sources = [Source(*each) for each in texts]
-        limit = self.max_ground_schemas
-        return Domain.parse(*sources, observed=observed, max_ground_schemas=limit)
-
-
-def _plain(changes: Changes) -> dict[str, dict[str, Any]]:
-    """Return settings as they are read back: JSON has no tuples."""
-    plain: dict[str, dict[str, Any]] = json.loads(json.dumps(changes))
-    return plain
 
 
 def read_plan(folder: Path) -> ComparisonPlan | None:
@@ -147,34 +106,14 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
 # The plan --------------------------------------------------------------------------------------
 
 
-def _requested_task(
-    task: Task | str | None, before: ComparisonPlan | None, folder: Path | None
-) -> Task:
-    if isinstance(task, Task):
-        return task
-    if isinstance(task, str):
-        return find_task(task)
-    if task is not None:
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
-    if folder is None:
-        raise RunError("say what to compare on: name a task")
-    if before is None:
-        raise RunError(f"say what to compare on: name a task; {folder} holds no comparison yet")
-    if before.task not in task_entries():
-        raise TaskError(
-            f"{folder} compares on task {before.task}, which is not installed: name it again, as a "
-            "serp.Task (--task), or by the domain file that is its world (--domain)"
-        )
-    # The text of the plan, because the original file may have changed.
-    found = load_task(before.task)
-    domain = before.domain(next(iter(before.domains)), observed=not found.closed)
-    return dataclasses.replace(found, domain=domain, problem=None)
-
-
 def _planned(
-    folder: Path, before: ComparisonPlan | None, bound: BoundTask, request: CompareSettings
-) -> tuple[ComparisonPlan, dict[str, Task]]:
-    """Return the existing plan extended by a request, and the task with each domain file."""
+    before: ComparisonPlan | None, bound: BoundTask, request: CompareSettings
+) -> ComparisonPlan:
+    """Return the existing plan extended by a request, or a new one.
+
+    Raises:
+        SettingsError: The request is of another task, or of another protocol.
+    """
     asked = request.model_dump(include={*TrialProtocol.model_fields}, exclude_none=True)
     if before is None:
         specification = bound.env.spec
@@ -183,128 +122,69 @@ def _planned(
         before = ComparisonPlan(
             task=bound.name,
             algorithms=request.algorithms or ("serp", PLANNER, DQN),
-            domains={Path(bound.domain.source.name).stem: _texts(bound.domain)},
             seeds=request.seeds or tuple(range(5)),
             protocol=TrialProtocol(**asked),
-            settings=_plain(request.settings),
+            settings={},
             threshold=None if specification is None else specification.reward_threshold,
-            max_ground_schemas=bound.domain.max_ground_schemas,
         )
-    else:
-        _refuse_contradictions(folder, before, bound, request, asked)
-    algorithms = tuple(dict.fromkeys((*before.algorithms, *request.algorithms)))
-    tasks = _tasks(before, bound, {find_algorithm(name).domain for name in algorithms} - {""})
-    domains = {name: _texts(task.load()) for name, task in tasks.items()}
-    for name, texts in domains.items():
-        if before.domains.get(name, texts) != texts:
-            raise RunError(
-                f"the domain file `{name}` was edited since this comparison began. Compare in "
-                "another folder (--out)."
-            )
-    update: dict[str, Any] = {
-        "algorithms": algorithms,
-        "domains": domains,
-        "seeds": tuple(sorted({*before.seeds, *request.seeds})),
-    }
-    if request.threshold is not None:
-        update["threshold"] = request.threshold
-    return before.model_copy(update=update), tasks
-
-
-def _texts(domain: Domain) -> tuple[str, ...]:
-    return tuple(source.text for source in domain.sources)
-
-
-def _refuse_contradictions(
-    folder: Path,
-    before: ComparisonPlan,
-    bound: BoundTask,
-    request: CompareSettings,
-    asked: Mapping[str, int],
-) -> None:
-    """Raise a SerpError for a request that differs from the existing plan."""
-    if before.task != bound.name:
-        raise RunError(f"{folder} compares on task {before.task}, not on {bound.name}")
-    if request.settings and _plain(request.settings) != before.settings:
-        raise SettingsError(
-            "settings of a comparison cannot change once it has begun. Compare in another folder "
-            "(--out)."
-        )
-    for name, value in asked.items():
-        if (own := getattr(before.protocol, name)) != value:
+    own = {"task": before.task, **before.protocol.model_dump()}
+    for name, value in {"task": bound.name, **asked}.items():
+        if own[name] != value:
             raise SettingsError(
-                f"this comparison has {name} = {own}, not {value}: all of its trials have the same "
-                "protocol. Compare in another folder (--out)."
+                f"this comparison has {name} = {own[name]}, not {value}: all of its trials have "
+                "the same task and protocol. Compare in another folder (--out)."
             )
+    update = {
+        "algorithms": tuple(dict.fromkeys((*before.algorithms, *request.algorithms))),
+        "seeds": tuple(sorted({*before.seeds, *request.seeds})),
+        "settings": request.settings or before.settings,
+        "threshold": before.threshold if request.threshold is None else request.threshold,
+    }
+    return before.model_copy(update=update)
 
 
-def _tasks(plan: ComparisonPlan, bound: BoundTask, names: Iterable[str]) -> dict[str, Task]:
-    """Return the loaded task with each domain file, its own first.
+def _with_domain_file(bound: BoundTask, name: str) -> Task:
+    """Return the loaded task with another domain file, or with its own where `name` is empty.
 
-    A name means what it means for `find_task`, or a file beside the task's own. One that is gone is
-    the plan's.
+    A name means what it means for `find_task`, or a file beside the task's own.
 
     Raises:
         SerpError: There is no such file, or it does not fit the task.
     """
-    own = Path(bound.domain.source.name)
-    tasks, observed = {next(iter(plan.domains)): bound.task.loaded()}, not bound.task.closed
-    for name in sorted({*names} - {*tasks}):
-        file = find_domain_file(name) or own.with_name(f"{name}.pddl")
-        if file.is_file():
-            limit = plan.max_ground_schemas
-            domain = load_domain(file, observed=observed, max_ground_schemas=limit)
-        elif name in plan.domains:
-            domain = plan.domain(name, observed=observed)
-        else:
-            known = sorted(path.stem for path in own.parent.glob("*.pddl") if path != own)
-            raise TaskError(f"there is no domain file {name}; {did_you_mean(name, known)}")
-        # Binding checks that the file fits the task.
-        with dataclasses.replace(bound.task, domain=domain, problem=None).bind() as other:
-            tasks[name] = other.task.loaded()
-    return tasks
+    if not name:
+        return bound.task.loaded()
+    own, limit = Path(bound.domain.source.name), bound.domain.max_ground_schemas
+    file = find_domain_file(name) or own.with_name(f"{name}.pddl")
+    domain = load_domain(file, observed=not bound.task.closed, max_ground_schemas=limit)
+    # Binding checks that the file fits the task.
+    with dataclasses.replace(bound.task, domain=domain, problem=None).bind() as other:
+        return other.task.loaded()
 
 
-def _jobs(folder: Path, plan: ComparisonPlan, tasks: Mapping[str, Task]) -> list[Job]:
+def _jobs(folder: Path, plan: ComparisonPlan, bound: BoundTask) -> list[Job]:
     """Return the jobs of all trials, seed by seed.
 
+    Each algorithm is made once, so that errors occur before any trial runs.
+
     Raises:
-        RunError: A trial that was begun was made from other settings or files.
+        SerpError: An algorithm cannot be made, or a trial that was begun was made from other
+            settings or files.
     """
-    own, place, jobs = next(iter(tasks)), folder.absolute() / "trials", []
+    place, jobs = folder.absolute() / "trials", []
     for algorithm in map(find_algorithm, plan.algorithms):
-        task = tasks[algorithm.domain or own]
+        task = _with_domain_file(bound, algorithm.domain)
         settings = algorithm.settings(task, plan.settings)
+        if algorithm.make_external is None:
+            Agent(bound, settings, plan.seeds[0])
+        else:
+            make_external(algorithm, bound, settings, plan.seeds[0])
         for seed in plan.seeds:
             trial_folder = place / f"{file_name(algorithm.name)}-{seed}"
-            trial = Trial(algorithm.name, seed)
-            jobs.append(Job(trial, algorithm, task, settings, plan.protocol, trial_folder))
+            jobs.append(Job(algorithm, seed, task, settings, plan.protocol, trial_folder))
     for job in jobs:
         if job.begun:
             job.refuse_changes()
-    return sorted(jobs, key=lambda job: job.trial.seed)
-
-
-def _check_algorithms(jobs: Sequence[Job], bound: BoundTask) -> None:
-    """Make each algorithm once, so that errors occur before any trial runs."""
-    for job in {job.trial.algorithm: job for job in jobs}.values():
-        agent = Agent(bound, job.settings, job.trial.seed)
-        if job.algorithm.make_external is not None:
-            env = ExternalEnv(bound, agent, job.trial.seed)
-            make_external(job.algorithm, env, bound.name, job.trial.seed)
-
-
-def _notes(records: Iterable[Record]) -> list[str]:
-    """Return a warning if trials were made with different versions of a package."""
-    versions: dict[str, set[str]] = {}
-    for record in records:
-        for name, version in record.versions.items():
-            versions.setdefault(name, set()).add(version or "not installed")
-    differ = [f"{name} ({', '.join(sorted(v))})" for name, v in versions.items() if len(v) > 1]
-    return differ and [
-        f"The trials were made with different versions of {', '.join(differ)}: equal seeds need "
-        "not give equal numbers."
-    ]
+    return sorted(jobs, key=lambda job: job.seed)
 
 
 @dataclass(frozen=True)
@@ -326,7 +206,7 @@ class Comparison:
         return overview(self.results)
 
 
-def compare(task: Task | str | None = None, **options: Any) -> Comparison:
+def compare(task: Task | str, **options: Any) -> Comparison:
     """Compare algorithms on one task under one protocol.
 
     Every trial is a run folder in `out`, which `serp why`, `serp report` and `serp evaluate` open.
@@ -335,8 +215,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
 
     Args:
         task: The task, the name of an installed one, or a domain file; one that belongs to no
-            installed task is a world, as `serp.file_task` makes it. None: that of the comparison in
-            `out`.
+            installed task is a world, as `serp.file_task` makes it.
         **options: All of them optional. When a comparison is continued, the defaults are its own
             values.
 
@@ -368,16 +247,11 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     with needs_extra("report", "the report of a comparison"):
         from serp.runs.comparison.report import write_report
     request = CompareSettings(**options)
-    out = request.out
-    before = None if out is None else read_plan(out)
-    with _requested_task(task, before, out).bind() as bound:
-        folder = out or default_path(f"compare-{bound.name}")
-        plan, tasks = _planned(folder, before, bound, request)
-        jobs = _jobs(folder, plan, tasks)
-        _check_algorithms(jobs, bound)
+    with find_task(task).bind() as bound:
+        folder = request.out or default_path(f"compare-{bound.name}")
+        plan = _planned(read_plan(folder), bound, request)
+        jobs = _jobs(folder, plan, bound)
     with locked(folder, _PLAN):
-        if read_plan(folder) != before:
-            raise RunError(f"another process has changed {folder} just now. Try again.")
         make_inside(folder, "trials")
         write_durably(folder / _PLAN, plan.model_dump_json(indent=1))
         missing = [job for job in jobs if not job.complete]
@@ -390,14 +264,12 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
                 if ended.error:
                     failed.append(f"{ended.job.trial}: {ended.error}")
             results = Results((read_trial(job) for job in jobs if job.complete), plan)
-            notes = _notes(results.records)
-            for note in notes:
-                warnings.warn(note, Notice, stacklevel=2)
-            write_report(folder, results, jobs, notes)
+            write_report(folder, results, jobs)
     complete = len(results.records)
     if stopping.signal is not None and complete + len(failed) < len(jobs):
         raise Interrupted(
-            f"stopped with {complete} of {len(jobs)} trials complete in {folder}",
+            f"stopped with {complete} of {len(jobs)} trials complete in {folder}.\n"
+            f"Go on with the same command and --out {folder}.",
             stopping.signal,
         )
     if failed:

@@ -12,6 +12,7 @@ import os
 import pickle
 import signal
 import sys
+import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,19 +24,40 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, ClassVar, Final, NamedTuple, Self
+from typing import Any, ClassVar, Final, NamedTuple
 
 from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
 from serp._util.numbers import whole
+from serp._util.plugins import find, loading, offered
 from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp._util.terminal import open_console
-from serp.errors import Interrupted, RunError, SerpError
-from serp.runs.comparison.engines import LOCAL, find_engine
+from serp.errors import Interrupted, RunError, SerpError, SettingsError
 from serp.runs.comparison.trial import Job, run_trial
 from serp.runs.train import Stopping
 from serp.settings import Section
+
+GROUP: Final = "serp.engines"
+"""Entry-point group of engines: functions of type `Engine`."""
+LOCAL: Final = "local"
+"""The engine of this library: processes of this machine."""
+
+Engine = Callable[[str | None, int | None], AbstractContextManager[tuple[Executor, int]]]
+"""(address of a cluster, most trials at the same time) → an executor and how many trials it runs.
+
+Without an address the engine starts workers on this machine. Without a number, as many trials run
+at the same time as there are cores."""
+
+
+def find_engine(name: str) -> Engine:
+    """Return the engine of a name, which is not `local`; raise a SettingsError if there is none."""
+    entry = find(offered(GROUP), name, "engine", SettingsError, known=[LOCAL])
+    with loading(entry, "engine", SettingsError):
+        engine: Engine = entry.load()
+    return engine
+
 
 _LOST: Final = (
     "its worker was lost. The same command goes on where the trial was. Perhaps the memory is too "
@@ -47,7 +69,7 @@ _LOST: Final = (
 class TrialsRequest(Section):
     """Options of whatever runs trials: their settings and seeds, and where they run.
 
-    None stands for the default. An engine that cannot be found is refused, too.
+    None stands for the default.
     """
 
     first_seed: ClassVar[int] = 0
@@ -76,14 +98,6 @@ class TrialsRequest(Section):
             raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
         return tuple(dict.fromkeys(seeds))
 
-    @model_validator(mode="after")
-    def _engine_is_there(self) -> Self:
-        if self.engine != LOCAL:
-            find_engine(self.engine)
-        elif self.address is not None:
-            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
-        return self
-
 
 class Ended(NamedTuple):
     """How a trial ended: complete, stopped, or with an error."""
@@ -96,15 +110,13 @@ class Ended(NamedTuple):
 @contextlib.contextmanager
 def progress(what: str, quiet: bool) -> Iterator[Callable[[str], None]]:
     """Show on a terminal that work goes on; yield a function that shows a line unless quiet."""
-    console = open_console(sys.stderr)
+    console = open_console(sys.stderr, quiet=quiet)
 
     def say(text: str) -> None:
-        if not quiet:
-            with contextlib.suppress(OSError, ValueError):
-                console.print(text, soft_wrap=True)
+        with contextlib.suppress(OSError, ValueError):  # a terminal that was closed ends no work
+            console.print(text, soft_wrap=True)
 
-    alive = console.status(what) if console.is_terminal and not quiet else contextlib.nullcontext()
-    with alive:
+    with console.status(what) if console.is_terminal else contextlib.nullcontext():
         yield say
 
 
@@ -121,17 +133,17 @@ def run_jobs(
     local = request.engine == LOCAL
     most = min(request.jobs or os.cpu_count() or 1, len(jobs)) if local else request.jobs
     here = (local and most == 1) or not _portable(jobs)
+    why = (
+        "the task has functions that cannot be imported elsewhere (lambdas, or functions of a "
+        "notebook or of __main__)"
+    )
     if here and not local:
         raise RunError(
-            f"engine {request.engine}: the task has functions that cannot be imported on other "
-            "machines (lambdas, or functions of a notebook or of __main__). Put them into a module "
-            "that is installed there, or leave --engine out."
+            f"engine {request.engine}: {why}. Put them into a module that is installed there, or "
+            "leave --engine out."
         )
     if here and most != 1:
-        say(
-            "The trials run one after another: the task has functions that cannot be imported from "
-            "other processes (lambdas, or functions of a notebook or of __main__)."
-        )
+        say(f"The trials run one after another: {why}.")
 
     def stopped() -> bool:
         answer = stopping.answer("the episodes that run", "trials go on from their checkpoints")
@@ -160,10 +172,10 @@ def _portable(jobs: Sequence[Job]) -> bool:
         return False
 
 
-def attempt(job: Job, stopped: Callable[[], bool] = lambda: False) -> Ended:
+def attempt(job: Job, stopped: Callable[[], bool] | None = None) -> Ended:
     """Run a job; an error that is no `SerpError` is a bug, and keeps its traceback."""
     try:
-        run_trial(job, stopped)
+        run_trial(job, stopped or _stop.is_set)
     except Interrupted:
         return Ended(job, stopped=True)
     except SerpError as error:
@@ -178,14 +190,14 @@ def _run_apart(
 ) -> Iterator[Ended]:
     """Run jobs in processes or on a cluster."""
     waiting, running = deque(jobs), dict[Future[Ended], Job]()
-    with _opened(request, most) as (executor, slots, function, stop):
+    with _opened(request, most) as (executor, slots, stop):
         while True:
             if stopped():
                 waiting.clear()
                 stop()
             while waiting and len(running) < slots:
                 try:
-                    running[executor.submit(function, waiting[0])] = waiting[0]
+                    running[executor.submit(attempt, waiting[0])] = waiting[0]
                 except BrokenExecutor:
                     yield from (Ended(job, error=_LOST) for job in waiting)
                     waiting.clear()
@@ -208,14 +220,14 @@ def _run_apart(
 @contextlib.contextmanager
 def _opened(
     request: TrialsRequest, most: int | None
-) -> Iterator[tuple[Executor, int, Callable[[Job], Ended], Callable[[], None]]]:
-    """Yield executor, trials at the same time, their function, and a function that stops them.
+) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
+    """Yield executor, trials at the same time, and a function that stops them.
 
     Processes of this machine stop after their episodes; at an exception they are killed.
     """
     if request.engine != LOCAL:
         with find_engine(request.engine)(request.address, most) as (executor, slots):
-            yield executor, slots, attempt, lambda: None
+            yield executor, slots, lambda: None
         return
     assert most is not None
     context = multiprocessing.get_context("spawn")
@@ -224,15 +236,15 @@ def _opened(
         stop = context.Event()  # begins a process, too
         with ProcessPoolExecutor(most, context, _begin_worker, (stop,)) as executor:
             try:
-                yield executor, most, _attempt_in_worker, stop.set
+                yield executor, most, stop.set
             except BaseException:
                 for process in set(multiprocessing.active_children()) - others:
                     process.kill()
                 raise
 
 
-_stop: Any = None
-"""In a worker process: the event that stops trials."""
+_stop: Any = threading.Event()
+"""The event that stops trials; in a worker process, that of the one which began it."""
 
 
 def _begin_worker(stop: Any) -> None:
@@ -240,7 +252,3 @@ def _begin_worker(stop: Any) -> None:
     _stop = stop
     unsafe_path()
     follow_parent()
-
-
-def _attempt_in_worker(job: Job) -> Ended:
-    return attempt(job, _stop.is_set)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import shlex
 import sys
@@ -12,7 +11,7 @@ from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import matplotlib.style
 import numpy as np
@@ -20,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from serp._util.figures import INK, LINE, PALETTE, STYLE, label_ends, render
-from serp._util.files import cannot_write, make_inside, write_durably
+from serp._util.files import make_inside, write_durably
 from serp._util.templates import render as render_template
 from serp._util.terminal import visible
 from serp._util.text import readable
@@ -35,7 +34,7 @@ from serp.runs.comparison.statistics import (
     training_curves,
 )
 from serp.runs.comparison.trial import Job, Trial
-from serp.runs.folder import machine, versions
+from serp.runs.folder import machine
 from serp.runs.summary import WINDOW
 
 NOTHING: Final = "–"
@@ -43,73 +42,53 @@ Content = tuple[list[str], list[list[str]]]
 """A table: titles of columns, and rows; plain text."""
 
 
-def write_report(
-    folder: Path,
-    results: Results,
-    jobs: Sequence[Job],
-    notes: Sequence[str],
-) -> None:
+def write_report(folder: Path, results: Results, jobs: Sequence[Job]) -> None:
     """Write the report of a comparison, complete or not.
 
     `report.html` (which embeds its figures), `figures/*.png` and `*.svg`, and `measures.csv`. Files
     of an earlier report are replaced.
     """
-    figures = "figures"
-    drawn = pictures(results)
-    try:
-        make_inside(folder, figures)
-    except OSError as error:
-        raise cannot_write(folder / figures, error, "No report was written.") from error
-    files: dict[str, bytes | str] = {
-        f"{figures}/{picture.name}.{kind}": render(picture.figure, kind)
-        for picture in drawn
-        for kind in ("svg", "png")
-    }
-    embedded = {
-        picture.name: (picture, _address(files[f"{figures}/{picture.name}.svg"]))
-        for picture in drawn
-    }
-    files["report.html"] = report_page(results, jobs, notes, embedded)
-    files["measures.csv"] = measures_csv(results)
-    for name, content in files.items():
-        write_durably(folder / name, content)
-
-
-def _address(svg: str | bytes) -> str:
-    data = svg.encode() if isinstance(svg, str) else svg
-    return f"data:image/svg+xml;base64,{b64encode(data).decode('ascii')}"
-
-
-def report_page(
-    results: Results,
-    jobs: Sequence[Job],
-    notes: Sequence[str],
-    drawn: Mapping[str, tuple[Picture, str]],
-) -> str:
-    """Return the report as HTML; `drawn` has the address of each figure."""
-    return render_template(
+    make_inside(folder, "figures")
+    files: dict[str, bytes | str] = {"measures.csv": measures_csv(results)}
+    embedded = {}
+    for name, figure in figures(results).items():
+        svg = render(figure, "svg")
+        files |= {f"figures/{name}.svg": svg, f"figures/{name}.png": render(figure, "png")}
+        embedded[name] = f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}"
+    files["report.html"] = render_template(
         "serp.runs.comparison",
         "report.html.j2",
-        {"plain": lambda text: visible(" ".join(str(text).split()))},
+        {"plain": lambda text: visible(" ".join(str(text).split())), "estimate": estimate_text},
         results=results,
         plan=results.plan,
+        protocol=results.plan.protocol,
+        threshold=readable(results.plan.threshold),
         palette=PALETTE,
-        pictures=drawn,
-        notes=notes,
+        pictures=embedded,
         missing=[str(job.trial) for job in jobs if job.trial not in results.measured],
         count=len(jobs),
         command=shlex.join(map(str, sys.argv)),
         resamples=RESAMPLES,
-        compared=compared_table(results),
-        settings=settings_table(results, jobs),
+        window=WINDOW,
+        domains=", ".join(dict.fromkeys(Path(job.task.load().source.name).name for job in jobs)),
+        machine=machine(),
+        versions=_versions(results),
+        algorithms={job.algorithm.name: job.algorithm for job in jobs}.values(),
         overview=overview(results),
         values=partial(values_table, results),
-        differences=differences_table(results),
-        definitions=(
-            ["measure", "meaning", "better"],
-            [[m.name, m.meaning, m.better or NOTHING] for m in results.measures],
-        ),
+        definitions=[[m.name, m.meaning, m.better or NOTHING] for m in results.measures],
     )
+    for name, content in files.items():
+        write_durably(folder / name, content)
+
+
+def _versions(results: Results) -> str:
+    """Return every package with the versions that trials were made with."""
+    made: dict[str, dict[str, None]] = {}
+    for record in results.records:
+        for name, version in record.versions.items():
+            made.setdefault(name, {})[version or "not installed"] = None
+    return ", ".join(f"{name} {' and '.join(versions)}" for name, versions in made.items())
 
 
 # Tables ----------------------------------------------------------------------------------------
@@ -125,7 +104,7 @@ def estimate_text(found: Estimate) -> str:
 
 def _cell(results: Results, algorithm: str, name: str) -> str:
     """Return a measure with its interval, and how often a threshold was never reached."""
-    text = estimate_text(results.estimate(algorithm, name))
+    text = estimate_text(results.estimate(name, algorithm))
     values = results.values(algorithm, name)
     never = int(np.isposinf(values).sum())
     return f"{text}, never in {never} of {len(values)}" if never else text
@@ -153,120 +132,44 @@ def _measured(results: Results, measures: Sequence[Measure]) -> Content:
     return ["algorithm", *(measure.title for measure in measures)], rows
 
 
-def differences_table(results: Results) -> Content:
-    """Return the differences of interquartile means of each algorithm to the first."""
-    compared = [measure for measure in results.measures if measure.compared]
-    first, *others = results.algorithms or ("",)
-    rows = [
-        [
-            f"{other} − {first}",
-            *(estimate_text(results.difference(other, first, m.name)) for m in compared),
-        ]
-        for other in others
-    ]
-    return ["difference", *(m.title for m in compared)], rows
-
-
-def compared_table(results: Results) -> Content:
-    """Return what all trials have in common."""
-    plan, protocol = results.plan, results.plan.protocol
-    installed = ", ".join(f"{name} {text}" for name, text in versions().items() if text)
-    rows = {
-        "task": plan.task,
-        "domain files, the task's own first": ", ".join(plan.domains),
-        "budget": f"{protocol.env_steps:,} env steps a trial",
-        "seeds": ", ".join(map(str, plan.seeds)),
-        "return from which a policy counts as good (threshold)": readable(plan.threshold),
-        "evaluation of the learner alone": f"{protocol.evaluation_episodes} episodes every "
-        f"{protocol.evaluate_every:,} env steps; {protocol.final_episodes} at the end",
-        **{name: str(text) for name, text in machine().items()},
-        "versions": installed,
-    }
-    return ["", ""], [[*row] for row in rows.items()]
-
-
-def settings_table(results: Results, jobs: Sequence[Job]) -> Content:
-    """Return what the algorithms are, and the settings that are not the same for all of them."""
-    texts: dict[str, dict[str, str]] = {name: {} for name in results.algorithms}
-    for job in jobs:
-        if job.trial.algorithm not in texts:
-            continue
-        own = texts[job.trial.algorithm] = {"algorithm": job.algorithm.description}
-        if job.algorithm.make_external is None:
-            for section, values in job.settings.as_dict().items():
-                own |= {
-                    f"{section}.{name}": value if isinstance(value, str) else json.dumps(value)
-                    for name, value in values.items()
-                }
-    # External algorithms have no settings of ours, so these are compared among the others.
-    rows = [
-        [key, *(text.get(key, NOTHING) for text in texts.values())]
-        for key in dict.fromkeys(key for text in texts.values() for key in text)
-        if "." not in key or len({text[key] for text in texts.values() if key in text}) > 1
-    ]
-    return ["what", *texts], rows
-
-
 # Figures ---------------------------------------------------------------------------------------
 
-# Okabe and Ito's palette, told apart by colour-blind readers too, without its yellow, which does
-# not show on white. The numbers of colours and dashes share no divisor.
 
-
-class Picture(NamedTuple):
-    """A figure of the report: the name of its files, what it shows, and how to read it."""
-
-    name: str
-    title: str
-    caption: str
-    figure: Figure
-
-
-def _colour(place: int) -> str:
-    colours = ("vermilion", "blue", "green", "purple", "sky", "orange", "ink")
-    return PALETTE[colours[place % len(colours)]][0]
-
-
-def pictures(results: Results) -> list[Picture]:
-    """Draw every figure for which there are data, in the order of the report."""
-    protocol, read = results.plan.protocol, (
-        "Interquartile mean over the seeds, shaded: 95 % bootstrap interval; faint: each seed."
-    )  # fmt: skip
-    steps = f"over {protocol.env_steps:,} env steps"
-    training = {a: training_curves(results.of(a), protocol.env_steps) for a in results.algorithms}
+def figures(results: Results) -> dict[str, Figure]:
+    """Draw every figure for which there are data."""
+    budget = results.plan.protocol.env_steps
+    training = {a: training_curves(results.of(a), budget) for a in results.algorithms}
     learner = {a: evaluation_curves(results.of(a)) for a in results.algorithms}
     with matplotlib.style.context(["default", STYLE]):
-        drawn = [
-            Picture("training", f"Training return {steps}",
-                    f"Mean of the running episode and the {WINDOW - 1} before it. {read}",
-                    _curves(results, training, f"training return (mean of {WINDOW} episodes)")),
-            Picture("learner", f"The learner alone {steps}",
-                    f"Mean return of {protocol.evaluation_episodes} episodes of the greedy learner "
-                    f"without planner and vetoes. {read} Grey: the planner alone.",
-                    _curves(results, learner, "return of the learner alone", planner=True)),
-        ]  # fmt: skip
-        drawn = [picture for picture in drawn if picture.figure.axes]
-        for picture in drawn:
-            picture.figure.axes[0].set_title(picture.title)
-            if results.caution is not None:
-                picture.figure.supxlabel(results.caution, fontsize=9.5, color=INK)
-    return drawn
+        drawn = {
+            "training": _curves(
+                results, training, "Training return", f"training return (mean of {WINDOW} episodes)"
+            ),
+            "learner": _curves(
+                results, learner, "The learner alone", "return of the learner alone", planner=True
+            ),
+        }
+    return {name: figure for name, figure in drawn.items() if figure is not None}
 
 
 def _curves(
-    results: Results, curves: Mapping[str, Curves], label: str, *, planner: bool = False
-) -> Figure:
-    """Return a figure of a curve with its band for each algorithm; no axes if there is no curve."""
+    results: Results, curves: Mapping[str, Curves], title: str, label: str, *, planner: bool = False
+) -> Figure | None:
+    """Return a figure of a curve with its band for each algorithm; None if there is no curve."""
+    # Okabe and Ito's palette without its yellow, which does not show on white. The numbers of
+    # colours and dashes share no divisor.
+    colours = ("vermilion", "blue", "green", "purple", "sky", "orange", "ink")
     dashes = ("-", (0, (5, 1.6)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
     shown = {name: curve for name, curve in curves.items() if curve.y.size}
+    if not shown:
+        return None
     height = max(4.6, 0.22 * len(shown) + 1.5)
     figure = Figure(figsize=(9.0, height), layout="constrained")
-    if not shown:
-        return figure
     axes = figure.subplots()
     ends = []
     for place, (name, curve) in enumerate(shown.items()):
-        colour, (centre, low, high) = _colour(place), curve.band()
+        colour = PALETTE[colours[place % len(colours)]][0]
+        centre, low, high = curve.band()
         axes.plot(
             curve.x, centre, color=colour, linestyle=dashes[place % len(dashes)], label=name,
             linewidth=1.7 if place else 2.6, marker="o" if len(curve.x) == 1 else "none",
@@ -288,7 +191,10 @@ def _curves(
     if threshold is not None and bottom <= threshold <= top + 0.1 * (top - bottom):
         axes.axhline(threshold, color=LINE, linewidth=1.2, zorder=1.5)
         ends.append(("threshold", threshold, LINE))
-    axes.set(xlabel="env steps", ylabel=label)
+    budget = f"{results.plan.protocol.env_steps:,} env steps"
+    axes.set(xlabel="env steps", ylabel=label, title=f"{title} over {budget}")
+    if results.caution is not None:
+        figure.supxlabel(results.caution, fontsize=9.5, color=INK)
     axes.set_xlim(0, max(float(max(curve.x[-1] for curve in shown.values())), 2.0))
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

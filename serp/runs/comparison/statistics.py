@@ -9,7 +9,7 @@ The generator has a fixed seed, so that equal data give equal intervals.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ RESAMPLES: Final = 5_000
 ENOUGH: Final = 5
 """Number of seeds below which intervals are rough; they tend to be too narrow."""
 GRID: Final = 200
-"""Largest number of points of a curve."""
+"""Number of points of a training curve."""
 
 
 class Measure(NamedTuple):
@@ -205,44 +205,36 @@ def interquartile_mean(values: Array) -> Array:
     return np.asarray(trim_mean(values, 0.25, axis=-1), dtype=np.float64)
 
 
-def estimate(values: ArrayLike) -> Estimate:
-    """Return the interquartile mean with its bootstrap interval, widened to hold the mean."""
-    return _interval([_known(values)], interquartile_mean)
+def estimate(values: ArrayLike, less: ArrayLike | None = None) -> Estimate:
+    """Return the interquartile mean with its bootstrap interval, widened to hold the mean.
 
-
-def difference(first: ArrayLike, second: ArrayLike) -> Estimate:
-    """Estimate by how much the interquartile mean of `first` exceeds that of `second`.
-
-    Seeds of both are resampled independently, which is on the safe side where the same seeds of an
-    environment make both alike.
+    With `less`, by how much it exceeds that of `less`. Both are resampled independently, which is
+    on the safe side where the same seeds of an environment make both alike. The order of values
+    does not matter.
     """
-    return _interval(
-        [_known(first), _known(second)],
-        lambda one, other: interquartile_mean(one) - interquartile_mean(other),
-    )
+    samples = [np.sort(np.asarray(part, np.float64)) for part in (values, less) if part is not None]
+    value, low, high = map(float, _with_interval(*samples))
+    known = all(len(sample) > 1 for sample in samples)
+    return Estimate(value, low if known else None, high if known else None)
 
 
-def _known(values: ArrayLike) -> Array:
-    """Return the values that are not NaN in an order that is always the same."""
-    array = np.asarray(values, dtype=np.float64).ravel()
-    return np.sort(array[~np.isnan(array)])
+def _excess(sample: Array, less: Array | None = None) -> Array:
+    mean = interquartile_mean(sample)
+    return mean if less is None else mean - interquartile_mean(less)
 
 
-def _interval(samples: Sequence[Array], statistic: Callable[..., Array]) -> Estimate:
-    value = float(statistic(*samples))
-    if any(len(sample) < 2 for sample in samples):
-        return Estimate(value, None, None)
-    low, high = _bootstrap(samples, statistic)
-    return Estimate(value, min(float(low), value), max(float(high), value))
+def _with_interval(*samples: Array) -> tuple[Array, Array, Array]:
+    """Return the statistic and the ends of its percentile interval; seeds are on the last axis.
 
-
-def _bootstrap(samples: Sequence[Array], statistic: Callable[..., Array]) -> tuple[Array, Array]:
-    """Return the ends of the percentile interval; seeds are on the last axis."""
-    size = sum(sample.size for sample in samples)
+    The ends are the statistic itself where there are less than two seeds.
+    """
+    value, size = _excess(*samples), sum(sample.size for sample in samples)
+    if any(sample.shape[-1] < 2 for sample in samples):
+        return value, value, value
     # Numbers that are resampled at once: many seeds would need more memory than there is.
-    result = bootstrap(
+    ends = bootstrap(
         samples,
-        lambda *parts, axis: statistic(*parts),
+        lambda *parts, axis: _excess(*parts),
         n_resamples=RESAMPLES,
         batch=min(RESAMPLES, max(1, 10_000_000 // size)),
         vectorized=True,
@@ -250,8 +242,8 @@ def _bootstrap(samples: Sequence[Array], statistic: Callable[..., Array]) -> tup
         axis=-1,
         method="percentile",
         rng=np.random.default_rng(0),
-    )
-    return result.confidence_interval.low, result.confidence_interval.high
+    ).confidence_interval
+    return value, np.minimum(ends.low, value), np.maximum(ends.high, value)
 
 
 # Curves ----------------------------------------------------------------------------------------
@@ -265,12 +257,7 @@ class Curves(NamedTuple):
 
     def band(self) -> tuple[Array, Array, Array]:
         """Return the interquartile mean and the ends of its pointwise 95 % interval, all `[G]`."""
-        across = np.ascontiguousarray(np.sort(self.y, axis=0).T)
-        centre = interquartile_mean(across)
-        if len(self.y) < 2:
-            return centre, centre, centre
-        low, high = _bootstrap([across], interquartile_mean)
-        return centre, np.minimum(low, centre), np.maximum(high, centre)
+        return _with_interval(np.ascontiguousarray(np.sort(self.y, axis=0).T))
 
 
 def evaluation_curve(record: Record) -> tuple[Array, Array]:
@@ -297,13 +284,10 @@ def training_curves(records: Iterable[Record], env_steps: int) -> Curves:
 
 
 def evaluation_curves(records: Iterable[Record]) -> Curves:
-    """Return mean returns of the learner alone at all evaluations, interpolated linearly."""
+    """Return mean returns of the learner alone at the evaluations, which all trials have alike."""
     curves = [curve for record in records if len((curve := evaluation_curve(record))[0])]
-    grid = np.unique([at for steps, _ in curves for at in steps])
-    if len(grid) > GRID:
-        grid = np.linspace(grid[0], grid[-1], GRID)
-    rows = [np.interp(grid, *curve) for curve in curves]
-    return Curves(grid, np.array(rows).reshape(len(rows), len(grid)))
+    grid = curves[0][0] if curves else np.zeros(0)
+    return Curves(grid, np.array([y for _, y in curves]).reshape(len(curves), len(grid)))
 
 
 class Results:
@@ -361,10 +345,7 @@ class Results:
         values = np.where(np.isposinf(values), float(self.plan.protocol.env_steps), values)
         return values[~np.isnan(values)]
 
-    def estimate(self, algorithm: str, name: str) -> Estimate:
-        """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
-        return estimate(self.known(algorithm, name))
-
-    def difference(self, first: str, second: str, name: str) -> Estimate:
-        """Estimate by how much a measure of one algorithm exceeds another's."""
-        return difference(self.known(first, name), self.known(second, name))
+    def estimate(self, name: str, algorithm: str, less: str | None = None) -> Estimate:
+        """Estimate a measure of an algorithm or, with `less`, how much it exceeds another's."""
+        other = None if less is None else self.known(less, name)
+        return estimate(self.known(algorithm, name), other)

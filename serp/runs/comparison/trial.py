@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import datetime
 import hashlib
 import io
 import json
@@ -39,11 +38,7 @@ from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.results import write_results
 from serp.runs.resume import restore
-from serp.runs.rollout import (
-    Rollout,
-    evaluation_seed,
-    training_seed,
-)
+from serp.runs.rollout import Rollout, evaluation_seed, training_seed
 from serp.runs.run import begin_run
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.tables import MetricsRow, read_metrics
@@ -59,7 +54,6 @@ Columns = dict[str, NDArray[Any]]
 EVALUATIONS: Final = "evaluations.csv"
 _SEED: Final = 99
 """Seed of the episodes of all evaluations, which are the same for all trials."""
-_LONGEST: Final = 100
 
 
 class Trial(NamedTuple):
@@ -96,12 +90,17 @@ class Job:
     It is sent to other machines, so its task has the domain itself, not the name of a file.
     """
 
-    trial: Trial
     algorithm: Algorithm
+    seed: int
     task: Task
     settings: Settings
     protocol: TrialProtocol
     folder: Path
+
+    @property
+    def trial(self) -> Trial:
+        """The key of the trial."""
+        return Trial(self.algorithm.name, self.seed)
 
     @property
     def begun(self) -> bool:
@@ -124,10 +123,10 @@ class Job:
         folder = RunFolder.open(self.folder)
         domain = self.task.load()
         copies = [file.read_text("utf-8") for file in folder.copies() if file is not None]
-        seed, settings = self.trial.seed, json.loads(json.dumps(self.settings.as_dict()))
+        settings = json.loads(json.dumps(self.settings.as_dict()))
         parts = {
             "settings": folder.config.get("settings") != settings,
-            "seed": folder.config.get("seed") != seed,
+            "seed": folder.config.get("seed") != self.seed,
             "domain file": copies != [source.text for source in domain.sources],
         }
         if other := [what for what, differs in parts.items() if differs]:
@@ -139,10 +138,11 @@ class Job:
 
 def file_name(name: str) -> str:
     """Return a unique file name for a name, valid on every file system."""
+    longest = 100
     plain = re.sub(r"[^A-Za-z0-9_.=@-]", "_", name)
-    if plain == name and len(name) <= _LONGEST and not plain.startswith("."):
+    if plain == name and len(name) <= longest and not plain.startswith("."):
         return plain
-    return f"{plain[:_LONGEST]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return f"{plain[:longest]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def run_trial(job: Job, stopped: Callable[[], bool] = lambda: False) -> None:
@@ -166,7 +166,7 @@ def run_trial(job: Job, stopped: Callable[[], bool] = lambda: False) -> None:
 
 def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], bool]) -> None:
     """Train one of serp's algorithms."""
-    seed, settings, budget = job.trial.seed, job.settings, Budget(env_steps=job.protocol.env_steps)
+    seed, settings, budget = job.seed, job.settings, Budget(env_steps=job.protocol.env_steps)
     baseline = job.algorithm.kind == "baseline"
     with Trainer(bound, settings, seed, baseline=baseline) as trainer:
         agent = trainer.agent
@@ -186,7 +186,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
         else:
             folder = begin_run(
                 job.folder, bound, settings, preset=job.algorithm.preset, seed=seed, budget=budget,
-                begun=datetime.datetime.now(), baseline=baseline,
+                baseline=baseline,
             )  # fmt: skip
         with folder:
             restore(folder, trainer, budget)
@@ -199,51 +199,59 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
             train(folder, trainer, budget, callbacks, quiet=True)
 
 
-class ExternalEnv(TaskEnv):
+class _Spent(BaseException):
+    """The budget is spent; no `Exception`, which an external algorithm might handle."""
+
+
+class ExternalEnv(Bookkeeping, TaskEnv):
     """A task as a Gymnasium environment for a learner that trains itself.
 
     Episodes begin with the same seeds as in serp's training, whatever is given to `reset`. Nothing
     is refused; the agent forecasts steps to count unsafe ones.
 
     Attributes:
+        budget: Env steps after which no more is made; None for no limit.
         on_step: Called with every env step.
     """
 
     def __init__(
         self, task: BoundTask, agent: Agent, seed: int, on_step: OnStep | None = None
     ) -> None:
-        super().__init__(task, agent)
+        Bookkeeping.__init__(self)
+        TaskEnv.__init__(self, task, agent)
+        self.budget: int | None = None
         self.on_step = on_step
         self._seed = seed
-        self._episode = 0
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode of serp's training."""
-        self._episode += 1
-        return training_seed(self._seed, self._episode - 1)
+        return training_seed(self._seed, self.episode)
 
     def decide(self, rollout: Rollout, action: int) -> Decision:
         """Execute the action, whatever it is."""
+        if self.env_steps == self.budget:
+            raise _Spent
         return self._agent.guarded.execute(rollout.state, Proposal(action, False, None))
 
     def after_step(self, step: StepRecord) -> dict[str, Any]:
-        """Report the step; the info is the task's."""
+        """Count, write and report the step; the info is the task's."""
+        self.record_step(step, self.episode + 1)
+        if step.last:
+            self.record_episode(step.episode, rho=1.0)
         if self.on_step is not None:
             self.on_step(step)
         return step.info
 
 
-class _Spent(BaseException):
-    """The budget is spent; no `Exception`, which an external algorithm might handle."""
-
-
 def make_external(
-    algorithm: Algorithm, env: ExternalEnv, task: str, seed: int
-) -> ExternalAlgorithm:
-    """Return an external algorithm, ready to be trained in an environment."""
+    algorithm: Algorithm, bound: BoundTask, settings: Settings, seed: int
+) -> tuple[Agent, ExternalEnv, ExternalAlgorithm]:
+    """Return an external algorithm, ready to be trained, with its agent and its environment."""
     assert algorithm.make_external is not None
-    with _blamed(algorithm.name):
-        return algorithm.make_external(env, task, seed)
+    agent = Agent(bound, settings, seed)
+    env = ExternalEnv(bound, agent, seed)
+    with _blamed(algorithm.name), env.paused():
+        return agent, env, algorithm.make_external(env, bound.name, seed)
 
 
 @contextlib.contextmanager
@@ -267,55 +275,45 @@ class _ExternalLearner(NamedTuple):
     def propose_greedily(self, x: Vector) -> Proposal:
         """Propose the greedy action for one input `[F]`."""
         with _blamed(self.name):
-            chosen: NDArray[Any] = np.asarray(self.external.act(x[np.newaxis].astype(np.float32)))
-            whole = chosen.dtype.kind in "iu" and chosen.shape == (1,)
-            if not whole or not 0 <= chosen[0] < self.actions:
+            (action,) = self.external.act(x[np.newaxis].astype(np.float32))
+            if action not in range(self.actions):
                 raise ValueError(
-                    f"act returned {chosen!r}; one whole number 0 ... {self.actions - 1} is wanted"
+                    f"act returned {action!r}; a whole number 0 ... {self.actions - 1} is wanted"
                 )
-            return Proposal(int(chosen[0]), False, None)
+            return Proposal(int(action), False, None)
 
 
 def _train_external(
     job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], bool]
 ) -> None:
     """Let an external algorithm train itself, from the beginning: it has no checkpoints."""
-    seed, settings, budget = job.trial.seed, job.settings, job.protocol.env_steps
-    agent = Agent(bound, settings, seed)
-    env = ExternalEnv(bound, agent, seed)
-    external = make_external(job.algorithm, env, bound.name, seed)
+    seed, settings, budget = job.seed, job.settings, job.protocol.env_steps
+    agent, env, external = make_external(job.algorithm, bound, settings, seed)
     shutil.rmtree(job.folder, ignore_errors=True)
-
-    agent.learner = cast(
-        Learner, _ExternalLearner(external, job.algorithm.name, bound.actions.size)
-    )
+    learner = _ExternalLearner(external, job.algorithm.name, bound.actions.size)
+    agent.learner = cast(Learner, learner)
     evaluations = _Evaluations(job, agent, bound, arena)
     folder = begin_run(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
-        budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
+        budget=Budget(env_steps=budget), baseline=True,
     )  # fmt: skip
-    books = Bookkeeping()
-    books.log = log = RunLog(folder, bound)
+    env.log = log = RunLog(folder, bound)
+    env.budget = budget
 
     def after_step(step: StepRecord) -> None:
-        if books.env_steps >= budget:
-            raise _Spent
-        books.record_step(step, books.episode + 1)
-        made = books.env_steps
-        if step.last:
-            books.record_episode(step.episode, rho=1.0)
-            if stopped():
-                raise Interrupted(f"stopped after {made} env steps", 0)
+        made = env.env_steps
+        if step.last and stopped():
+            raise Interrupted(f"stopped after {made} env steps", 0)
         # At the budget it still learns from the last steps, and then ends.
         if made in evaluations.due and made < budget:
-            with books.paused():
+            with env.paused():
                 evaluations.evaluate(made)
 
     env.on_step = after_step
     with folder, log:
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
-        if (made := books.env_steps) < budget:
+        if (made := env.env_steps) < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
         write_results(folder, {}, account=account_of(agent))
@@ -346,15 +344,16 @@ class _Evaluations:
         if last and kind in ("guided", "planner"):
             policies["policy"] = "serp" if kind == "guided" else "planner"
         self._arena.restore_environment(self._trained_in.environment_state(), statistics_only=True)
+        rows = [
+            {"env_steps": env_steps, "policy": name, "episode": episode, **row}
+            for name, policy in policies.items()
+            for episode, row in enumerate(self._played(policy) if last else self._returns(), 1)
+        ]
         table = io.StringIO()
-        for name, policy in policies.items():
-            rows = self._played(policy) if last else self._returns()
-            for episode, row in enumerate(rows, 1):
-                row = {"env_steps": env_steps, "policy": name, "episode": episode, **row}
-                writer = csv.DictWriter(table, list(row), lineterminator="\n")
-                if not self._text and not table.tell():
-                    writer.writeheader()
-                writer.writerow(row)
+        writer = csv.DictWriter(table, list(rows[0]), lineterminator="\n")
+        if not self._text:
+            writer.writeheader()
+        writer.writerows(rows)
         self._text += table.getvalue()
         write_durably(self._file, self._text)
         self.due.discard(env_steps)

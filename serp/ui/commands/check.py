@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from serp._util.did_you_mean import listed
 from serp._util.text import plural
 from serp.errors import SerpError, TaskError
-from serp.ui.asked import asked_domain, asked_own_task
-from serp.ui.options import own_task_name, own_task_option
-from serp.ui.output import examples, open_console
+from serp.ui.options import (
+    asked_domain,
+    asked_own_task,
+    command,
+    json_option,
+    own_task_name,
+    own_task_option,
+)
+from serp.ui.output import show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from serp.authoring.lint.domain_pairs import DomainFiles
     from serp.authoring.lint.findings import Finding
     from serp.model.domain import Domain
@@ -27,19 +31,16 @@ if TYPE_CHECKING:
     from serp.tasks.task import Task
 
 
-@click.command(
-    "check",
-    epilog=examples(
-        "serp check domains/cartpole.pddl",
-        "serp check --task my_robot.py",
-        "serp check domains/*.pddl --json > findings.json",
-    ),
+@command(
+    "serp check domains/cartpole.pddl",
+    "serp check --task my_robot.py",
+    "serp check domains/*.pddl --json > findings.json",
 )
 @click.argument("domains", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
-@click.option("--json", "as_json", is_flag=True, help="Print findings as JSON.")
-def command(domains: tuple[str, ...], as_json: bool) -> int:
-    """Check domain and problem files: print all mistakes with their places, and a summary.
+@json_option
+def check(domains: tuple[str, ...], as_json: bool) -> int:
+    """Check domain and problem files: all mistakes, and a summary.
 
     A problem file is checked with its domain: the given file of the domain that it names, or else
     `<name>.pddl` beside `<name>-problem.pddl`, or `domain.pddl`.
@@ -57,12 +58,12 @@ def command(domains: tuple[str, ...], as_json: bool) -> int:
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task")
     asked = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
-    console, checks = open_console(), list[_CheckedDomain]()
+    checks: list[_CheckedDomain] = []
     for pair in asked:
         checks.append(_checked(pair, own))
         if not as_json:
-            _print(console, checks[-1], first=len(checks) == 1)
-    wrong = sum(check.count("error") > 0 for check in checks)
+            _print(checks[-1], first=len(checks) == 1)
+    wrong = sum(check.count_of("error") > 0 for check in checks)
     if as_json:
         findings = [finding.as_dict() for check in checks for finding in check.findings]
         click.echo(json.dumps(findings, indent=2, ensure_ascii=False))
@@ -70,24 +71,23 @@ def command(domains: tuple[str, ...], as_json: bool) -> int:
             if check.failure:
                 say(check.failure)
     elif len(checks) > 1:
-        warnings = plural(sum(check.count("warning") for check in checks), "warning")
-        console.print(f"\n{plural(len(checks), 'domain')}: {wrong} wrong, {warnings}")
+        warnings = plural(sum(check.count_of("warning") for check in checks), "warning")
+        show(f"\n{plural(len(checks), 'domain')}: {wrong} wrong, {warnings}")
     return 1 if wrong else 0
 
 
-@dataclass
-class _CheckedDomain:
+class _CheckedDomain(NamedTuple):
     """The result for one domain; `summary` are lines about one without errors.
 
     `failure` says why it could not be checked; it is empty where it was.
     """
 
     name: str
-    findings: list[Finding] = field(default_factory=list)
-    summary: list[str] = field(default_factory=list)
+    findings: Sequence[Finding]
+    summary: Sequence[str]
     failure: str = ""
 
-    def count(self, severity: str) -> int:
+    def count_of(self, severity: str) -> int:
         """Return the number of findings of a severity; a failure is an error."""
         count = sum(finding.severity == severity for finding in self.findings)
         return count + (severity == "error" and bool(self.failure))
@@ -98,32 +98,31 @@ def _checked(pair: DomainFiles, own: Task | None) -> _CheckedDomain:
     from serp.authoring.lint.findings import Finding, examine
     from serp.pddl.source import DomainError
 
-    check = _CheckedDomain(pair.name)
+    summary: list[str] = []
     asked = own is not None or pair.domain is None
     try:
         domain, task = _load(pair, own)
-        check.findings = examine(
+        found = examine(
             domain.source,
             domain.problem_source,
-            look=lambda _: _look(check, domain, task, asked=asked),
+            look=lambda _: _look(summary, domain, task, asked=asked),
         ).findings
     except DomainError as error:
-        if pair.domain is not None:
-            check.findings = examine(pair.domain, pair.problem).findings
-        check.findings = check.findings or [Finding.of(error)]
+        found = [] if pair.domain is None else examine(pair.domain, pair.problem).findings
+        found = found or [Finding.of(error)]
     except SerpError as error:
-        check.failure = str(error)
-    return check
+        return _CheckedDomain(pair.name, (), (), str(error))
+    return _CheckedDomain(pair.name, found, summary)
 
 
 def _look(
-    check: _CheckedDomain, domain: Domain, task: Task | None, *, asked: bool
+    summary: list[str], domain: Domain, task: Task | None, *, asked: bool
 ) -> Iterator[DomainWarning]:
     """Sum a domain up, and yield warnings about its task.
 
     A task that does not fit is an error if the user asked for it, else a warning.
     """
-    check.summary += _summary(domain)
+    summary += _summary(domain)
     if task is None:
         return
     from serp.authoring.lint.task_ranges import out_of_range
@@ -137,7 +136,7 @@ def _look(
             raise
         yield DomainWarning(str(error), code="task-mismatch")
         return
-    check.summary.append(f"task {task.name}: environment, grounding and actions fit together")
+    summary.append(f"task {task.name}: environment, grounding and actions fit together")
 
 
 def _load(pair: DomainFiles, own: Task | None) -> tuple[Domain, Task | None]:
@@ -164,7 +163,6 @@ def _load(pair: DomainFiles, own: Task | None) -> tuple[Domain, Task | None]:
 
 
 def _summary(domain: Domain) -> Iterator[str]:
-    named = 12  # actions, processes and events of one line
     from serp.model.ground_model import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET
 
     model = domain.model
@@ -183,11 +181,9 @@ def _summary(domain: Domain) -> Iterator[str]:
     yield ", ".join(counts)
 
     def changing(target: int) -> list[str]:
-        """Return the schemas that change a target, as one text; none if there are none."""
+        """Return the schemas that change a target."""
         changed = (s for s in ground.schemas if any(e.target == target for e in s.effects))
-        names = list(dict.fromkeys(f"{s.kind.value} {s.schema}" for s in changed))
-        more = f" and {len(names) - named:,} more" if len(names) > named else ""
-        return [", ".join(names[:named]) + more] if names else []
+        return [*dict.fromkeys(f"{s.kind.value} {s.schema}" for s in changed)]
 
     rewarded = []
     if ground.goal_rewarded:
@@ -196,21 +192,21 @@ def _summary(domain: Domain) -> Iterator[str]:
     if ground.metric is not None:
         rewarded.append(f"the problem's metric, {ground.metric.place.text}")
     ends = ["the problem's goal"] if ground.goal is not None else []
-    ends += changing(TERMINAL_TARGET)
-    yield f"unsafe: {', '.join(changing(UNSAFE_TARGET)) or 'nothing'}"
-    yield f"reward: {'; '.join(rewarded or changing(REWARD_TARGET)) or 'nothing'}"
+    ends += [listed(changing(TERMINAL_TARGET))] if changing(TERMINAL_TARGET) else []
+    yield f"unsafe: {listed(changing(UNSAFE_TARGET)) or 'nothing'}"
+    yield f"reward: {'; '.join(rewarded) or listed(changing(REWARD_TARGET)) or 'nothing'}"
     yield f"terminal: {', '.join(ends) or 'nothing'}"
 
 
-def _print(console: Console, check: _CheckedDomain, *, first: bool) -> None:
-    counts = {kind: check.count(kind) for kind in ("error", "warning", "note")}
+def _print(check: _CheckedDomain, *, first: bool) -> None:
+    counts = {kind: check.count_of(kind) for kind in ("error", "warning", "note")}
     wrong, warned = counts["error"], counts["warning"]
     style = "bold red" if wrong else "bold yellow" if warned else "bold green"
     parts = [plural(count, kind) for kind, count in counts.items() if count]
     headline = ", ".join(parts if wrong or warned else ["right", *parts])
     if check.failure:
         headline = "not checked"
-    console.print("\n" * (not first) + f"{check.name}: {headline}", style=style)
+    show("\n" * (not first) + f"{check.name}: {headline}", style=style)
     if check.failure:
         say(check.failure)
     remarks = [finding for finding in check.findings if finding.severity != "error"]
@@ -218,9 +214,7 @@ def _print(console: Console, check: _CheckedDomain, *, first: bool) -> None:
         if finding.severity == "error":
             say(finding.rendered)
     for line in check.summary:
-        console.print(f"  {line}")
-    for finding in remarks[:100]:
+        show(f"  {line}")
+    for finding in remarks:
         style = "yellow" if finding.severity == "warning" else "dim"
-        console.print(f"  {finding.severity}: {finding.rendered}", style=style)
-    if len(remarks) > 100:
-        console.print(f"  ... and {len(remarks) - 100} more")
+        show(f"  {finding.severity}: {finding.rendered}", style=style)

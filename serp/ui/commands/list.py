@@ -3,79 +3,64 @@
 from __future__ import annotations
 
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
-import click
+from serp.errors import SerpError
+from serp.ui.options import command
+from serp.ui.output import print_table, show
 
-from serp.ui.output import examples, open_console, print_table
 
-
-@click.command("list", epilog=examples("serp list"))
-def command() -> None:
-    """List the installed tasks, with their domain files, and what the settings can name."""
+@command("serp list")
+def list() -> None:
+    """List what is installed: tasks, algorithms, strategies."""
     from serp._util.plugins import offered
     from serp.agent.registry import KINDS, PLANNERS
     from serp.runs.comparison.algorithms import GROUP, OWN
-    from serp.runs.comparison.engines import GROUP as ENGINES
-    from serp.runs.comparison.engines import LOCAL
+    from serp.runs.comparison.pool import GROUP as ENGINES
+    from serp.runs.comparison.pool import LOCAL
     from serp.tasks.registry import task_entries
 
-    console = open_console()
-    rows, styles = [], []
-    for name in sorted(task_entries()):
-        description, domain, broken = _about(name)
-        rows.append((name, description, domain))
-        styles.append("red" if broken else "")
-    if rows:
-        print_table(console, ("task", "", "domain file"), rows, styles=styles)
-    else:
-        console.print("No task is installed.")
+    rows = [(name, *_describe_task(name)) for name in sorted(task_entries())]
+    print_table(("task", "", "domain file"), rows)
     own = {name: algorithm.description for name, algorithm in OWN.items()}
     groups = {GROUP: ("algorithm", "algorithm (serp compare)", own)} | {
         group: (what, f"{setting} ({'--planner' if group == PLANNERS else '--set'})", {})
         for group, (what, setting) in KINDS.items()
     }
     groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes of this machine"}
-    console.print("")
     presets = [
         ("default", "what gives the best result today"),
         ("paper", "Algorithm 1 and section 4 of the paper to the letter"),
     ]
-    print_table(console, ("preset", ""), presets)
+    show()
+    print_table(("preset", ""), presets)
     for group, (what, title, known) in groups.items():
-        shown = [*known.items()]
-        styles = [""] * len(shown)
-        for name, entry in sorted(offered(group).items()):
-            description, broken = _first_line(entry, what)
-            shown.append((name, description))
-            styles.append("red" if broken else "")
-        console.print("")
-        print_table(console, (title, ""), shown, styles=styles)
+        installed = sorted(offered(group).items())
+        show()
+        print_table(
+            (title, ""),
+            [*known.items(), *((name, _first_line(entry, what)) for name, entry in installed)],
+        )
 
 
-def _first_line(entry: EntryPoint, what: str) -> tuple[str, bool]:
-    """Return how an implementation describes itself, and whether it cannot be loaded."""
+def _first_line(entry: EntryPoint, what: str) -> str:
+    """Return how an implementation describes itself, or why it cannot be loaded."""
     from serp._util.plugins import first_line, loading
-    from serp.errors import SerpError
 
     try:
         with loading(entry, what, SerpError):
-            return first_line(entry.load()), False
+            return first_line(entry.load())
     except SerpError as error:
-        return str(error), True
+        return str(error)
 
 
-def _about(name: str) -> tuple[str, str, bool]:
-    """Return description and domain file of a task, and whether it cannot be loaded."""
-    from serp.errors import SerpError
+def _describe_task(name: str) -> tuple[str, str]:
+    """Return description and domain file of a task, or why it cannot be loaded."""
     from serp.model.domain import Domain
     from serp.tasks.registry import find_domain_file, load_task
 
     try:
         task = load_task(name)
     except SerpError as error:
-        return str(error), "", True
-    shipped = Path(task.domain.source.name if isinstance(task.domain, Domain) else task.domain)
-    used = find_domain_file(name) or shipped
-    replaced = used.resolve() != shipped.resolve()
-    return task.description, f"{used}{' (instead of the installed one)' * replaced}", False
+        return str(error), ""
+    shipped = task.domain.source.name if isinstance(task.domain, Domain) else task.domain
+    return task.description, str(find_domain_file(name) or shipped)

@@ -2,69 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from serp.errors import SerpError, SettingsError
-from serp.ui.asked import MakePlanner, asked_domain, asked_state, open_run
+from serp._util.did_you_mean import listed
+from serp.errors import SerpError
 from serp.ui.options import (
     OutputFile,
+    asked_domain,
+    asked_settings,
+    command,
+    dt_option,
+    json_option,
+    open_run,
     own_task_option,
+    parse_state,
+    problem_option,
     refuse_given,
+    seed_option,
+    setting_option,
     settings_option,
+    with_domain,
 )
-from serp.ui.output import examples, open_console, print_json
+from serp.ui.output import print_json, show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.agent.chosen_planner import ChosenPlanner
     from serp.model.domain import Domain
+    from serp.model.transition_model import Vector
     from serp.runs.run import Run
     from serp.settings import Changes
     from serp.tasks.task import Task
 
 
-@click.command(
-    "plan",
-    epilog=examples(
-        "serp plan --domain cartpole",
-        "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
-        "serp plan --domain my/world.pddl --set planner.discount=0.9 --svg decision.svg",
-        "serp plan runs/seven --seed 3",
-    ),
+@command(
+    "serp plan --domain cartpole",
+    "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
+    "serp plan --domain my/world.pddl --set planner.discount=0.9 --svg decision.svg",
+    "serp plan runs/seven --seed 3",
 )
 @click.argument("run", type=click.Path(path_type=Path), required=False)
 @click.option("--domain", "name", metavar="NAME|FILE",
               help="Installed task, or any domain file.")  # fmt: skip
 @own_task_option
-@click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
-              help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
+@problem_option
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,
-              help="Take the state from the environment: the first one in which the planner has "
-                   "a choice; with --state, the one after a reset.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
-              help="Seed of the reset.")  # fmt: skip
-@click.option(
-    "--planner",
-    "planner_name",
-    metavar="NAME",
-    help="Who plans.  [default: the planner of a training]",
-)
-@click.option("--depth", type=click.IntRange(min=1), metavar="N",
-              help="Actions to look ahead, where the planner does not see to the end.  "
-                   "[default: the task's, else 5]")  # fmt: skip
-@click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
-              help="Control period.  [default: the task's, else 1]")  # fmt: skip
+              help="Take the state from the environment, after a reset.")  # fmt: skip
+@seed_option("Seed of the reset.")
+@setting_option("--planner", "planner.name", metavar="NAME",
+                what="Who plans.  [default: the planner of a training]")  # fmt: skip
+@setting_option("--depth", "planner.depth", metavar="N",
+                what="Actions to look ahead, where the planner does not see to the end.  "
+                     "[default: the task's, else 5]")  # fmt: skip
+@dt_option
 @settings_option
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
               help="Draw the planning graph there, that of the lookahead.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def command(
+@json_option
+def plan(
     run: Path | None,
     name: str | None,
     problem: Path | None,
@@ -73,7 +75,8 @@ def command(
     seed: int,
     svg: Path | None,
     as_json: bool,
-    **planning: Any,
+    settings: Changes,
+    dt: float | None,
 ) -> None:
     """Show what the planner decides in one state, and why.
 
@@ -87,19 +90,22 @@ def command(
     With RUN, the folder of a training, the decision is that of its planner, with the model that it
     plans with, whatever that has learned.
     """
+    from serp.agent.chosen_planner import ChosenPlanner
     from serp.agent.sentences import lines_of_changes
     from serp.ui.decision import describe, print_plan
 
     loaded = None if run is None else _opened(run)
     if loaded is None:
         domain, task = asked_domain(name, problem)
-        make_planner = _planning(task, **planning)
     else:
-        domain, task, make_planner = loaded.agent.task.domain, loaded.task, _planner_of(loaded)
-    domain, state, origin = asked_state(
-        domain, task, make_planner, assignments, observe=observe, seed=seed
-    )
-    planner = make_planner(domain)
+        domain, task = loaded.agent.task.domain, loaded.task
+    domain, state, origin = _asked_state(domain, task, assignments, observe=observe, seed=seed)
+    if loaded is None:
+        chosen, period = asked_settings(task, settings, dt)
+        model = domain.model.replace(dt=period)
+        planner = ChosenPlanner.of_settings(model, chosen.planner, task)
+    else:
+        planner = _planner_of(loaded, domain)
     plan = planner.plan(state)
     account = planner.explain(state, plan)
     changes = None
@@ -110,14 +116,13 @@ def command(
         about = {"domain": domain.name, "state_from": origin, **describe(planner, account, plan)}
         print_json({**about, "counterfactuals": None if changes is None else asdict(changes)})
     else:
-        console = open_console()
-        print_plan(console, title, planner, account, plan)
+        print_plan(title, planner, account, plan)
         if changes is not None:
-            console.print("")
+            show()
             for line in [*lines_of_changes(changes), changes.searched]:
-                console.print(line)
+                show(line)
         if loaded is not None:
-            console.print(f"The model of {run} is {loaded.agent.adaptation.adoption}.")
+            show(f"The model of {run} is {loaded.agent.adaptation.adoption}.")
     if svg is not None:
         from serp._util.files import write_durably
         from serp.ui.pictures.plan_picture import plan_picture
@@ -130,9 +135,62 @@ def command(
         say(f"{what} is drawn in {svg}")
 
 
+def _asked_state(
+    domain: Domain, task: Task | None, assignments: Iterable[str], *, observe: bool, seed: int
+) -> tuple[Domain, Vector, str]:
+    """Return the domain, grounded for the state to plan from; this state `[F]`; its origin.
+
+    The state is what `assignments` say, the rest of it from the problem or, with `observe` or where
+    nothing else is known, from the environment of the task after a reset with `seed`.
+    """
+    given = parse_state(assignments, domain)
+    complete = all(fluent.name in given for fluent in domain.model.fluents)
+    problem, grounded = domain.problem_syntax, domain
+    if task is not None:
+        grounded = domain.observed(given)
+    elif given and problem is not None and problem.has_init:
+        # What can be reached is reached from the given state.
+        from serp.tasks.file_world import starting
+
+        grounded = starting(domain, given)
+    initial = grounded.model.initial_state
+    if observe or (task is not None and not given and not complete and initial is None):
+        if task is None:
+            raise SerpError(
+                f"--observe: no task is installed for domain `{domain.name}`, so there is no "
+                "environment to observe; give the state with --state"
+            )
+        with with_domain(task, domain).bind() as bound:
+            # The grounding says what of :init is observed.
+            grounded = domain if problem is None else bound.domain
+            raw, info = bound.reset(seed)
+            base = grounded.model.values(bound.ground(raw, info, bound.env))
+        origin = f"observed after a reset with seed {seed}"
+    elif complete or initial is not None:
+        base = {} if initial is None else grounded.model.values(initial)
+        origin = "in the initial state of its problem"
+        if complete:
+            origin = "in the given state"
+    else:
+        missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
+        other = "a problem file with an :init" if task is None else "the environment's: --observe"
+        raise SerpError(
+            f"{domain.source.name}: which state? --state gives no value of {listed(missing)}; give "
+            f"these too, or {other}"
+        )
+    if given and not complete:
+        origin += ", changed by --state"
+    fluents = {fluent.name for fluent in grounded.model.fluents}
+    for name in given.keys() - fluents:  # in a closed world it is part of the :init by now
+        if grounded.supplied is not None or observe:
+            raise SerpError(f"--state: `{name}` is fixed by the problem file; change it there")
+        del given[name]
+    return grounded, grounded.model.state({**base, **given}), origin
+
+
 def _opened(folder: Path) -> Run:
     """Open the run that is asked for."""
-    own = ("name", "problem", "planner_name", "depth", "dt", "settings")
+    own = ("name", "problem", "planner", "depth", "dt", "settings")
     refuse_given(own, "cannot be given beside a run, which has its own")
     if not folder.is_dir():
         raise click.UsageError(
@@ -141,46 +199,13 @@ def _opened(folder: Path) -> Run:
     return open_run(folder)
 
 
-def _planner_of(run: Run) -> MakePlanner:
-    """Return a function that returns the planner of a run, with the model that it plans with."""
+def _planner_of(run: Run, domain: Domain) -> ChosenPlanner:
+    """Return the planner of a run, with the model that it plans with."""
     from serp.agent.chosen_planner import ChosenPlanner
 
     agent = run.agent
-    planner, model, settings = agent.arbiter.planner, agent.arbiter.model, agent.settings.planner
-
-    def make_planner(domain: Domain) -> ChosenPlanner:
-        if domain.model.fluents != model.fluents:
-            raise SerpError("--state gives a value to what the problem file of the run fixes")
-        name = "The planner of the run"
-        return ChosenPlanner(planner, model, settings, name, agent.undisturbed)
-
-    return make_planner
-
-
-def _planning(
-    task: Task | None,
-    settings: Changes,
-    dt: float | None,
-    planner_name: str | None,
-    depth: int | None,
-) -> MakePlanner:
-    """Return a function that makes the planner of a domain, as task, settings and options say."""
-    of_decision = ("name", "depth", "discount", "max_nodes", "accepted_risk")
-    from serp.agent.chosen_planner import ChosenPlanner
-    from serp.settings import resolve
-
-    resolved = resolve("default", None if task is None else task.settings, settings)
-    for section, values in settings.items():
-        for name in values:
-            if section != "planner" or name not in of_decision:
-                known = ", ".join(f"planner.{used}" for used in of_decision)
-                raise SettingsError(f"--set {section}.{name}: one decision uses only {known}")
-    options = {"name": planner_name, "depth": depth}
-    chosen = resolved.planner.replace(**{k: v for k, v in options.items() if v is not None})
-    period = dt or (task.dt if task else 1.0)
-
-    def make_planner(domain: Domain) -> ChosenPlanner:
-        model = domain.model.replace(dt=period)
-        return ChosenPlanner.of_settings(model, chosen, task)
-
-    return make_planner
+    model = agent.arbiter.model
+    if domain.model.fluents != model.fluents:
+        raise SerpError("--state gives a value to what the problem file of the run fixes")
+    settings, name = agent.settings.planner, "The planner of the run"
+    return ChosenPlanner(agent.arbiter.planner, model, settings, name, agent.undisturbed)

@@ -11,25 +11,29 @@ import click
 
 from serp._util.text import plural
 from serp.errors import SerpError, with_notes
-from serp.ui.asked import asked_domain, asked_own_task, open_run
-from serp.ui.options import own_task_option, settings_option
-from serp.ui.output import examples, open_console, print_json
+from serp.ui.options import (
+    asked_domain,
+    asked_own_task,
+    asked_settings,
+    command,
+    dt_option,
+    json_option,
+    open_run,
+    own_task_option,
+    settings_option,
+)
+from serp.ui.output import print_json, show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from serp.authoring.scenarios.checking import Decider, Result
     from serp.pddl.source import Source
 
 
-@click.command(
-    "test",
-    epilog=examples(
-        "serp test cartpole",
-        "serp test domains/soccer.pddl -k goal",
-        "serp test cartpole --run runs/seven",
-    ),
+@command(
+    "serp test cartpole",
+    "serp test domains/soccer.pddl -k goal",
+    "serp test cartpole --run runs/seven",
 )
 @click.argument("names", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
@@ -43,39 +47,37 @@ if TYPE_CHECKING:
 @click.option("--preset", default="default", show_default=True, metavar="NAME",
               help="default or paper.")  # fmt: skip
 @settings_option
-@click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
-              help="Control period.  [default: the task's, else 1]")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print all results as JSON.")
-def command(
+@dt_option
+@json_option
+def test(
     names: tuple[str, ...],
     words: str,
     as_json: bool,
     **deciding: Any,
 ) -> int:
-    """Check the scenarios beside domain files: NAME.scenarios beside NAME.pddl.
+    """Check the scenarios beside domain files.
 
-    A scenario is a situation and what is expected in it: what the planner chooses, what is refused
-    and why, what an action is worth, what comes of it. Without an argument, all scenario files here
-    and in `domains` are checked.
+    Those of NAME.pddl are in NAME.scenarios. A scenario is a situation and what is expected in it:
+    what the planner chooses, what is refused and why, what an action is worth, what comes of it.
+    Without an argument, all scenario files here and in `domains` are checked.
 
     Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
     """
     from serp.authoring.scenarios.files import run_scenarios
 
-    console = open_console()
     wrong, results = 0, list[dict[str, Any]]()
     for position, name in enumerate(_domains(names)):
         try:
             source, decider = _opened(name, **deciding)
             if not as_json:
-                console.print(("\n" if position else "") + source.name, style="bold")
+                show(("\n" if position else "") + source.name, style="bold")
             for result in run_scenarios(source, decider, words):
                 place, title = result.scenario.place, result.scenario.title
                 failures = [dataclasses.asdict(failure) for failure in result.failures]
                 results.append({"file": source.name, "line": place.line, "title": title,
                                 "passed": result.passed, "failures": failures})  # fmt: skip
                 if not as_json:
-                    _print(console, result)
+                    _print(result)
         except SerpError as error:
             say(with_notes(error), head="Error: ")
             wrong += 1
@@ -84,10 +86,9 @@ def command(
     if as_json:
         print_json({"passed": passed, "failed": failed, "wrong": wrong, "scenarios": results})
     elif results:
-        style = "bold green" if not failed and not wrong else "bold red"
         total = f"{passed} passed" + (f", {failed} failed" if failed else "")
         total += f", {plural(wrong, 'file')} wrong" if wrong else ""
-        console.print(f"\n{total}", style=style)
+        show(f"\n{total}", style="bold red" if failed or wrong else "bold green")
     elif not wrong:
         raise SerpError(f"no scenario has the words `{words}` in its title")
     return 0 if not failed and not wrong else 1
@@ -124,23 +125,21 @@ def _opened(
     from serp.authoring.scenarios.checking import Decider
     from serp.authoring.scenarios.files import read_beside
     from serp.pddl.source import Source
-    from serp.settings import resolve
 
     domain, task = asked_domain(name)
     source = read_beside(domain) if file is None else Source.read(file)
     if run is not None:
         return source, Decider.of_agent(open_run(run).agent, domain)
-    used = resolve(preset, None if task is None else task.settings, settings)
-    period = dt or (task.dt if task else 1.0)
+    used, period = asked_settings(task, settings, dt, preset)
     return source, Decider.of_domain(source, domain, used, period, task)
 
 
-def _print(console: Console, result: Result) -> None:
+def _print(result: Result) -> None:
     mark, style = ("ok  ", "green") if result.passed else ("FAIL", "bold red")
-    console.print(f"  {mark}  {result.scenario.title}", style=style)
+    show(f"  {mark}  {result.scenario.title}", style=style)
     for failure in result.failures:
-        console.print(f"        line {failure.line}: {failure.expected}")
-        console.print(f"          {failure.found}", style="red")
+        show(f"        line {failure.line}: {failure.expected}")
+        show(f"          {failure.found}", style="red")
         for action, lines in failure.causes.items():
             for line in lines:
-                console.print(f"            {action}: {line}", style="dim")
+                show(f"            {action}: {line}", style="dim")

@@ -14,7 +14,7 @@ from serp.pddl.source import DomainError
 from serp.planning.replanner import MonitorReplanner
 from serp.tasks.file_world import file_task
 from serp.tasks.task import BoundTask, Task
-from serp.ui.asked import rolled_out
+from serp.ui.options import rolled_out
 from serp.ui.studio.view import Ranges, Surroundings, Version
 
 

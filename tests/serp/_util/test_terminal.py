@@ -1,5 +1,6 @@
 """Whatever a text holds, a terminal shows it and does nothing else."""
 
+import contextlib
 import io
 import re
 import unicodedata
@@ -42,7 +43,8 @@ def test_no_way_out_passes_control_characters_or_markup_on(capsys):
     terminal = Terminal()
     console = open_console(terminal, force_terminal=True, width=200)
     console.print(HOSTILE)
-    print_table(console, ("", HOSTILE), [("", HOSTILE)])
+    with contextlib.redirect_stdout(terminal):
+        print_table(("", HOSTILE), [("", HOSTILE)])
     lines = io.StringIO()
     for stream in (terminal, lines):
         Progress(SimpleNamespace(env_steps=0), Budget(), "", stream=stream).note(HOSTILE)

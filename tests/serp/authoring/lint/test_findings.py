@@ -7,7 +7,7 @@ import pytest
 
 from serp.authoring.lint.findings import CODES
 from serp.pddl.source import Source
-from serp.ui.commands.format import write_changed
+from serp.ui.commands.files import write_changed
 from tests.serp.authoring.lint.found import findings_of
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 

@@ -12,7 +12,7 @@ import pytest
 from serp.errors import RunError
 from serp.runs.comparison.algorithms import GROUP, find_algorithm
 from serp.runs.comparison.compare import compare
-from serp.runs.comparison.trial import Job, Trial, TrialProtocol
+from serp.runs.comparison.trial import Job, TrialProtocol
 from serp.runs.rollout import training_seed
 from tests.serp.sample_tasks import Corridor, corridor
 
@@ -73,7 +73,7 @@ def job(task, algorithm, folder, *, seed=0, protocol=PROTOCOL):
     """A trial with a folder."""
     found = find_algorithm(algorithm)
     settings = found.settings(task, {})
-    return Job(Trial(algorithm, seed), found, task.loaded(), settings, protocol, folder)
+    return Job(found, seed, task.loaded(), settings, protocol, folder)
 
 
 def small(task, out, *, report=False, **options):

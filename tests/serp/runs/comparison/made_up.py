@@ -65,11 +65,9 @@ def plan_of(found, **more):
     plan = {
         "task": "walkway",
         "algorithms": tuple(dict.fromkeys(r.trial.algorithm for r in found)),
-        "domains": {"base": ("",)},
         "seeds": tuple(sorted({r.trial.seed for r in found})),
         "protocol": TrialProtocol(env_steps=600, evaluate_every=200),
         "settings": {},
         "threshold": 80.0,
-        "max_ground_schemas": 1000,
     }
     return ComparisonPlan(**{**plan, **more})

@@ -1,10 +1,8 @@
 """Whole comparisons: what is run, what is kept, what is refused."""
 
-import json
 import shutil
 import sys
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -66,20 +64,17 @@ def test_only_what_is_missing_is_run(copy):
     assert after.results.plan.algorithms[:2] == ("serp", "dqn")  # the first stays
 
 
-def test_a_domain_file_is_another_algorithm_and_the_plan_keeps_its_text(copy):
+def test_a_domain_file_is_another_algorithm(copy):
     coarse = copy / "coarse.pddl"
     coarse.write_text(CORRIDOR.replace("increase (x) 1", "increase (x) 2"))
     before = trials_in(copy / "c")
-    again(copy, algorithms=["serp@coarse"])
+    results = again(copy, algorithms=["serp@coarse"]).results
     assert set(trials_in(copy / "c")) - set(before) == {
         f"{file_name('serp@coarse')}-{seed}" for seed in (0, 1)
     }
-    coarse.unlink()
-    results = again(copy, seeds=3).results
-    assert len(results.records) == 3 * 3
     assert results.known("serp@coarse", "training_area").tolist() != []
     coarse.write_text(CORRIDOR)
-    with pytest.raises(RunError, match="the domain file `coarse` was edited"):
+    with pytest.raises(RunError, match="was made with another domain file than now"):
         again(copy)
 
 
@@ -99,7 +94,7 @@ def test_settings_are_the_same_when_it_is_continued(tmp_path):
 
 def test_an_engine_by_its_name_finds_what_this_process_finds(tmp_path, whole, monkeypatch):
     entry = EntryPoint("threads", "tests.serp.runs.comparison.contest:threads", "serp.engines")
-    monkeypatch.setattr("serp.runs.comparison.engines.offered", lambda group: {"threads": entry})
+    monkeypatch.setattr("serp.runs.comparison.pool.offered", lambda group: {"threads": entry})
     small(walk(tmp_path), tmp_path / "c", engine="threads", address="there:1", jobs=2)
     assert everything(tmp_path / "c") == everything(whole / "c")
     here_only = walk(tmp_path, ground=lambda seen: {"x": seen[0]})
@@ -109,21 +104,8 @@ def test_an_engine_by_its_name_finds_what_this_process_finds(tmp_path, whole, mo
         small(walk(tmp_path), tmp_path / "d", engine="tread")
 
 
-def test_an_installed_task_by_its_name_and_continued_by_nothing_but_the_folder(
-    tmp_path, monkeypatch
-):
-    """With the domain file as it was: that in the working directory may be another by then."""
-    monkeypatch.chdir(tmp_path)
-    shipped = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
-    own = shipped.read_text().replace("0.195", "0.2")
-    assert own != shipped.read_text()
-    (tmp_path / "cartpole.pddl").write_text(own)
-    out = tmp_path / "c"
-    small("cartpole", out, algorithms=["mrp"], seeds=1, settings={"planner": {"depth": 2}})
-    (tmp_path / "cartpole.pddl").unlink()
-    comparison = small(None, out, seeds=2)
-    assert comparison.results.plan.domains == {"cartpole": (own,)}
-    assert len(comparison.results.records) == 2
+def test_an_installed_task_by_its_name(tmp_path):
+    comparison = small("cartpole", tmp_path / "c", algorithms=["mrp"], seeds=1)
     assert comparison.results.plan.threshold == 475.0
 
 
@@ -149,10 +131,10 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(tmp_path, whole)
     ("options", "message"),
     [
         ({"env_steps": 61}, "this comparison has env_steps = 60, not 61"),
-        ({"settings": {"learner": {"members": 1}}}, "settings of a comparison cannot change"),
+        ({"settings": {"learner": {"members": 1}}}, "was made with another settings than now"),
         ({"seeds": []}, "seeds must be how many, at least 1"),
         ({"seeds": [1, -1]}, "seed"),
-        ({"algorithms": 3}, r"algorithms must be a list .* such as \['serp', 'dqn'\], not 3"),
+        ({"algorithms": 3}, "algorithms must be a list, not 3"),
         ({"threshold": float("nan")}, "threshold must be a finite number"),
     ],
 )
@@ -170,17 +152,10 @@ def test_what_cannot_change_is_refused(copy, options, message):
 def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy):
     edited = CORRIDOR.replace("decrease (reward) 5", "decrease (reward) 6")
     (copy / "corridor.pddl").write_text(edited)
-    with pytest.raises(RunError, match="the domain file `corridor` was edited"):
-        again(copy)
-    plan = json.loads((copy / "c" / "plan.json").read_text())
-    plan["domains"]["corridor"] = [edited]  # behind its back
-    (copy / "c" / "plan.json").write_text(json.dumps(plan))
     with pytest.raises(RunError, match="was made with another domain file than now"):
         again(copy)
     (copy / "corridor.pddl").write_text(CORRIDOR)
-    plan["domains"]["corridor"] = [CORRIDOR]
-    (copy / "c" / "plan.json").write_text(json.dumps(plan))
-    with pytest.raises(RunError, match="compares on task walk, not on ride"):
+    with pytest.raises(SettingsError, match="comparison has task = walk, not ride"):
         small(walk(copy, name="ride"), copy / "c")
     task = walk(copy, settings={"*": {**walk(copy).settings["*"], "planner": {"depth": 1}}})
     with pytest.raises(RunError, match="was made with another settings than now"):
@@ -197,11 +172,9 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
         ({"algorithms": ["dqn:x"]}, SettingsError, "x: expected section.name=value"),
         ({"algorithms": ["absent"]}, RunError, "more memory than there is"),
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
-        ({"address": "a:1"}, SettingsError, "compare.address is for an engine of a cluster"),
-        ({"task": None}, RunError, "name a task"),
         ({"task": 3}, TaskError, "not 3"),
         ({"sedes": 3}, SettingsError, "no setting `compare.sedes`; did you mean `seeds`"),
-        ({"algorithms": ["serp@nosuch"]}, TaskError, "no domain file nosuch"),
+        ({"algorithms": ["serp@nosuch"]}, DomainError, "nosuch.pddl: there is no such file"),
         ({"algorithms": ["dqn@odd"]}, SettingsError, "`dqn` uses no domain file"),
         ({"algorithms": ["mrp@a/broken.pddl"]}, DomainError, "broken.pddl"),
         ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, the environment 4"),

@@ -11,11 +11,11 @@ from tests.serp.runs.comparison.contest import job, walk
 from tests.serp.runs.comparison.made_up import plan_of, record, records
 
 
-def written(folder, found, notes=("Made up.",)):
+def written(folder, found):
     """Write the report of some records, and of the same comparison's missing trials."""
     results = Results(found, plan_of(found))
     jobs = [job(walk(folder), name, folder / "x") for name in ("serp", "mrp", "dqn")]
-    write_report(folder, results, jobs, notes)
+    write_report(folder, results, jobs)
     return results
 
 
@@ -38,7 +38,7 @@ def test_a_report_can_be_read_alone(whole):
     ]
     assert re.findall("<h2>(.*)</h2>", page) == headings
     learner = "the learner of preset default alone"
-    for part in ("<p>Made up.", "never in 4 of 4", "Few seeds (4)", learner, "dqn − serp"):
+    for part in ("never in 4 of 4", "Few seeds (4)", learner, "dqn − serp"):
         assert part in page
     addresses = re.findall(r'(?:src|href|data)="([^"]*)"', page)
     assert len(addresses) == 2
@@ -62,7 +62,7 @@ def test_every_number_is_in_a_file_for_programs(whole):
 def test_a_report_of_next_to_nothing_says_so(tmp_path, found):
     plan = plan_of(found, algorithms=("serp",), seeds=(0,))
     todo = [job(walk(tmp_path), "serp", tmp_path / str(seed), seed=seed) for seed in (0, 1)]
-    write_report(tmp_path, Results(found, plan), todo, ())
+    write_report(tmp_path, Results(found, plan), todo)
     text = (tmp_path / "report.html").read_text()
     assert f"{len(found)} of 2 trials are finished" in text
     assert ("No trial has finished yet." in text) == (not found)

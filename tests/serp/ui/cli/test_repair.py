@@ -50,7 +50,7 @@ def test_the_file_is_right_and_what_is_shown_is_what_is_written(run, ignorant):
     ("name", "said"),
     [
         ("new.pddl", "new.pddl exists"),
-        ("new-problem.pddl", "would be taken for the problem of new.pddl"),
+        ("new-problem.pddl", "new-problem.pddl exists"),
     ],
 )
 def test_nothing_is_replaced_unasked(run, ignorant, name, said):

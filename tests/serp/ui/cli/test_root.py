@@ -92,10 +92,10 @@ def test_an_unknown_command_or_option_says_what_there_is(run):
     [
         ("compare", "give --domain"),
         ("plan-and-learn", "give --domain"),
-        ("plan-and-learn --resume=a --out=b", "which run: --resume a or --out b?"),
+        ("plan-and-learn --resume=a --out=b", "--out cannot change"),
         ("plan-and-learn --resume=a --seed=1", "--seed cannot change"),
         ("plan-and-learn --domain=cartpole --num-envs=2 --set=training.num_envs=3",
-         "give --num-envs or --set training.num_envs, not both"),
+         "--set training.num_envs is given twice"),
         ("plan --domain=cartpole --svg=walk.pddl", "ends in .svg"),
         ("why a --episode=1", "give --step"),
     ],

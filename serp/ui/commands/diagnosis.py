@@ -1,0 +1,171 @@
+"""Commands about the domain file of a run: `diagnose` and `repair`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from serp._util.text import percent, plural, readable
+from serp.errors import SerpError, needs_extra
+from serp.ui.options import OutputFile, command, json_option, run_argument
+from serp.ui.output import print_difference, print_json, print_table, show
+from serp.ui.root import say
+
+if TYPE_CHECKING:
+    from serp.model.learned.adoption import WorthAdoption
+    from serp.runs.diagnosis.diagnosis import Diagnosis, Recorded
+
+
+@command(
+    "serp diagnose runs/seven",
+    "serp diagnose runs/seven --svg diagnosis.svg",
+    "serp diagnose runs/seven --json > diagnosis.json",
+)
+@run_argument
+@json_option
+@click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
+              help="Draw predicted against observed there.")  # fmt: skip
+def diagnose(run: Path, as_json: bool, svg: Path | None) -> None:
+    """Report what is wrong or missing in the domain file of RUN.
+
+    The predictions of the file are compared with the run's newest steps (up to 20,000): fluents,
+    rewards and ends. The most costly findings come first. The environment is not needed, and
+    nothing is changed.
+    """
+    if svg is not None:
+        with needs_extra("plots", "a picture of a diagnosis"):
+            from serp.runs.diagnosis.plots import picture
+
+    from serp._util.files import write_durably
+    from serp.runs.diagnosis import diagnosis as diagnosing
+
+    diagnosis = diagnosing.diagnose(run)
+    if diagnosis.recorded.notice is not None:
+        say(diagnosis.recorded.notice)
+    if as_json:
+        print_json(diagnosing.as_dict(diagnosis))
+    else:
+        _print_diagnosis(diagnosis)
+    if svg is not None:
+        write_durably(svg, picture(diagnosis, "svg"))
+        say(f"Predicted against observed is drawn in {svg}")
+
+
+def _print_diagnosis(diagnosis: Diagnosis) -> None:
+    recorded, sample = diagnosis.recorded, diagnosis.sample
+    file = next(iter(recorded.files.values()), recorded.domain.name)
+    newest = f"{len(recorded.experience):,} of {plural(recorded.env_steps, 'step')}"
+    show(f"{recorded.run}: {file} compared with {newest}")
+    if sample.left_out:
+        reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
+        show(f"{plural(sample.skipped, 'step')} left out because of: {reasons}")
+    if recorded.learned_from == "environment":
+        show("Rewards are compared with those of the environment.")
+    show(diagnosis.verdict)
+    if diagnosis.remarks:
+        show()
+        rows = [(percent(remark.share), remark.text) for remark in diagnosis.remarks]
+        print_table(("of its error", "finding"), rows, right=[0])
+    quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)
+    if quantities:
+        show()
+        head = ("fluent", "change in a step", "error of the file", "with findings", "mostly after")
+        table = [
+            (
+                quantity.shown,
+                readable(quantity.change) if quantity.numeric else f"{quantity.change:,.0f} times",
+                percent(quantity.error),
+                percent(quantity.error_left),
+                quantity.action if quantity.squared else "",
+            )
+            for quantity in quantities
+        ]
+        print_table(head, table, right=range(1, 4))
+    show(f"\nThe run planned with this model: {recorded.adoption}")
+    _print_worth(recorded.adoption.worth)
+
+
+def _print_worth(worth: tuple[WorthAdoption, ...]) -> None:
+    """Print how well reward and end were predicted before each step was learned from."""
+    told = [each for each in worth if each.corrected]
+    if not told:
+        return
+    head = ("in the newest steps", "by the file's rules", "corrected")
+    rows = []
+    for each in told:
+        ends = each.name == "terminal"
+        name = "end: Brier score" if ends else "reward: root mean square error"
+        errors = each.written, each.in_use
+        rows.append((name, *(readable(error if ends else error**0.5) for error in errors)))
+    print_table(head, rows, right=[1, 2])
+
+
+@command(
+    "serp repair runs/seven",
+    "serp repair runs/seven -o cartpole-repaired.pddl",
+    "serp repair runs/seven -o domains/cartpole.pddl --force",
+)
+@run_argument
+@click.option("-o", "--out", type=OutputFile(".pddl"), metavar="FILE.pddl",
+              help="Where the repaired file goes.  [default: it is only shown]")  # fmt: skip
+@click.option("--force", is_flag=True,
+              help="Replace FILE.pddl and its problem file where they exist.")  # fmt: skip
+def repair(run: Path, out: Path | None, force: bool) -> None:
+    """Correct the domain file of RUN, and show what changes.
+
+    Numbers are changed where they stand, and missing effects are added, each with its evidence as
+    a comment; everything else stays as it is. Rewards, unsafe and ends are never changed: comments
+    say what was observed of them, and of stochastic effects.
+    """
+    from serp.runs.diagnosis import repair as repairing
+    from serp.runs.diagnosis.analysis import findings
+    from serp.runs.diagnosis.diagnosis import make_diagnosis, read_recorded
+
+    recorded = read_recorded(run)
+    if out is not None:
+        _refuse_to_replace(recorded, out, force)
+    if recorded.notice is not None:
+        say(recorded.notice)
+    diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.experience))
+    repaired = repairing.repair(recorded.domain, diagnosis.worthwhile)
+    name = recorded.files.get("domain.pddl", "domain.pddl")
+    steps, changes = plural(len(diagnosis.sample), "step"), plural(len(repaired.changes), "change")
+    if repaired.changes:
+        new_name = "repaired" if out is None else str(out)
+        print_difference(recorded.domain.source.text, repaired.text, Path(name).name, new_name)
+    else:
+        unwritten = "" if out is None else f", and {out} was not written"
+        show(f"{name}: nothing to repair was found in {steps}{unwritten}")
+        show(diagnosis.verdict)
+    if unrepaired := [*diagnosis.unexplained, *repaired.in_problem]:
+        say("\n  ".join(["Not explained, and left as it is:", *unrepaired]))
+    if repaired.changes and out is not None:
+        _write(recorded, repaired.text, out)
+        say(f"{changes}, from {steps}; the repaired file is {out}")
+    elif repaired.changes:
+        say(f"{changes}, from {steps}; -o FILE.pddl writes the repaired file")
+
+
+def _refuse_to_replace(recorded: Recorded, out: Path, force: bool) -> None:
+    """Refuse names of the run's own copies and, without `force`, of files that exist."""
+    from serp.model.domain import problem_beside
+
+    if os.path.realpath(out) in {os.path.realpath(recorded.run / n) for n in recorded.files}:
+        raise SerpError(f"{out} belongs to the run; give a name outside {recorded.run}")
+    for file, what in ((out, ""), (problem_beside(out), f", the place of {out}'s problem")):
+        if os.path.lexists(file) and not force:
+            raise SerpError(f"{file} exists{what}; give another name, or go on with --force")
+
+
+def _write(recorded: Recorded, text: str, out: Path) -> None:
+    """Write the domain file and, if there is one, its problem file beside it."""
+    from serp._util.files import write_together
+    from serp.model.domain import problem_beside
+
+    beside, problem = problem_beside(out), recorded.domain.problem_source
+    write_together({**({} if problem is None else {beside: problem.text}), out: text})
+    if problem is not None:
+        say(f"Its problem file is copied to {beside}")

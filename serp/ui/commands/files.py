@@ -1,0 +1,155 @@
+"""Commands that write domain files, or open them elsewhere: `new`, `format`, `lsp`, `studio`."""
+
+from __future__ import annotations
+
+import codecs
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from serp._util.text import plural
+from serp.errors import SerpError, needs_extra
+from serp.ui.options import asked_own_task, command, own_task_option
+from serp.ui.output import print_difference, print_next, show
+from serp.ui.root import say
+
+if TYPE_CHECKING:
+    pass
+
+
+@command(
+    "serp new delivery",
+    "serp new mountain --env MountainCar-v0",
+    "serp new my-robot --env my_env.py:Robot",
+)
+@click.argument("name", type=click.Path(path_type=Path))
+@click.option("--env", metavar="ID|FILE.py:CLASS",
+              help="A Gymnasium environment: ID, PACKAGE:ID or a class of yours.")  # fmt: skip
+def new(name: Path, env: str | None) -> None:
+    """Write the first files of the task NAME; none is overwritten.
+
+    With --env these are NAME.pddl, a frame of a domain file with the environment's actions and the
+    numbers of its observations, and NAME.py, the task that adapts it. What is known of the
+    environment is yours to write; check and plan-and-learn work at once.
+
+    Without --env it is an example whose world is the file itself, for `serp play`. NAME.scenarios
+    is for what you expect of the file, for `serp test`.
+    """
+    from serp.authoring.scaffold import new_task
+
+    files = new_task(name, env)
+    domain = files[0]
+    for file in files:
+        show(f"written: {file}")
+    rows = [
+        (f"serp play {domain}", "step it by hand; `?` asks the planner"),
+        (f"serp check {domain}", "does it make sense, after each change"),
+        (f"serp test {domain}", "does the planner do what you expect"),
+        (f"serp plan-and-learn --domain {domain}", "let a learner practise in it"),
+    ]
+    if env is not None:
+        task = files[1]
+        rows = [
+            (str(domain), "say what the actions change, what is good, what must not happen"),
+            (f"serp check {domain} --task {task}", "does it fit together, after each change"),
+            (f"serp plan --task {task} --observe", "what the planner would do"),
+            (f"serp plan-and-learn --task {task}", "train"),
+        ]
+    print_next(*rows)
+
+
+@command(
+    "serp format robot.pddl",
+    "serp format domains/*.pddl --check",
+    "serp format robot.pddl --diff",
+)
+@click.argument(
+    "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file would change.")
+@click.option("--diff", is_flag=True, help="Write nothing; print what would change.")
+def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
+    """Lay files out regularly: indentation and blanks, nothing else.
+
+    Line breaks and comments are kept; only lines of more than 100 columns are broken. Other options
+    do not exist, so that files of different authors look the same.
+    """
+    from serp.authoring.lint.formatting import formatted
+    from serp.pddl.source import Source
+
+    changed, wrong = 0, 0
+    for file in files:
+        try:
+            before = Source.read(file)
+            after = Source(before.name, formatted(before))
+            if before.text == after.text:
+                continue
+            changed += 1
+            if diff:
+                print_difference(before.text, after.text, before.name, f"{after.name} (changed)")
+            elif check:
+                click.echo(f"{file}: would change")
+            else:
+                write_changed(file, after.text)
+                click.echo(f"{file}: formatted")
+        except SerpError as error:
+            say(str(error))
+            wrong += 1
+    done = "would change" if check or diff else "formatted"
+    say(f"{plural(changed, 'file')} {done}, {len(files) - changed - wrong} as they should be")
+    return 1 if wrong or (check and changed) else 0
+
+
+def write_changed(path: Path, text: str) -> None:
+    """Replace a file atomically, but for its byte order mark and its mode."""
+    from serp._util.files import write_durably
+
+    target = Path(os.path.realpath(path))
+    mark = codecs.BOM_UTF8 if target.read_bytes().startswith(codecs.BOM_UTF8) else b""
+    mode = target.stat().st_mode
+    write_durably(target, mark + text.encode())
+    if target.stat().st_mode != mode:
+        target.chmod(mode)
+
+
+@command("serp lsp", "pip install 'serp[lsp]'")
+def lsp() -> None:
+    """Serve an editor, by the Language Server Protocol.
+
+    Editors start this command themselves; docs/how-to/editors.md says how each is told.
+    """
+    with needs_extra("lsp", "`serp lsp`"):
+        from serp.authoring.language_server.server import server
+
+    server.start_io()
+
+
+@command(
+    "serp studio soccer",
+    "serp studio my/world.pddl --port 8400 --no-browser",
+)
+@click.argument("name", metavar="FILE|NAME|RUN")
+@own_task_option
+@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
+              help="Port on this machine.  [default: any that is free]")  # fmt: skip
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+def studio(name: str, port: int, no_browser: bool) -> None:
+    """Edit a domain file in the browser and see what it means.
+
+    Beside the text stand what is wrong in it, the planner's decision in a state of your choice, and
+    its planning graph. The page is served on this machine alone, at an address with a token; it
+    loads nothing from the network. Files are saved in the working folder alone.
+
+    With RUN, the folder of a training, its copy of the file is opened.
+
+    Ctrl-C ends it.
+    """
+    with needs_extra("studio", "serp studio"):
+        from serp.ui.studio.serving import serve
+    from serp.ui.studio.session import open_session
+
+    session = open_session(name, Path.cwd(), asked_own_task())
+    say("serp studio runs at this address; Ctrl-C ends it.")
+    serve(session, port, browser=not no_browser)

@@ -1,0 +1,266 @@
+"""Commands about a trained run: `why`, `report`, `evaluate`, `watch` and `export`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp._util.text import percent, plural, readable
+from serp.errors import needs_extra
+from serp.runs import Policy
+from serp.ui.options import (
+    OutputFile,
+    asked_own_task,
+    command,
+    json_option,
+    open_run,
+    policy_option,
+    run_argument,
+    seed_option,
+)
+from serp.ui.output import print_json, print_table, show
+from serp.ui.root import say
+
+if TYPE_CHECKING:
+    from serp.agent.step_record import StepRecord
+    from serp.runs.run_model import RunModel
+    from serp.runs.step_account import StepAccount
+
+
+@command(
+    "serp why runs/seven",
+    "serp why runs/seven --step 1204",
+    "serp why runs/seven --evaluation serp-seed0 --episode 3 --step 8 --json",
+)
+@run_argument
+@click.option("--step", type=click.IntRange(min=0), metavar="N",
+              help="The step: as in decisions.csv, from 0; with --episode that of the episode, "
+                   "from 1.  [default: the most telling one]")  # fmt: skip
+@click.option("--episode", type=click.IntRange(min=1), metavar="E", help="The episode, from 1.")
+@click.option("--evaluation", metavar="NAME",
+              help="A step of an evaluation, such as serp-seed0, instead of the training.",
+              )  # fmt: skip
+@json_option
+def why(
+    run: Path, step: int | None, episode: int | None, evaluation: str | None, as_json: bool
+) -> None:
+    """Explain a step of RUN, a folder of plan-and-learn.
+
+    Who acted and why; the state; every action with its value, risk and reward, and what of the
+    domain file is behind them; what was predicted and what came; the next best action, and what
+    would have had to differ for it. Without a step, the last refused proposal that was applicable
+    is explained, else the last unsafe step, else the last refused proposal, else the last step.
+    """
+    from serp.runs.run_model import RunModel
+    from serp.runs.step_account import account_of_step, most_telling
+
+    if episode is not None and step is None:
+        raise click.UsageError("give --step beside --episode")
+    read, because = RunModel(run), ""
+    recording = read.recording(evaluation)
+    if step is None:
+        step, because = most_telling(recording)
+    elif episode is not None:
+        step = recording.find(episode, step)
+    account = account_of_step(read, recording, step, because)
+    if as_json:
+        about = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
+        print_json({**about, **account.as_dict()})
+    else:
+        _print_step(read, account)
+
+
+def _print_step(run: RunModel, account: StepAccount) -> None:
+    """Print an account in sentences and tables."""
+    from serp.runs.step_account import heading, what_came, what_would_differ, who_acted
+    from serp.ui.decision import print_explanation
+
+    because = f" ({account.because})" if account.because else ""
+    show(f"{run.domain.name}, {heading(account)}{because}", style="bold")
+    show(f"Lines are those of {run.domain.source.name}, the run's copy.", style="dim")
+    for line in [*who_acted(account), ""]:
+        show(line)
+    refused = account.proposed if account.step.decision.vetoed else ""
+    print_explanation(account.account, [], refused)
+    if account.ahead_by:
+        show(f"Later steps were planned again with {account.ahead_by}.")
+    else:
+        show("Later steps are unknown: today's model plans otherwise.")
+    differences = what_would_differ(account)
+    for line in ["", *what_came(account), *([""] if differences else []), *differences]:
+        show(line)
+
+
+@command(
+    "serp report runs/seven",
+    "serp report runs/seven -o seven.html --pictures 0",
+    "serp report runs/seven --evaluation serp-seed0 -o evaluation.html",
+)
+@run_argument
+@click.option("-o", "--out", type=OutputFile(".html"), metavar="FILE.html",
+              help="The file.  [default: report.html in RUN]")  # fmt: skip
+@click.option("--evaluation", metavar="NAME",
+              help="Show the steps of this recorded evaluation.  [default: of the training]",
+              )  # fmt: skip
+@click.option("--steps", type=click.IntRange(min=1), default=30_000, show_default=True, metavar="N",
+              help="Most steps in the file.")  # fmt: skip
+@click.option("--pictures", type=click.IntRange(min=0), default=1_000, show_default=True,
+              metavar="N", help="Most pictures of the scene; at most 6 MB.")  # fmt: skip
+def report(run: Path, out: Path | None, **options: Any) -> None:
+    """Write RUN, a folder of plan-and-learn, as one HTML file.
+
+    It needs nothing else: curves and refusals; and every recorded step with its scene, its state,
+    its alternatives and the lines of the file behind the executed and the refused action.
+    """
+    from serp.runs.run import load_run
+    from serp.ui.report.report import write_report
+
+    path = out or run / "report.html"
+    write_report(load_run(run, asked_own_task()), path, **options)
+    _print_size(path)
+
+
+def _print_size(path: Path) -> None:
+    show(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+
+
+@command(
+    "serp evaluate runs/seven",
+    "serp evaluate runs/seven --policy planner --episodes 500",
+    "serp evaluate runs/seven --policy learner --json > learner.json",
+)
+@run_argument
+@policy_option
+@click.option("--episodes", type=click.IntRange(min=1), default=100, show_default=True, metavar="N",
+              help="Episodes to measure.")  # fmt: skip
+@seed_option("Seed of the environment.")
+@json_option
+def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) -> None:
+    """Measure a policy of RUN, a folder of plan-and-learn.
+
+    Return is the sum of the environment's rewards. The interval holds the mean of all episodes with
+    95 % confidence (Student's t); the spread is what single episodes differ by.
+
+    The steps are recorded in RUN, so that `serp why RUN --evaluation POLICY-seedN` explains them.
+    """
+    from serp.agent.agent import account_of
+
+    loaded = open_run(run)
+    result = loaded.evaluate(policy, episodes=episodes, seed=seed, record=True).as_dict()
+    if as_json:
+        print_json({"run": str(run), "seed": seed, **result, **account_of(loaded.agent)})
+        return
+    show(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
+    show(f"Measured: {result['meaning']}.")
+    steps = sum(result["lengths"])
+    unsafe = f"{plural(result['unsafe_executed'], 'action')} executed that the domain file flags"
+    if result["avoidable_unsafe"]:
+        unsafe += f", {result['avoidable_unsafe']:,} of them while another one was not flagged"
+    unsafe += f"; {plural(result['unsafe_observed'], 'step')} observed unsafe, predicted or not"
+    interval = ""
+    if result["confidence_interval"] is not None:
+        low, high = map(readable, result["confidence_interval"])
+        interval = f", 95 % interval {low} to {high}"
+    rows = [
+        ("mean return", f"{readable(result['mean'])}{interval}"),
+        ("spread", f"standard deviation {readable(result['std'])}, {readable(result['min'])} to "
+                   f"{readable(result['max'])}, median {readable(result['median'])}"),
+        ("terminated", f"{result['terminated']} of {episodes} episodes"),
+        ("unsafe", f"{unsafe}; {plural(steps, 'step')} in all"),
+        ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
+    ]  # fmt: skip
+    print_table(("", ""), rows)
+    if result["warning"] is not None:
+        show(result["warning"])
+    show()
+    print_account(account_of(loaded.agent), result["sight"])
+
+
+def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None]) -> None:
+    """Print what `serp.agent.agent.account_of` and `sight_of` return."""
+    rows = [("trained policy", account["trained_policy"])]
+    if account["evidence"] is not None:
+        rows.append(("evidence", account["evidence"]["sentence"]))
+    if sight["safety_alone"] is not None:
+        share = {name: percent(share or 0.0) for name, share in sight.items()}
+        parts = []
+        if sight["saw_all"] is not None:
+            parts.append(
+                f"complete lookahead in {share['saw_all']} of its plans, cells in "
+                f"{share['by_cells']}, budget reached in {share['cut_short']}, indifferent in "
+                f"{share['indifferent']}"
+            )
+            if sight["mean_depth"] is not None:
+                parts[0] += f"; otherwise {readable(sight['mean_depth'])} layers of states"
+        if sight["safety_alone"]:
+            parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
+        rows.append(("planner saw", ". ".join(parts)))
+    rows.append(("model", account["model"]["sentence"]))
+    rows += [
+        ("", f"{fluent['fluent']} as written: {fluent['why']}")
+        for fluent in account["model"]["fluents"]
+        if not fluent["adapted"]
+    ]
+    print_table(("", ""), rows)
+
+
+@command(
+    "serp watch runs/seven",
+    "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
+)
+@run_argument
+@policy_option
+@click.option("--episodes", type=click.IntRange(min=1), default=3, show_default=True, metavar="N",
+              help="Episodes to show.")  # fmt: skip
+@seed_option("Seed of the environment; `serp evaluate` has the same episodes.")
+@click.option("-o", "--out", type=OutputFile(".mp4"), metavar="FILE.mp4",
+              help="The film.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
+def watch(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None) -> None:
+    """Film a policy of RUN, a folder of plan-and-learn.
+
+    Below the picture stands who acts and what is done; in red what was refused, and why in the
+    words of the domain file. No screen is needed; on a terminal a film without --out is opened by
+    the program for its kind. The steps are recorded in RUN as those of an evaluation, for
+    `serp why`.
+    """
+    with needs_extra("watch", "watching a policy"):
+        from serp.ui.pictures.film import write_film
+
+    path = out or run / "film.mp4"
+    write_film(open_run(run), path, policy, episodes, seed, _say_episode)
+    _print_size(path)
+    if out is None and sys.stdout.isatty():
+        click.launch(str(path))
+
+
+def _say_episode(number: int, last: StepRecord) -> None:
+    """Say what came of an episode, while the next one is played."""
+    from serp.runs.evaluation import outcome_of
+
+    totals, counts = last.episode, last.episode.decisions
+    outcome = f"{outcome_of(last.info)}, " if outcome_of(last.info) else ""
+    text = f"episode {number}: {outcome}return {readable(totals.return_)} in "
+    text += f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
+    if counts.unsafe_executed:
+        text += f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
+    say(text)
+
+
+@command("serp export runs/seven -o policy", "serp export runs/seven -o robot/policy")
+@run_argument
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, metavar="FOLDER",
+              help="The new folder.")  # fmt: skip
+def export(run: Path, out: Path) -> None:
+    """Export the policy of RUN, a folder of plan-and-learn, to FOLDER.
+
+    FOLDER holds the domain file and what the agent has learned. A robot with serp decides by it,
+    without the environment of the task.
+    """
+    from serp.runs.policy import export_policy
+
+    export_policy(open_run(run), out)
+    say(f"{out} holds the policy. On the robot: serp.Policy({str(out)!r}).decide(observation)")

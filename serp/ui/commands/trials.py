@@ -1,0 +1,190 @@
+"""Commands that run many trainings: `compare` and `tune`."""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp._util.text import readable
+from serp.ui.options import (
+    Decorator,
+    again,
+    asked_task,
+    command,
+    domain_option,
+    own_task_option,
+    seed_option,
+    settings_option,
+)
+from serp.ui.output import print_next, print_result, print_table, show
+
+if TYPE_CHECKING:
+    from serp.runs.comparison.compare import Comparison
+    from serp.runs.tuning import Tuned
+
+
+def _trials_options(seeds: range, folder: str) -> Decorator:
+    """Return a decorator that gives a command the options of whatever runs trials.
+
+    `folder` is the first part of the name of the default folder.
+    """
+    options = (
+        domain_option,
+        own_task_option,
+        click.option("--seeds", metavar="N|A-B|A,B",
+                     callback=lambda ctx, parameter, value: _parse_seeds(value),
+                     help=f"How many seeds from {seeds.start} on, or the seeds themselves.  "
+                          f"[default: {len(seeds)}]"),
+        click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
+                     help="Budget of each training."),
+        settings_option,
+        click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+                     help="Folder of the results; one that is there is continued.  "
+                          f"[default: runs/{folder}-<domain>-<time>]"),
+        click.option("--jobs", type=click.IntRange(min=1), metavar="N",
+                     help="Trainings at the same time.  [default: one a core]"),
+        click.option("--engine", metavar="local|ray", default="local", show_default=True,
+                     help="What runs the trainings: processes of this machine, or a cluster."),
+        click.option("--address", metavar="ADDRESS",
+                     help="The cluster of the engine.  [default: the engine starts workers here]"),
+        click.option("--quiet", is_flag=True, help="No display; print the result alone."),
+    )  # fmt: skip
+    return lambda command: functools.reduce(lambda f, option: option(f), options[::-1], command)
+
+
+def _parse_seeds(text: str | None) -> int | list[int] | None:
+    """Return how many seeds, or the seeds themselves, of `--seeds`; None where it is not given."""
+    if text is None or text.strip().isdecimal():
+        return None if text is None else int(text)
+    seeds: list[int] = []
+    for part in text.split(","):
+        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        chosen = range(int(ends[1]), int(ends[2] or ends[1]) + 1) if ends else ()
+        if not 0 < len(chosen) <= 10_000:
+            raise click.BadParameter(
+                "expected a number, or seeds such as 0-9 or 1,3", param_hint="--seeds"
+            )
+        seeds += chosen
+    return seeds
+
+
+@command(
+    "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
+    "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
+    "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
+    "serp compare --domain soccer --out runs/soccer --seeds 100 --engine ray --address auto",
+)
+@click.option("--algorithms", multiple=True, metavar="NAME,...",
+              help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
+                   "with a setting changed, NAME@FILE one with another domain file. May be "
+                   "repeated.  "
+                   "[default: serp,mrp,dqn]")  # fmt: skip
+@click.option("--threshold", type=float, metavar="X",
+              help="Return from which a policy counts as good.")  # fmt: skip
+@click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
+              help="Evaluate the learner alone every N env steps.  "
+                   "[default: budget/10]")  # fmt: skip
+@click.option("--evaluation-episodes", type=click.IntRange(min=1), metavar="N",
+              help="Episodes of each such evaluation.  [default: 10]")  # fmt: skip
+@click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
+              help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
+@_trials_options(seeds=range(5), folder="compare")
+def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> None:
+    """Compare algorithms on one task, with the same budget and seeds.
+
+    The report says how fast each learns, what it costs and what is left to chance. --set changes
+    all of serp's algorithms that do not set the same themselves. Each trial is a
+    run folder. With the same --out only what is missing is run: more algorithms or seeds, or the
+    rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
+    """
+    from serp.runs.comparison import compare as comparing
+
+    comparison = comparing.compare(asked_task(domain), algorithms=_named(algorithms), **options)
+    if options["quiet"]:
+        print_result(comparison.path)
+    else:
+        _print_comparison(comparison, domain)
+
+
+def _named(texts: tuple[str, ...]) -> list[str]:
+    """Return the names that an option was given, apart by commas or given one by one."""
+    parts = (part for text in texts for part in re.split(r",(?![^\[(]*[\])])", text))
+    return [part.strip() for part in parts if part.strip()]
+
+
+def _print_comparison(comparison: Comparison, domain: str | None) -> None:
+    path = comparison.path
+    more = again("compare", "--out", str(path), "--seeds", "10", domain=domain)
+    show()
+    print_table(*comparison.overview())
+    if comparison.results.caution is not None:
+        show(f"\n{comparison.results.caution}")
+    print_next(
+        (str(path / "report.html"), "the whole comparison on one page"),
+        (str(path / "measures.csv"), "all measures, a row a trial"),
+        (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
+        (more, "more seeds; what is there is kept"),
+    )
+
+
+@command(
+    "serp tune --domain cartpole --vary learner.learning_rate=log:1e-4..1e-2",
+    "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --out runs/tuned",
+)
+@click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME[=VALUES]",
+              help="A setting and its values: a range (2..7, log:1e-4..1e-2), or values "
+                   "(mse,huber); without any, all values of a truth value or word. May be "
+                   "repeated.")  # fmt: skip
+@click.option("--algorithm", metavar="NAME", default="serp", show_default=True,
+              help="One of serp's algorithms.")  # fmt: skip
+@click.option("--objective", type=click.Choice(["training", "evaluation"]), default="training",
+              show_default=True,
+              help="Area under the training curve, or return of the trained "
+                   "policy.")  # fmt: skip
+@click.option("--trials", type=click.IntRange(min=1), metavar="N", default=50, show_default=True,
+              help="Trials of the study in all.")  # fmt: skip
+@seed_option("Seed of the search.")
+@_trials_options(seeds=range(1_000, 1_003), folder="tune")
+def tune(domain: str | None, vary: tuple[str, ...], quiet: bool, **options: Any) -> None:
+    """Search settings by the returns of whole trainings.
+
+    With the same --out the study goes on. Its seeds are not those of `serp compare`, so that
+    results are not those of the seeds that were tuned on.
+    """
+    from serp.runs import tuning
+
+    varied = {name: values for name, _, values in (text.partition("=") for text in vary)}
+    if len(varied) < len(vary):
+        raise click.UsageError("--vary: a setting is given twice")
+    tuned = tuning.tune(asked_task(domain), vary=varied, quiet=quiet, **options)
+    assignments = [
+        f"{section}.{name}={_text(value)}"
+        for section, values in tuned.settings.items()
+        for name, value in values.items()
+    ]
+    if quiet:
+        print_result(" ".join(assignments))
+    else:
+        _print_tuned(tuned, assignments, options["algorithm"], domain)
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"))
+
+
+def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: str | None) -> None:
+    compared = f"{algorithm}:{';'.join(assignments)},{algorithm}"
+    compare = again("compare", "--algorithms", compared, "--seeds", "10", domain=domain)
+    before = "" if tuned.before is None else f" ({readable(tuned.before)} as they were)"
+    show()
+    rows = [(text, "") for text in assignments]
+    print_table((f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
+    print_next(
+        (compare, "whether they are better, with other seeds"),
+        (f"optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),
+    )
