@@ -74,7 +74,7 @@ def step() -> str:
     for x, title, below in zip(
         columns,
         ("environment", "grounding", "planner", "strategy", "arbiter, vetoes"),
-        ("gymnasium.Env", "serp.tasks", "serp.planning", "serp.control", "serp.control"),
+        ("gymnasium.Env", "serp.tasks", "serp.planning", "serp.agent", "serp.agent"),
         strict=True,
     ):
         parts.append(box(x, up, title, below))
@@ -84,7 +84,7 @@ def step() -> str:
     for x, title, below in zip(
         columns,
         ("run folder", "replay, learner", "model adaptation", "step record", "environment"),
-        ("serp.runs", "serp.learning", "serp.adaptation", "serp.training", "gymnasium.Env"),
+        ("serp.runs", "serp.learning", "model.learned", "serp.agent", "gymnasium.Env"),
         strict=True,
     ):
         parts.append(box(x, down, title, below, "after"))
@@ -138,8 +138,8 @@ def line() -> str:
             60,
             (
                 ("nested lists", "serp.pddl.reader"),
-                ("syntax", "pddl.domain_parser"),
-                ("ground model", "model.instantiate"),
+                ("syntax", "pddl.parser"),
+                ("ground model", "model.grounder"),
                 ("instructions", "model.instructions"),
                 ("step", "serp._core"),
             ),
@@ -152,8 +152,8 @@ def line() -> str:
     parts.append(label(700, 177, "(state, action, θ, Δt) → next state, reward, flags"))
     for x, title, below in (
         (220, "lookahead", "serp.planning"),
-        (420, "veto, explanation", "serp.control"),
-        (620, "diagnosis, repair", "serp.diagnosis"),
+        (420, "veto, explanation", "serp.agent"),
+        (620, "diagnosis, repair", "runs.diagnosis"),
     ):
         parts.append(box(x, 220, title, below, "after"))
     parts.append(arrow((495, 204), (295, 204), (295, 220)))

@@ -15,7 +15,6 @@ Comments in the Markdown tell what a fenced block or a table is:
 `<!-- messages -->`        the first column quotes messages of the code, `…` for what varies
 `<!-- scenarios: X -->`    the first column of the table is a statement of a scenario file
 `<!-- names of: X -->`     the first column lists exactly what the code has under X
-`<!-- row of: X -->`       the table has the columns of that file, and a value for each
 
 Python blocks run in the order of their page and share their names. A `text` block right after
 one of them, or after commands that are run, is what it prints.

@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that needs nothing else, see docs/how-to/report.md."""
+"""The report of a run: one HTML file that needs nothing else, see docs/how-to/read-a-run.md."""
 
 from __future__ import annotations
 
