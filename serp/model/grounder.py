@@ -24,7 +24,6 @@ from serp.model.reachability import (
     bound,
     conjuncts,
     key_of,
-    no_value,
     reachable,
 )
 from serp.pddl import syntax as x
@@ -271,8 +270,7 @@ class _Instantiation:
                 if key in self.index:
                     return g.Read(self.index[key])
                 if key not in self.facts.values:
-                    init = self.problem.init if self.problem is not None else None
-                    raise no_value(key, place, init or place)
+                    raise self._no_value(key, place)
                 return self._parameter(self.facts.values[key], "initial")
             case x.TotalTime():
                 return g.Elapsed()
@@ -284,6 +282,17 @@ class _Instantiation:
                 for value in values[1:]:
                     result = g.Operation(operator, result, value)
                 return result
+
+    def _no_value(self, key: Key, read: Place) -> DomainError:
+        """Return the error of a static number that is read and that the problem does not give."""
+        init = self.problem.init if self.problem is not None else None
+        return DomainError(
+            f"`({' '.join(key)})` has no value, but `{read}` reads it",
+            (init or read).opening,
+            f"the problem gives values to other instances of `{key[0]}`; add "
+            f"`(= ({' '.join(key)}) ...)` to its :init",
+            code="missing-value",
+        )
 
     def _test(self, condition: x.Condition, binding: Binding) -> g.Test:
         match condition:

@@ -16,14 +16,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from serp import _core
 from serp.model import ground_model as g
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
-from serp.pddl.syntax import Change
+from serp.pddl.syntax import Change, nodes_in
 
 # The codes of program.hpp. The beginning of the frame is that of program.cpp: the constants 0 to 3
 # follow the flags.
@@ -52,15 +52,27 @@ _COMPARISONS: Final = {
 _NEGATED: Final = _UNLESS_LESS - _IF_LESS
 # Operator → those that refute it. Where none of them holds, it holds or a side is NaN.
 _REFUTATIONS: Final = {"<": (">=",), "<=": (">",), "=": ("<", ">"), ">=": ("<",), ">": ("<=",)}
+# Of numbers that are not NaN these give a number, even of infinite ones.
+_SELECTIONS: Final = ("min", "max", "atan2", "abs")
 # Changes of one group commute; 0 is the group of a number that has not changed yet.
 _GROUPS: Final = {"assign": _ONE, "add": _TWO, "scale": _THREE}
 
 Label = list[int]
 
 
-def compile_program(ground: g.GroundModel) -> _core.Program:
+class Table(NamedTuple):
+    """The arguments of `_core.Program`."""
+
+    code: NDArray[np.uint32]
+    entries: NDArray[np.uint32]
+    fluents: int
+    parameters: int
+    intermediate: int
+
+
+def instruction_table(ground: g.GroundModel) -> Table:
     """Return the instruction table of a ground model."""
-    return _Compiler(ground).program()
+    return _Compiler(ground).table()
 
 
 class _Compiler:
@@ -80,7 +92,7 @@ class _Compiler:
         self.failed: Label = []
         self.undefined: Label = []
 
-    def program(self) -> _core.Program:
+    def table(self) -> Table:
         """Compile all parts."""
         ground = self.ground
         actions = [self._action(action) for action in ground.actions]
@@ -98,7 +110,7 @@ class _Compiler:
         self._emit(_RETURN, 0, 0)
         self._place(self.undefined)
         self._emit(_RETURN, UNDEFINED, UNSAFE)
-        return _core.Program(
+        return Table(
             code=np.array(self.rows, dtype=np.uint32).reshape(-1, 4),
             entries=np.array([drift, settle, aftermath, goal, *actions, *judged], dtype=np.uint32),
             fluents=len(ground.fluents), parameters=len(ground.parameters),
@@ -548,36 +560,19 @@ def enabling_earlier(events: Sequence[g.GroundSchema]) -> set[int]:
     for k, event in enumerate(events):
         if g.writes(event) & read_before:
             enabling.add(k)
-        for test in event.preconditions:
-            read_before.update(g.fluents_of(test))
+        read_before.update(g.fluents_of(event.preconditions))
     return enabling
 
 
 def _may_be_nan(value: g.Value) -> bool:
     """Whether an expression over finite numbers can be NaN.
 
-    One sum or product of finite numbers can overflow. NaN arises only from an operation on an
-    overflowed value, from a division by zero, or from a root of a negative number.
+    One sum or product of finite numbers can overflow. NaN arises only from a further operation on
+    that, from a division by zero, or from a root of a negative number.
     """
-    match value:
-        case g.Operation("min" | "max" | "atan2", left, right):
-            return _may_be_nan(left) or _may_be_nan(right)
-        case g.Operation(operator, left, right):
-            return operator == "/" or _may_overflow(left) or _may_overflow(right)
-        case g.Unary("-" | "abs", operand):
-            return _may_be_nan(operand)
-        case g.Unary(operator, operand):
-            return operator == "sqrt" or _may_overflow(operand)
-        case _:
-            return False
-
-
-def _may_overflow(value: g.Value) -> bool:
-    """Whether an expression over finite numbers can be infinite or NaN."""
-    match value:
-        case g.Operation("min" | "max" | "atan2", left, right):
-            return _may_overflow(left) or _may_overflow(right)
-        case g.Unary(operator, operand):
-            return operator == "sqrt" or _may_overflow(operand)
-        case _:
-            return isinstance(value, g.Operation)
+    calculated = [
+        node.operator
+        for node in nodes_in(value)
+        if isinstance(node, g.Operation | g.Unary) and node.operator not in _SELECTIONS
+    ]
+    return len(calculated) > 1 or not {"/", "sqrt"}.isdisjoint(calculated)

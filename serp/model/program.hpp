@@ -78,9 +78,6 @@ public:
     int actions() const { return static_cast<int>(entries_.action.size()); }
     int parameters() const { return parameters_; }
     int registers() const { return intermediate_at_ + intermediate_; }
-    int intermediate() const { return intermediate_; }
-    const std::vector<Instruction>& code() const { return code_; }
-    const Entries& entries() const { return entries_; }
 
     // Many steps: `prepare` once, `from` for each state, then `step` for each action.
 

@@ -5,7 +5,8 @@ apply where the constants do not refute its precondition; what it changes is fre
 least fixed point is found without trying every binding: positive atoms of a precondition are
 joined, and a fact that becomes possible is joined with those known before it (semi-naive
 evaluation, as in Helmert, "Concise finite-domain representations for PDDL planning tasks",
-Artificial Intelligence 173, 2009, section 6). Constants that refute other conditions are watched.
+Artificial Intelligence 173, 2009, section 6). Other conditions are tried again as long as constants
+become free.
 
 Consider the states that agree with the initial state on everything that is not free. No step leaves
 them, and on them the smaller model is exact. Comparisons of numbers refute nothing, because the
@@ -17,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from serp.pddl import syntax as x
@@ -79,18 +80,6 @@ class InstantiationBudget:
 def _too_large(problem: str, place: Place, advice: str) -> DomainError:
     raised = "`load_domain(..., max_ground_schemas=N)` in Python"
     return DomainError(problem, place, f"{advice} or raise the limit: {raised}", code="too-large")
-
-
-def no_value(key: tuple[str, ...], read: Place, place: Place) -> DomainError:
-    """Return the error of a static number that is read and that the problem does not give."""
-    shown = " ".join(key)
-    return DomainError(
-        f"`({shown})` has no value, but `{read}` reads it",
-        place.opening,
-        f"the problem gives values to other instances of `{key[0]}`; add "
-        f"`(= ({shown}) ...)` to its :init",
-        code="missing-value",
-    )
 
 
 class Facts:
@@ -236,7 +225,6 @@ class _Item:
     effects: tuple[x.Effect, ...]
     binding: Binding
     rule: _Rule | None = None
-    applied: bool = False
 
 
 class _Reachability:
@@ -244,15 +232,15 @@ class _Reachability:
         self.facts = facts
         self.budget = facts.budget
         self.rules = [self._rule(schema) for schema in facts.domain.schemas]
-        self.users: dict[tuple[str, int, str], list[tuple[_Rule, x.Atom]]] = {}
+        self.users: dict[str, list[tuple[_Rule, x.Atom]]] = {}
         for rule in self.rules:
             for atom in rule.atoms:
-                self.users.setdefault(_first_constant(atom), []).append((rule, atom))
+                self.users.setdefault(atom.name, []).append((rule, atom))
         self.settled = facts.changed <= facts.varying
         self.any_effect_counts = any(map(_calculates, facts.domain.schemas))
         self.possible: set[Key] = set()
         self.index: dict[tuple[str, int, str], list[Key]] = {}
-        self.watched: dict[Key, list[_Item]] = {}
+        self.barred: list[_Item] = []
         self.freed: deque[Key] = deque()
 
     def run(self) -> dict[str, list[Binding]]:
@@ -261,16 +249,10 @@ class _Reachability:
         for rule in self.rules:
             self._join(rule, {}, rule.atoms)
         while self.freed:
-            key = self.freed.popleft()
-            if key not in self.possible:
-                self._add(key)
-                for place in _places(key):
-                    for rule, atom in self.users.get(place, ()):
-                        binding = self._unified(rule, atom, key, {})
-                        if binding is not None:
-                            others = tuple(a for a in rule.atoms if a is not atom)
-                            self._join(rule, binding, others)
-            for item in self.watched.pop(key, ()):
+            while self.freed:
+                self._join_with(self.freed.popleft())
+            barred, self.barred = self.barred, []
+            for item in barred:
                 self._try(item)
         return {
             rule.schema.name: [
@@ -297,6 +279,16 @@ class _Reachability:
         self.possible.add(key)
         for place in _places(key):
             self.index.setdefault(place, []).append(key)
+
+    def _join_with(self, key: Key) -> None:
+        """Try every instance that has a fact among its atoms."""
+        if key in self.possible:
+            return
+        self._add(key)
+        for rule, atom in self.users.get(key[0], ()):
+            binding = self._unified(rule, atom, key, {})
+            if binding is not None:
+                self._join(rule, binding, tuple(a for a in rule.atoms if a is not atom))
 
     def _join(self, rule: _Rule, binding: Binding, atoms: tuple[x.Atom, ...]) -> None:
         """Try every instance that extends a binding and has its atoms among the facts."""
@@ -358,17 +350,10 @@ class _Reachability:
     # Applying ----------------------------------------------------------------------------------
 
     def _try(self, item: _Item) -> None:
-        """Apply effects if their conditions can hold; else watch the constants that bar them."""
-        if item.applied:
+        """Apply effects if their conditions can hold; else keep them, to be tried again."""
+        if not all(self._possible(condition, item.binding, True) for condition in item.conditions):
+            self.barred.append(item)
             return
-        for condition in item.conditions:
-            barring = self._barred(condition, item.binding, True)
-            if barring is not None:
-                for key in barring:
-                    if key[0] in self.facts.changed:
-                        self.watched.setdefault(key, []).append(item)
-                return
-        item.applied = True
         if item.rule is not None:
             self.budget.count_instance(item.rule.schema, self.facts)
             arguments = (item.binding[p.name] for p in item.rule.schema.parameters)
@@ -400,34 +385,29 @@ class _Reachability:
 
     # Conditions --------------------------------------------------------------------------------
 
-    def _barred(
-        self, condition: x.Condition, binding: Binding, wanted: bool
-    ) -> Sequence[Key] | None:
-        """Return the constants that keep a condition from being `wanted`; None where it can be.
-
-        The condition stays barred until one of them is free: for ever where there are none.
-        """
+    def _possible(self, condition: x.Condition, binding: Binding, wanted: bool) -> bool:
+        """Whether a condition can have the wanted truth value, as far as constants decide it."""
         match condition:
             case x.Atom(name, arguments):
                 key = key_of(name, arguments, binding)
-                possible = self.facts.varies(key) or (key in self.facts.true) == wanted
-                return None if possible else (key,)
+                return self.facts.varies(key) or (key in self.facts.true) == wanted
             case x.SameObject(left, right):
-                return None if (bound(left, binding) == bound(right, binding)) == wanted else ()
+                return (bound(left, binding) == bound(right, binding)) == wanted
             case x.NumericComparison():
-                return None
+                return True
             case x.Connective("not", (operand,)):
-                return self._barred(operand, binding, not wanted)
+                return self._possible(operand, binding, not wanted)
             case x.Connective("imply", (premise, conclusion)):
                 sides = ((premise, not wanted), (conclusion, wanted))
-                return _joined((self._barred(c, binding, w) for c, w in sides), every=not wanted)
+                parts = (self._possible(c, binding, w) for c, w in sides)
+                return any(parts) if wanted else all(parts)
             case x.Connective(operator, operands):
-                each = (self._barred(c, binding, wanted) for c in operands)
-                return _joined(each, every=(operator == "and") == wanted)
+                parts = (self._possible(c, binding, wanted) for c in operands)
+                return all(parts) if (operator == "and") == wanted else any(parts)
             case x.Quantified(operator, parameters, body, place):
                 bindings = self.facts.quantify(parameters, binding, place)
-                each = (self._barred(body, inner, wanted) for inner in bindings)
-                return _joined(each, every=(operator == "forall") == wanted)
+                parts = (self._possible(body, inner, wanted) for inner in bindings)
+                return all(parts) if (operator == "forall") == wanted else any(parts)
 
 
 def _places(key: Key) -> Iterator[tuple[str, int, str]]:
@@ -435,27 +415,6 @@ def _places(key: Key) -> Iterator[tuple[str, int, str]]:
     yield key[0], -1, ""
     for index, name in enumerate(key[1:]):
         yield key[0], index, name
-
-
-def _first_constant(atom: x.Atom) -> tuple[str, int, str]:
-    """Return a key of `_places` under which every fact that matches the atom is found."""
-    for index, term in enumerate(atom.arguments):
-        if not term.is_variable:
-            return atom.name, index, term.name
-    return atom.name, -1, ""
-
-
-def _joined(parts: Iterable[Sequence[Key] | None], *, every: bool) -> Sequence[Key] | None:
-    """Join the constants that bar the parts of a conjunction (`every`) or a disjunction."""
-    collected: list[Key] = []
-    for part in parts:
-        if every and part is not None:
-            return part
-        if not every:
-            if part is None:
-                return None
-            collected += part
-    return None if every else collected
 
 
 def _calculates(schema: x.Schema) -> bool:

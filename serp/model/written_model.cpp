@@ -150,22 +150,6 @@ std::shared_ptr<Program> program_of(const In<std::uint32_t, nb::shape<-1, 4>>& c
                                      intermediate);
 }
 
-Array<std::uint32_t> code_of(const Program& program) {
-    std::vector<std::uint32_t> numbers;
-    for (const Instruction& of : program.code())
-        numbers.insert(numbers.end(), {of.code, of.a, of.b, of.c});
-    return array_of(std::move(numbers), {program.code().size(), 4});
-}
-
-Array<std::uint32_t> entries_of(const Program& program) {
-    const Entries& of = program.entries();
-    std::vector<std::uint32_t> numbers{of.drift, of.settle, of.aftermath, of.goal};
-    numbers.insert(numbers.end(), of.action.begin(), of.action.end());
-    numbers.insert(numbers.end(), of.judged_action.begin(), of.judged_action.end());
-    const size_t count = numbers.size();
-    return array_of(std::move(numbers), {count});
-}
-
 Result judgement_of(const WrittenModel& model, const State& state, std::int64_t action,
                     const State& next_state) {
     const Program& program = *model.program();
@@ -189,14 +173,7 @@ void bind_model(nb::module_& module) {
         .def(nb::new_(&program_of), nb::arg("code"), nb::arg("entries"), nb::arg("fluents"),
              nb::arg("parameters"), nb::arg("intermediate"),
              "Check a table: instructions [n, 4], and where the parts begin [4 + 2A]: drift, "
-             "settle, aftermath, goal, the actions, the judged actions.")
-        .def_prop_ro("fluents", &Program::fluents)
-        .def_prop_ro("actions", &Program::actions)
-        .def_prop_ro("parameters", &Program::parameters)
-        .def_prop_ro("intermediate", &Program::intermediate, "The number of intermediate results.")
-        .def_prop_ro("code", &code_of, nb::rv_policy::move, "A copy of the instructions [n, 4].")
-        .def_prop_ro("entries", &entries_of, nb::rv_policy::move,
-                     "A copy of the positions of the parts [4 + 2A].");
+             "settle, aftermath, goal, the actions, the judged actions.");
 
     nb::class_<Model>(module, "Model", "A transition model as planners take it.")
         .def_prop_ro("fluents", &Model::fluents)
