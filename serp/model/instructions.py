@@ -14,8 +14,9 @@ places to fill in.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -95,17 +96,22 @@ class _Compiler:
     def table(self) -> Table:
         """Compile all parts."""
         ground = self.ground
-        actions = [self._action(action) for action in ground.actions]
-        unjudged = self._here()
-        self._end()
+        actions = [self._part(partial(self._act, action)) for action in ground.actions]
+        unjudged = self._part()
         judged = [
-            self._judged_action(action) if any(e.target < 0 for e in action.effects) else unjudged
+            self._part(partial(self._judge, action))
+            if any(effect.target < 0 for effect in action.effects)
+            else unjudged
             for action in ground.actions
         ]
-        drift = self._drift()
-        settle = self._settle()
-        aftermath = self._aftermath()
-        goal = self._goal()
+        drift = self._part(partial(self._rates, self.out, rewards=False))
+        settle = self._part(self._events, partial(self._goal_and_metric, self.out))
+        aftermath = self._part(
+            partial(self._rates, self.next_state, rewards=True),
+            self._events,
+            partial(self._goal_and_metric, self.next_state),
+        )
+        goal = self._part(self._goal)
         self._place(self.failed)
         self._emit(_RETURN, 0, 0)
         self._place(self.undefined)
@@ -119,8 +125,15 @@ class _Compiler:
 
     # Parts -------------------------------------------------------------------------------------
 
-    def _action(self, action: g.GroundSchema) -> int:
+    def _part(self, *steps: Callable[[], None]) -> int:
+        """Compile steps as a part that returns at its end; return where it begins."""
         start = self._here()
+        for step in steps:
+            step()
+        self._emit(_RETURN, APPLICABLE, UNSAFE | TERMINAL)
+        return start
+
+    def _act(self, action: g.GroundSchema) -> None:
         with self.scope():
             tests = action.preconditions
             doubtful = [self._evaluate_sides(test, self.state) for test in tests]
@@ -131,52 +144,21 @@ class _Compiler:
                     self._jump(test, self.state, False, self.undefined)
             self._emit(_COPY)
             self._effects(action.effects, self.state)
-        self._end()
-        return start
 
-    def _judged_action(self, action: g.GroundSchema) -> int:
+    def _judge(self, action: g.GroundSchema) -> None:
         """Compile what an action does to reward and flags; nothing where it is inapplicable."""
-        start, end = self._here(), Label()
+        end = Label()
         with self.scope():
             for test in action.preconditions:
                 self._evaluate_sides(test, self.state)
                 self._jump(test, self.state, False, end)
             self._effects([effect for effect in action.effects if effect.target < 0], self.state)
         self._place(end)
-        self._end()
-        return start
 
-    def _drift(self) -> int:
-        start = self._here()
-        self._rates(self.ground.processes, self.out, rewards=False)
-        self._end()
-        return start
-
-    def _settle(self) -> int:
-        start = self._here()
-        self._events()
-        self._goal_and_metric(self.out)
-        self._end()
-        return start
-
-    def _aftermath(self) -> int:
-        start = self._here()
-        self._rates(self.ground.processes, self.next_state, rewards=True)
-        self._events()
-        self._goal_and_metric(self.next_state)
-        self._end()
-        return start
-
-    def _goal(self) -> int:
-        start = self._here()
+    def _goal(self) -> None:
         if self.ground.goal is not None:
             with self._where(self.ground.goal, self.state):
                 self._emit(_MOVE, _TERMINAL, _ONE)
-        self._end()
-        return start
-
-    def _end(self) -> None:
-        self._emit(_RETURN, APPLICABLE, UNSAFE | TERMINAL)
 
     def _events(self) -> None:
         events = self.ground.events
@@ -337,14 +319,14 @@ class _Compiler:
             self._place(first)
         self._emit(_MOVE, register, own)
 
-    def _rates(self, processes: Iterable[g.GroundSchema], source: int, *, rewards: bool) -> None:
+    def _rates(self, source: int, *, rewards: bool) -> None:
         """Compile one explicit Euler step: every rate is evaluated before any is applied.
 
         With `rewards`, only changes of the reward are compiled.
         """
         prepared: list[tuple[g.SetNumber, int | None, int]] = []
         with self.scope():
-            for process in processes:
+            for process in self.ground.processes:
                 effects = [e for e in process.effects if isinstance(e, g.SetNumber)]
                 if rewards:
                     effects = [e for e in effects if e.target == g.REWARD_TARGET]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
 from serp.model import ground_model as g
@@ -93,7 +93,7 @@ class TracedStep:
 
         `amend` is called before the events are evaluated.
         """
-        step = _Step(self, state, state, theta, dt)
+        step = _Step(self, state, [*state, 0.0], theta, dt)
         return step.traced(lambda: step.predict(action, amend))
 
     def judge(
@@ -108,7 +108,7 @@ class TracedStep:
 
         Next state and reward are what the events made of the observed one.
         """
-        step = _Step(self, state, next_state, theta, dt)
+        step = _Step(self, state, [*next_state, 0.0], theta, dt)
         return step.traced(lambda: step.judge(action, [*next_state]))
 
 
@@ -120,26 +120,23 @@ class _NoResult(Exception):
         self.flags = flags
 
 
+@dataclass
 class _Step:
     """One step. `state` is where it begins; `out` becomes its result."""
 
-    def __init__(
-        self,
-        of: TracedStep,
-        state: list[float],
-        start: list[float],
-        theta: Sequence[float],
-        dt: float,
-    ) -> None:
-        self.ground = of.ground
-        self.enabling = of.enabling
-        self.state = state
-        self.theta = theta
-        self.dt = dt
-        self.out = [*start, 0.0]
-        self.reward = 0.0
-        self.set_flags = {g.UNSAFE_TARGET: False, g.TERMINAL_TARGET: False}
-        self.passages: list[Passage] = []
+    of: TracedStep
+    state: list[float]
+    out: list[float]
+    theta: Sequence[float]
+    dt: float
+    reward: float = 0.0
+    set_flags: dict[int, bool] = field(
+        default_factory=lambda: {g.UNSAFE_TARGET: False, g.TERMINAL_TARGET: False}
+    )
+    passages: list[Passage] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.ground = self.of.ground
 
     def traced(self, carry_out: Callable[[], None]) -> Traced:
         """Carry out the step and return its result."""
@@ -156,7 +153,7 @@ class _Step:
         """Carry out action, processes, events, metric and goal."""
         if action >= 0:
             self._act(self.ground.actions[action])
-        self._rates(self.ground.processes, self.out)
+        self._rates(self.out)
         self._store_reward()
         if amend is not None:
             amend(self.state, action, self.out)
@@ -173,7 +170,7 @@ class _Step:
             if self._all(schema.preconditions, self.state):
                 self._effects(schema, effects, self.state)
         self._store_reward()
-        self._rates(self.ground.processes, next_state, rewards_only=True)
+        self._rates(next_state, rewards_only=True)
         self._events()
         self._goal_and_metric(next_state)
         self._store_reward()
@@ -219,16 +216,10 @@ class _Step:
         self._effects(action, action.effects, self.state)
         self._store_reward()
 
-    def _rates(
-        self,
-        processes: Iterable[g.GroundSchema],
-        source: list[float],
-        *,
-        rewards_only: bool = False,
-    ) -> None:
+    def _rates(self, source: list[float], *, rewards_only: bool = False) -> None:
         """Carry out one explicit Euler step: every rate is evaluated before any is applied."""
         changes: list[tuple[g.GroundSchema, g.SetNumber, bool, float]] = []
-        for process in processes:
+        for process in self.ground.processes:
             effects = [e for e in process.effects if isinstance(e, g.SetNumber)]
             if rewards_only:
                 effects = [e for e in effects if e.target == g.REWARD_TARGET]
@@ -257,7 +248,7 @@ class _Step:
             for k, event in enumerate(self.ground.events):
                 if k not in fired and self._decided(event, self.out):
                     fired.add(k)
-                    again = again or k in self.enabling
+                    again = again or k in self.of.enabling
                     self._effects(event, event.effects, self.out)
 
     def _goal_and_metric(self, result: list[float]) -> None:
