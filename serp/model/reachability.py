@@ -49,11 +49,7 @@ class InstantiationBudget:
         """Count one binding of a variable."""
         self.bindings += 1
         if self.bindings > (most := BINDINGS_EACH * self.ground_schemas):
-            raise _too_large(
-                f"instantiation takes more than {most} bindings",
-                place,
-                "use fewer objects, more specific types, or fewer parameters and quantifiers;",
-            )
+            raise _too_large(f"instantiation takes more than {most} bindings", place)
 
     def count_instance(self, schema: x.Schema, facts: Facts) -> None:
         """Count one ground action, process or event."""
@@ -64,22 +60,24 @@ class InstantiationBudget:
                 f"the domain instantiates to more than {self.ground_schemas} ground actions, "
                 f"processes and events; `{schema.name}` has up to {bindings} over these objects",
                 schema.place,
-                "use fewer objects, more specific types, or static predicates in the precondition;",
             )
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
         """Check a number of fluents against the limit."""
         if count > (most := FLUENTS_EACH * self.ground_schemas):
-            raise _too_large(
-                f"the domain has more than {most} fluents over these objects",
-                declaration.place,
-                "use fewer objects, more specific types or fewer parameters;",
-            )
+            problem = f"the domain has more than {most} fluents over these objects"
+            raise _too_large(problem, declaration.place)
 
 
-def _too_large(problem: str, place: Place, advice: str) -> DomainError:
-    raised = "`load_domain(..., max_ground_schemas=N)` in Python"
-    return DomainError(problem, place, f"{advice} or raise the limit: {raised}", code="too-large")
+def _too_large(problem: str, place: Place) -> DomainError:
+    return DomainError(
+        problem,
+        place,
+        "use fewer objects, more specific types, fewer parameters and quantifiers, or static "
+        "predicates in preconditions; or raise the limit: `load_domain(..., max_ground_schemas=N)` "
+        "in Python",
+        code="too-large",
+    )
 
 
 class Facts:

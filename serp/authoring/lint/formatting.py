@@ -2,7 +2,7 @@
 
 Line breaks are the author's. A line that continues a form begins below the first thing that the
 form holds if the author began it there, and otherwise two columns to the right of the line on which
-the form begins. Comments keep their words, and those that stand below one another stay so.
+the form begins. Comments keep their words, and beside a line their column if there is room.
 """
 
 from __future__ import annotations
@@ -40,7 +40,6 @@ class _TextLine:
         tokens: Parentheses and words, each with its column in the file; a tab is one column.
         comment: From the semicolon on; empty where there is none.
         at: Column of the comment in the file.
-        end: Column behind the last token in the file.
         indent: Column where the line begins, as it is to be.
         code: The tokens as they are to be.
         new_at: Column of the comment, as it is to be.
@@ -49,7 +48,6 @@ class _TextLine:
     tokens: list[tuple[str, int]]
     comment: str
     at: int
-    end: int
     indent: int = 0
     code: str = ""
     new_at: int = 0
@@ -58,7 +56,7 @@ class _TextLine:
     def of(cls, text: str) -> _TextLine:
         code, mark, comment = text.partition(";")
         tokens = [(match[0], match.start()) for match in _TOKEN.finditer(code)]
-        return cls(tokens, (mark + comment).rstrip(), len(code), len(code.rstrip()))
+        return cls(tokens, (mark + comment).rstrip(), len(code))
 
     def text(self) -> str:
         return self.code.ljust(self.new_at) + self.comment if self.comment else self.code
@@ -135,21 +133,12 @@ def _begin(forms: list[_OpenForm], token: str, column: int) -> int:
 
 
 def _place_comments(lines: list[_TextLine]) -> None:
-    """Find the columns of comments: those of neighbouring lines that share one go on sharing it."""
-    block: list[_TextLine] = []
-    for line in [*lines, None]:
-        if block and (line is None or not line.comment or line.at != block[0].at):
-            _place_block(block)
-            block = []
-        if line is not None and line.comment and (line.tokens or block):
-            block.append(line)
-        elif line is not None:
-            line.new_at = line.indent
-
-
-def _place_block(block: list[_TextLine]) -> None:
-    ends = [(line.end, len(line.code)) for line in block if line.tokens]
-    shift = max(new for _, new in ends) - max(old for old, _ in ends)
-    column = max([block[0].at + shift, *(new + 1 for _, new in ends)])
-    for line in block:
-        line.new_at = column
+    """Find the columns of comments; a comment in the column of the one above continues it."""
+    above: _TextLine | None = None  # has a comment that can be continued
+    for line in lines:
+        continues = above if above is not None and above.at == line.at else None
+        if line.tokens:
+            line.new_at = max(line.at, len(line.code) + 1)
+        else:
+            line.new_at = continues.new_at if continues is not None else line.indent
+        above = line if line.comment and (line.tokens or continues) else None
