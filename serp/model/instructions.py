@@ -111,14 +111,13 @@ class _Compiler:
             self._events,
             partial(self._goal_and_metric, self.next_state),
         )
-        goal = self._part(self._goal)
         self._place(self.failed)
         self._emit(_RETURN, 0, 0)
         self._place(self.undefined)
         self._emit(_RETURN, UNDEFINED, UNSAFE)
         return Table(
             code=np.array(self.rows, dtype=np.uint32).reshape(-1, 4),
-            entries=np.array([drift, settle, aftermath, goal, *actions, *judged], dtype=np.uint32),
+            entries=np.array([drift, settle, aftermath, *actions, *judged], dtype=np.uint32),
             fluents=len(ground.fluents), parameters=len(ground.parameters),
             intermediate=self.most - self.first,
         )  # fmt: skip
@@ -154,11 +153,6 @@ class _Compiler:
                 self._jump(test, self.state, False, end)
             self._effects([effect for effect in action.effects if effect.target < 0], self.state)
         self._place(end)
-
-    def _goal(self) -> None:
-        if self.ground.goal is not None:
-            with self._where(self.ground.goal, self.state):
-                self._emit(_MOVE, _TERMINAL, _ONE)
 
     def _events(self) -> None:
         events = self.ground.events

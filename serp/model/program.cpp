@@ -92,7 +92,7 @@ Program::Program(std::vector<Instruction> code, Entries entries, int fluents, in
     };
     if (entries_.action.size() != entries_.judged_action.size() || !all_inside(entries_.action) ||
         !all_inside(entries_.judged_action) || !inside(entries_.drift) ||
-        !inside(entries_.settle) || !inside(entries_.aftermath) || !inside(entries_.goal))
+        !inside(entries_.settle) || !inside(entries_.aftermath))
         refuse("the start of a part");
 }
 
@@ -255,14 +255,6 @@ Flags Program::judge(const double* state, int action, const double* next_state, 
         action >= 0 ? run(registers, {entries_.judged_action[action], entries_.aftermath})
                     : run(registers, {entries_.aftermath});
     return finished(flags, out, registers);
-}
-
-bool Program::at_goal(const double* state, const double* theta, double dt,
-                      double* registers) const {
-    prepare(theta, dt, registers);
-    from(state, registers);
-    registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
-    return run(registers, {entries_.goal}) & TERMINAL;
 }
 
 }  // namespace serp

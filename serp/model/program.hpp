@@ -55,7 +55,6 @@ struct Entries {
     std::uint32_t drift = 0;                   ///< processes
     std::uint32_t settle = 0;                  ///< events, goal, metric
     std::uint32_t aftermath = 0;  ///< rewards of processes, then as `settle`, of an observed state
-    std::uint32_t goal = 0;       ///< the goal alone
 };
 
 /// The compiled file, as written: a pure function of state, action, parameters and control period.
@@ -99,9 +98,6 @@ public:
     /// is none of the model's.
     Flags judge(const double* state, int action, const double* next_state, const double* theta,
                 double dt, double* out, double* registers) const;
-
-    /// Whether the goal holds in a state.
-    bool at_goal(const double* state, const double* theta, double dt, double* registers) const;
 
 private:
     Flags run(double* frame, std::initializer_list<std::uint32_t> parts) const;

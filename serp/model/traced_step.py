@@ -111,6 +111,11 @@ class TracedStep:
         step = _Step(self, state, [*next_state, 0.0], theta, dt)
         return step.traced(lambda: step.judge(action, [*next_state]))
 
+    def at_goal(self, state: list[float], theta: Sequence[float], dt: float) -> bool:
+        """Whether the goal holds in a state; not where it has no truth value."""
+        goal, step = self.ground.goal, _Step(self, state, [], theta, dt)
+        return goal is not None and step.truth(goal, state) is True
+
 
 class _NoResult(Exception):
     """The step ends with these flags, without a result."""
@@ -206,7 +211,7 @@ class _Step:
     def _act(self, action: g.GroundSchema) -> None:
         doubts = []
         for test in action.preconditions:
-            truth = self._truth(test, self.state)
+            truth = self.truth(test, self.state)
             if truth is None:
                 doubts.append(test)
             elif not truth:
@@ -256,7 +261,7 @@ class _Step:
         if ground.metric is not None:
             self.reward = self._metric_gain(ground.metric, result, self.dt)
         if ground.goal is not None:
-            reached = self._truth(ground.goal, result)
+            reached = self.truth(ground.goal, result)
             if reached is None:
                 self._refuse(Site("undefined", None, ground.goal))
             if reached:
@@ -306,7 +311,7 @@ class _Step:
         Where one of them is undefined, the effects on `(unsafe)` whose conditions hold still count.
         """
         tests = {id(effect.condition): effect.condition for effect in effects}
-        truths = {key: self._truth(test, source) for key, test in tests.items()}
+        truths = {key: self.truth(test, source) for key, test in tests.items()}
         if None in truths.values():
             if any(truths[id(e.condition)] for e in effects if e.target == g.UNSAFE_TARGET):
                 self.set_flags[g.UNSAFE_TARGET] = True
@@ -363,7 +368,7 @@ class _Step:
             self._refuse(Site("undefined", schema, whole))
         return truth is True
 
-    def _truth(self, test: g.Test, source: list[float]) -> bool | None:
+    def truth(self, test: g.Test, source: list[float]) -> bool | None:
         """Return the truth value of a condition; None where it is undefined (Kleene's logic)."""
         match test:
             case g.Compare(symbol, left, right):
@@ -375,12 +380,12 @@ class _Step:
             case g.Holds(flag):  # before the action, both are false
                 return source is not self.state and self.set_flags[flag]
             case g.Not(operand):
-                truth = self._truth(operand, source)
+                truth = self.truth(operand, source)
                 return None if truth is None else not truth
             case g.All(operands):
                 return self._all(operands, source)
             case g.AnyOf(operands):
-                truths = {self._truth(operand, source) for operand in operands}
+                truths = {self.truth(operand, source) for operand in operands}
                 return True if True in truths else None if None in truths else False
             case g.Constant(value):
                 return value
@@ -389,7 +394,7 @@ class _Step:
         """Return the truth value of a conjunction."""
         whole: bool | None = True
         for test in tests:
-            truth = self._truth(test, source)
+            truth = self.truth(test, source)
             if truth is False:
                 return False
             whole = whole and truth

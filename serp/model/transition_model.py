@@ -170,7 +170,7 @@ class TransitionModel(StateSpace):
 
     def at_goal(self, state: Vector) -> bool:
         """Return whether the problem's goal holds in a state `[F]`; False where there is none."""
-        return self.written_core().at_goal(state)
+        return self._traced().at_goal(state.tolist(), self._theta_list, self.dt)
 
     def _step_batch(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
         width = states.shape[1]

@@ -128,18 +128,18 @@ Array<double> uncertainty_of(const Model& model, const State& state) {
     return array_of(std::move(found), {count});
 }
 
-constexpr size_t PARTS = 4;
+constexpr size_t PARTS = 3;
 
 std::shared_ptr<Program> program_of(const In<std::uint32_t, nb::shape<-1, 4>>& code,
                                     const In<std::uint32_t, nb::ndim<1>>& entries, int fluents,
                                     int parameters, int intermediate) {
-    if (entries.size() < PARTS || entries.size() % 2)
+    if (entries.size() < PARTS || (entries.size() - PARTS) % 2)
         throw std::invalid_argument("the instruction table is damaged: the number of parts");
     const size_t actions = (entries.size() - PARTS) / 2;
     const std::uint32_t* of = entries.data();
     Entries parts{{of + PARTS, of + PARTS + actions},
                   {of + PARTS + actions, of + PARTS + 2 * actions},
-                  of[0], of[1], of[2], of[3]};
+                  of[0], of[1], of[2]};
     std::vector<Instruction> table;
     table.reserve(code.shape(0));
     for (size_t k = 0; k < code.shape(0); ++k) {
@@ -160,20 +160,14 @@ Result judgement_of(const WrittenModel& model, const State& state, std::int64_t 
     return result_of(std::move(out), flags);
 }
 
-bool is_at_goal(const WrittenModel& model, const State& state) {
-    std::vector<double> registers(model.program()->registers());
-    return model.program()->at_goal(state_of(model, state), model.theta().data(), model.dt(),
-                                    registers.data());
-}
-
 }  // namespace
 
 void bind_model(nb::module_& module) {
     nb::class_<Program>(module, "Program", "The instruction table of a ground model.")
         .def(nb::new_(&program_of), nb::arg("code"), nb::arg("entries"), nb::arg("fluents"),
              nb::arg("parameters"), nb::arg("intermediate"),
-             "Check a table: instructions [n, 4], and where the parts begin [4 + 2A]: drift, "
-             "settle, aftermath, goal, the actions, the judged actions.");
+             "Check a table: instructions [n, 4], and where the parts begin [3 + 2A]: drift, "
+             "settle, aftermath, the actions, the judged actions.");
 
     nb::class_<Model>(module, "Model", "A transition model as planners take it.")
         .def_prop_ro("fluents", &Model::fluents)
@@ -199,8 +193,7 @@ void bind_model(nb::module_& module) {
             }, nb::arg("state"), nb::arg("action"),
             "Return next state and reward [F + 1], and the flags; action -1 is none.")
         .def("judge", &judgement_of, nb::arg("state"), nb::arg("action"), nb::arg("next_state"),
-             "Return the observed next state after events, then its reward [F + 1], and the flags.")
-        .def("at_goal", &is_at_goal, nb::arg("state"), "Return whether the goal holds in a state.");
+             "Return the observed next state after events, then its reward [F + 1], and the flags.");
 }
 
 }  // namespace serp

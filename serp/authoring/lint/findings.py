@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from serp.authoring.lint import condition_rules, syntax_rules
+from serp.authoring.lint import rules
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
 from serp.model.reachability import MAX_GROUND_SCHEMAS
@@ -22,12 +22,7 @@ from serp.pddl.source import (
     Source,
 )
 
-RULES = [
-    rule
-    for module in (syntax_rules, condition_rules)
-    for rule in vars(module).values()
-    if isinstance(rule, Rule)
-]
+RULES = [rule for rule in vars(rules).values() if isinstance(rule, Rule)]
 ERRORS = frozenset(
     (
         *("contradictory-effects", "foreign-syntax", "malformed", "math-functions"),

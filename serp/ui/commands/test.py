@@ -60,7 +60,7 @@ def command(
 
     Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
     """
-    from serp.authoring.scenarios.files import run_scenarios
+    from serp.authoring.scenarios.checking import run_scenarios
 
     console = open_console()
     wrong, results = 0, list[dict[str, Any]]()
@@ -121,8 +121,7 @@ def _opened(
     dt: float | None,
 ) -> tuple[Source, Decider]:
     """Return the scenarios of a domain, with who decides in them."""
-    from serp.authoring.scenarios.checking import Decider
-    from serp.authoring.scenarios.files import read_beside
+    from serp.authoring.scenarios.checking import Decider, read_beside
     from serp.pddl.source import Source
     from serp.settings import resolve
 

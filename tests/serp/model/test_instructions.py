@@ -129,7 +129,7 @@ def _uses(row):
 def test_a_repetition_that_never_ends_is_ended():
     again = 11  # of no fluents and parameters: 7 fixed numbers, the reward, intermediate results
     code = [[3, again, 4, 0], [REPEAT, again, 0, 1], [0, APPLICABLE, 0, 0]]
-    program = _core.Program(np.array(code, dtype=np.uint32), np.zeros(6, dtype=np.uint32), 0, 0, 8)
+    program = _core.Program(np.array(code, dtype=np.uint32), np.zeros(5, dtype=np.uint32), 0, 0, 8)
     out, flags = _core.WrittenModel(program, np.zeros(0), 1.0).step(np.zeros(0), 0)
     assert flags == APPLICABLE and out.shape == (1,)
 
@@ -157,7 +157,6 @@ def test_a_forged_table_that_is_accepted_can_be_executed(table):
             state = np.array([random.choice((0.0, 1.0, 2.5)) for _ in range(sizes[0])])
             model.step(state, action)
             model.judge(state, action, state)
-        model.at_goal(state)
     assert accepted > 100
 
 
@@ -170,7 +169,6 @@ def test_wrong_arguments_are_refused():
             lambda: core.step(np.zeros(size), 0),  # noqa: B023
             lambda: core.judge(np.zeros(size), 0, state),  # noqa: B023
             lambda: core.judge(state, 0, np.zeros(size)),  # noqa: B023
-            lambda: core.at_goal(np.zeros(size)),  # noqa: B023
             lambda: core.outcomes(np.zeros(size), 0),  # noqa: B023
             lambda: core.uncertainty(np.zeros(size)),  # noqa: B023
             lambda: core.step_batch(np.zeros((2, size)), np.zeros(2, dtype=np.int64)),  # noqa: B023
