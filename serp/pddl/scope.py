@@ -361,11 +361,14 @@ def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, x.ObjectDe
 
 
 def parse_declarations(
-    group: Group, parents: dict[str, str], *, numeric: bool
-) -> dict[str, x.Declaration]:
-    """Parse `(:predicates ...)` or `(:functions ...)`."""
+    group: Group,
+    parents: dict[str, str],
+    declared: dict[str, x.Declaration],
+    *,
+    numeric: bool,
+) -> None:
+    """Parse `(:predicates ...)` or `(:functions ...)`, and add them to what is declared."""
     what = "function" if numeric else "predicate"
-    declared: dict[str, x.Declaration] = {}
     index = begin = 1
     while index < len(group.items):
         node = group.items[index]
@@ -388,12 +391,17 @@ def parse_declarations(
             if declaration is None:
                 continue
             name = declaration.name
-            if name in declared:
-                known = declared[name].parameters
-                same = [p.types for p in known] == [p.types for p in declaration.parameters]
+            if (known := declared.get(name)) is not None:
+                if known.numeric != numeric:
+                    raise DomainError(
+                        f"`{name}` is both a predicate and a function",
+                        declaration.place,
+                        code="declared-twice",
+                    )
+                types = [parameter.types for parameter in known.parameters]
+                same = types == [parameter.types for parameter in declaration.parameters]
                 declared_again(expect_group(node, what).items[0], what, same=same)
             declared[name] = declaration
-    return declared
 
 
 def _declaration(item: Group, parents: dict[str, str], what: str) -> x.Declaration | None:
@@ -412,7 +420,24 @@ def _declaration(item: Group, parents: dict[str, str], what: str) -> x.Declarati
             code="reserved-name",
         )
     parameters = parse_parameters(item.items[1:], parents, positional=True)
-    return x.Declaration(word.text, parameters, numeric, item.place)
+    declaration = x.Declaration(word.text, parameters, numeric, item.place)
+    _check_reserved(declaration)
+    return declaration
+
+
+def _check_reserved(declaration: x.Declaration) -> None:
+    name = declaration.name
+    if name not in (x.REWARD, x.UNSAFE, x.TERMINAL):
+        return
+    if declaration.numeric != (name == x.REWARD):
+        kind = "function" if name == x.REWARD else "predicate"
+        problem = f"`({name})` is reserved and must be a {kind}"
+    elif declaration.parameters:
+        problem = f"`({name})` is reserved and takes no parameters"
+    else:
+        return
+    advice = "where you mean something else, choose another name"
+    raise DomainError(problem, declaration.place, advice, code="reserved-name")
 
 
 def without_parentheses(word: Word) -> Group:
