@@ -8,7 +8,7 @@ the form begins. Comments keep their words, and beside a line their column if th
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from serp.pddl.reader import read_group
 from serp.pddl.source import Source, newline_of
@@ -64,32 +64,26 @@ class _TextLine:
 
 @dataclass
 class _OpenForm:
-    """A form that is open: columns are in the file, and as they are to be.
+    """A form that is open.
 
-    `indent` is that of the line on which it begins; `second` the column of the second thing in it,
-    if that stands on the same line; `field`: a word such as `:effect` waits for its value;
-    `listed`: a list of variables or forms, which has no word at its head.
+    `indent` is that of the line on which it begins; `below` are columns of things in it that lines
+    may begin below: in the file → as they are to be.
     """
 
     indent: int
-    column: tuple[int, int]
-    second: tuple[int, int] | None = None
     items: int = 0
-    field: bool = False
-    listed: bool = False
+    below: dict[int, int] = field(default_factory=dict)
 
-    def see(self, token: str, column: tuple[int, int], *, first: bool) -> None:
+    def see(self, token: str, old: int, new: int, *, first: bool) -> None:
         """Take note of a word or form in it, which may be the first of its line."""
         self.items += 1
-        if self.items == 1:
-            self.listed = token[0] in "?("
-        self.field = token.startswith(":") and self.items > 1
-        if self.items == 2 and self.second is None and not first:
-            self.second = column
+        if (self.items == 1 and token[0] in "?(") or (self.items == 2 and not first):
+            self.below[old] = new
 
 
 def _indent(lines: list[_TextLine]) -> None:
     """Find the indentation and the code of each line from the lines above it."""
+    step = 2
     forms: list[_OpenForm] = []
     waiting: list[_TextLine] = []  # comments and blank lines, which go with what follows
     for line in lines:
@@ -97,39 +91,23 @@ def _indent(lines: list[_TextLine]) -> None:
             waiting.append(line)
             continue
         token, column = line.tokens[0]
-        line.indent = _begin(forms, token, column)
+        inside = forms[-1].indent + step if forms else 0
+        if forms:
+            line.indent = forms[-1].indent if token == ")" else forms[-1].below.get(column, inside)
         for above in waiting:
-            above.indent = line.indent if token != ")" else _begin(forms, "", -1)
+            above.indent = inside if token == ")" else line.indent
         waiting = []
         line.code = " " * line.indent
         for number, (token, old) in enumerate(line.tokens):
             if number and token != ")" and not line.code.endswith("("):
                 line.code += " "
-            place = old, len(line.code)
             if token == ")":
                 forms.pop()
             elif forms:
-                forms[-1].see(token, place, first=number == 0)
+                forms[-1].see(token, old, len(line.code), first=number == 0)
             if token == "(":
-                forms.append(_OpenForm(line.indent, place))
+                forms.append(_OpenForm(line.indent))
             line.code += token
-        for form in forms:
-            form.second = form.second or (-1, -1)  # what follows stands on a later line
-
-
-def _begin(forms: list[_OpenForm], token: str, column: int) -> int:
-    """Return where a line begins whose first token has a column in the file."""
-    step = 2
-    if not forms:
-        return 0
-    form = forms[-1]
-    if token == ")":
-        return form.column[1] if column == form.column[0] else form.indent
-    if form.second is not None and column == form.second[0] >= 0:
-        return form.second[1]
-    if form.listed and column == form.column[0] + 1:
-        return form.column[1] + 1
-    return form.indent + (2 * step if form.field else step)
 
 
 def _place_comments(lines: list[_TextLine]) -> None:
