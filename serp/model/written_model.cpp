@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -128,25 +129,13 @@ Array<double> uncertainty_of(const Model& model, const State& state) {
     return array_of(std::move(found), {count});
 }
 
-constexpr size_t PARTS = 3;
-
 std::shared_ptr<Program> program_of(const In<std::uint32_t, nb::shape<-1, 4>>& code,
                                     const In<std::uint32_t, nb::ndim<1>>& entries, int fluents,
                                     int parameters, int intermediate) {
-    if (entries.size() < PARTS || (entries.size() - PARTS) % 2)
-        throw std::invalid_argument("the instruction table is damaged: the number of parts");
-    const size_t actions = (entries.size() - PARTS) / 2;
-    const std::uint32_t* of = entries.data();
-    Entries parts{{of + PARTS, of + PARTS + actions},
-                  {of + PARTS + actions, of + PARTS + 2 * actions},
-                  of[0], of[1], of[2]};
-    std::vector<Instruction> table;
-    table.reserve(code.shape(0));
-    for (size_t k = 0; k < code.shape(0); ++k) {
-        const std::uint32_t* row = code.data() + 4 * k;
-        table.push_back({row[0], row[1], row[2], row[3]});
-    }
-    return std::make_shared<Program>(std::move(table), std::move(parts), fluents, parameters,
+    static_assert(sizeof(Instruction) == 4 * sizeof(std::uint32_t));
+    std::vector<Instruction> table(code.shape(0));
+    if (!table.empty()) std::memcpy(table.data(), code.data(), code.nbytes());
+    return std::make_shared<Program>(std::move(table), vector_of(entries), fluents, parameters,
                                      intermediate);
 }
 
@@ -171,8 +160,6 @@ void bind_model(nb::module_& module) {
 
     nb::class_<Model>(module, "Model", "A transition model as planners take it.")
         .def_prop_ro("fluents", &Model::fluents)
-        .def_prop_ro("actions", &Model::actions)
-        .def_prop_ro("branches", &Model::branches, "Whether a step may have several outcomes.")
         .def("step", [](const Model& model, const State& state, std::int64_t action) {
                 return step_of(model, state, action, 0);
             }, nb::arg("state"), nb::arg("action"),
