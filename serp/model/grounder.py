@@ -228,16 +228,12 @@ class _Instantiation:
     # Instances ---------------------------------------------------------------------------------
 
     def _instance(self, schema: x.Schema, binding: Binding) -> g.GroundSchema | None:
-        preconditions: list[g.Test] = []
-        if schema.precondition is not None:
-            test = self._test(schema.precondition, binding)
-            if isinstance(test, g.Constant):
-                if not test.value:
-                    return None
-            elif isinstance(test, g.All):
-                preconditions.extend(test.operands)
-            else:
-                preconditions.append(test)
+        test = _TRUE if schema.precondition is None else self._test(schema.precondition, binding)
+        if test == g.Constant(False):
+            return None
+        preconditions: tuple[g.Test, ...] = () if test == _TRUE else (test,)
+        if isinstance(test, g.All):
+            preconditions = test.operands
         role = "rate" if schema.kind is x.Kind.PROCESS else "effect"
         effects = tuple(self._effects(schema.effects, binding, _TRUE, role))
         arguments = tuple(binding[p.name] for p in schema.parameters)
@@ -246,7 +242,7 @@ class _Instantiation:
             name=" ".join((schema.name, *arguments)),
             schema=schema.name,
             arguments=arguments,
-            preconditions=tuple(preconditions),
+            preconditions=preconditions,
             effects=effects,
             place=schema.place,
         )

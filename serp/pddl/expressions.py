@@ -156,17 +156,8 @@ def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
         return _comparison(group, scope)
     if head == "preference":
         raise unsupported("preferences are not supported", group.place, "preference")
-    if head in ("at", "over") and head not in scope.declarations and _is_timed(group):
-        problem = "timed conditions (durative actions) are not supported"
-        raise unsupported(problem, group.place, head)
     declaration = declared_as(group, scope, numeric=False)
     return x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
-
-
-def _is_timed(group: Group) -> bool:
-    """Whether a form is `(at start ...)`, `(at end ...)`, `(over all ...)` or `(at 5 ...)`."""
-    when = group.items[1] if len(group.items) == 3 else None
-    return isinstance(when, Word) and (when.text in ("start", "end", "all") or is_number(when))
 
 
 def required_condition(node: Node, scope: Scope) -> x.Condition:

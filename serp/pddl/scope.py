@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from graphlib import CycleError, TopologicalSorter
 
 from serp._util.did_you_mean import closest, did_you_mean
 from serp._util.text import plural
@@ -16,7 +17,7 @@ INSTEAD = {
     word: advice
     for advice, words in {
         "write an action, and a process for what goes on meanwhile": (
-            ":durative-action at over :durative-actions :duration-inequalities"
+            ":durative-action :durative-actions :duration-inequalities"
         ),
         "write the condition itself where it is used, or an event that sets the predicate": (
             ":derived :axiom :derived-predicates :domain-axioms :subgoal-through-axioms"
@@ -307,15 +308,12 @@ def parse_types(group: Group) -> dict[str, str]:
     for parent in mentioned:
         if parent != x.OBJECT:
             parents.setdefault(parent, x.OBJECT)
-    for name in places:
-        seen: set[str] = set()
-        current = parents[name]
-        while current != x.OBJECT and current not in seen:
-            if current == name:
-                problem = f"type `{name}` is its own ancestor"
-                raise DomainError(problem, places[name], code="type-conflict")
-            seen.add(current)
-            current = parents[current]
+    try:
+        TopologicalSorter({name: (parent,) for name, parent in parents.items()}).prepare()
+    except CycleError as error:
+        name = next(name for name in places if name in error.args[1])
+        problem = f"type `{name}` is its own ancestor"
+        raise DomainError(problem, places[name], code="type-conflict") from None
     return parents
 
 

@@ -104,10 +104,6 @@ class Source:
             DomainError: The file is missing, unreadable, not a regular file (reading a pipe could
                 block), or not UTF-8.
         """
-        if not isinstance(path, str | Path):
-            raise DomainError(
-                f"a file is given by its path, not by {path!r}", code="unreadable-file"
-            )
         path, advice, most = Path(path), "", 1 << 28
         try:
             status = path.stat()
