@@ -239,9 +239,7 @@ def typed_list(
                     last = waiting[-1].text
                     advice = f"write `{last} - {shown}` for a type, `?{shown}` for a variable"
                 raise DomainError(
-                    f"expected a variable for {what}, found `{shown}`",
-                    node.place,
-                    advice,
+                    f"expected a variable for {what}, found `{shown}`", node.place, advice
                 )
             waiting.append(node)
         else:
@@ -359,11 +357,7 @@ def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, x.ObjectDe
 
 
 def parse_declarations(
-    group: Group,
-    parents: dict[str, str],
-    declared: dict[str, x.Declaration],
-    *,
-    numeric: bool,
+    group: Group, parents: dict[str, str], declared: dict[str, x.Declaration], *, numeric: bool
 ) -> None:
     """Parse `(:predicates ...)` or `(:functions ...)`, and add them to what is declared."""
     what = "function" if numeric else "predicate"

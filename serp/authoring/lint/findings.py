@@ -13,14 +13,7 @@ from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
 from serp.model.reachability import MAX_GROUND_SCHEMAS
 from serp.pddl.parser import parse_domain, parse_problem
-from serp.pddl.source import (
-    DomainError,
-    DomainWarning,
-    Fix,
-    Place,
-    Recovery,
-    Source,
-)
+from serp.pddl.source import DomainError, DomainWarning, Fix, Place, Recovery, Source
 
 RULES = [rule for rule in vars(rules).values() if isinstance(rule, Rule)]
 ERRORS = frozenset(
@@ -173,9 +166,7 @@ def examine(
     return Examined(findings, None if wrong else result)
 
 
-def _once(
-    problems: Iterable[DomainError | DomainWarning],
-) -> Iterator[DomainError | DomainWarning]:
+def _once(problems: Iterable[DomainError | DomainWarning]) -> Iterator[DomainError | DomainWarning]:
     """Yield errors or warnings; of a form that may be everywhere, one for a message and a file."""
     seen = set()
     for problem in dict.fromkeys(problems):
