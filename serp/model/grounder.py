@@ -19,7 +19,6 @@ from serp.model.reachability import (
     MAX_GROUND_SCHEMAS,
     Binding,
     Facts,
-    InstantiationBudget,
     Key,
     bound,
     conjuncts,
@@ -130,7 +129,7 @@ def instantiate(
         max_ground_schemas: Most ground actions, processes and events together. The limit is four
             times as high for fluents, and 20 times as high for bindings that are tried.
     """
-    facts = Facts(domain, problem, supplied, InstantiationBudget(max_ground_schemas))
+    facts = Facts(domain, problem, supplied, max_ground_schemas)
     return _Instantiation(facts, problem).run()
 
 
@@ -184,7 +183,7 @@ class _Instantiation:
             if name in self.facts.varying:
                 keys = self.facts.keys_of(declaration)
             for key in keys:
-                self.facts.budget.check_fluents(len(fluents) + 1, declaration)
+                self.facts.check_fluents(len(fluents) + 1, declaration)
                 fluents.append(
                     g.Fluent(" ".join(key), len(fluents), declaration.numeric, name, key[1:])
                 )

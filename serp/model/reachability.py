@@ -31,53 +31,7 @@ Key = tuple[str, ...]
 MAX_GROUND_SCHEMAS = 50_000
 FLUENTS_EACH = 4
 BINDINGS_EACH = 20
-
-
-class InstantiationBudget:
-    """Limits on the size of a domain, and counters of what instantiation produces.
-
-    For each ground action, process and event that there may be, there may be four fluents, and 20
-    bindings of variables are tried.
-    """
-
-    def __init__(self, ground_schemas: int = MAX_GROUND_SCHEMAS) -> None:
-        self.ground_schemas = ground_schemas
-        self.instances = 0
-        self.bindings = 0
-
-    def count_binding(self, place: Place) -> None:
-        """Count one binding of a variable."""
-        self.bindings += 1
-        if self.bindings > (most := BINDINGS_EACH * self.ground_schemas):
-            raise _too_large(f"instantiation takes more than {most} bindings", place)
-
-    def count_instance(self, schema: x.Schema, facts: Facts) -> None:
-        """Count one ground action, process or event."""
-        self.instances += 1
-        if self.instances > self.ground_schemas:
-            bindings = math.prod(len(facts.objects_of(p.types)) for p in schema.parameters)
-            raise _too_large(
-                f"the domain instantiates to more than {self.ground_schemas} ground actions, "
-                f"processes and events; `{schema.name}` has up to {bindings} over these objects",
-                schema.place,
-            )
-
-    def check_fluents(self, count: int, declaration: x.Declaration) -> None:
-        """Check a number of fluents against the limit."""
-        if count > (most := FLUENTS_EACH * self.ground_schemas):
-            problem = f"the domain has more than {most} fluents over these objects"
-            raise _too_large(problem, declaration.place)
-
-
-def _too_large(problem: str, place: Place) -> DomainError:
-    return DomainError(
-        problem,
-        place,
-        "use fewer objects, more specific types, fewer parameters and quantifiers, or static "
-        "predicates in preconditions; or raise the limit: `load_domain(..., max_ground_schemas=N)` "
-        "in Python",
-        code="too-large",
-    )
+"""Most fluents, and bindings that are tried, for each ground schema that there may be."""
 
 
 class Facts:
@@ -90,6 +44,8 @@ class Facts:
 
     `supplied` is None for a closed world, which needs a problem with an `:init`; else the names of
     the fluents that are known to be observed, such as `door-open hall`.
+
+    A domain that is too large is refused: there may be `most` ground schemas.
 
     Attributes:
         objects: All objects.
@@ -106,10 +62,11 @@ class Facts:
         domain: x.DomainSyntax,
         problem: x.ProblemSyntax | None,
         supplied: Collection[str] | None,
-        budget: InstantiationBudget,
+        most: int,
     ) -> None:
         self.domain = domain
-        self.budget = budget
+        self.most = most
+        self.instances = self.bindings = 0
         self.objects = problem.objects if problem else domain.constants
         self.position = {name: k for k, name in enumerate(self.objects)}
         self.true: set[Key] = set()
@@ -140,7 +97,7 @@ class Facts:
                 for key in self.keys_of(declaration):
                     if key not in self.values:
                         self.free.add(key)
-                        self.budget.check_fluents(len(self.free), declaration)
+                        self.check_fluents(len(self.free), declaration)
 
     def objects_of(self, types: Sequence[str]) -> Collection[str]:
         """Return the objects of any of the types, in the order of the files."""
@@ -168,8 +125,44 @@ class Facts:
         """Yield the binding, extended by every choice of objects for the parameters."""
         names = [p.name for p in parameters]
         for chosen in itertools.product(*(self.objects_of(p.types) for p in parameters)):
-            self.budget.count_binding(place)
+            self.count_binding(place)
             yield {**binding, **dict(zip(names, chosen, strict=True))}
+
+    # Limits -------------------------------------------------------------------------------------
+
+    def count_binding(self, place: Place) -> None:
+        """Count one binding of a variable."""
+        self.bindings += 1
+        if self.bindings > (limit := BINDINGS_EACH * self.most):
+            raise _too_large(f"instantiation takes more than {limit} bindings", place)
+
+    def count_instance(self, schema: x.Schema) -> None:
+        """Count one ground action, process or event."""
+        self.instances += 1
+        if self.instances > self.most:
+            bindings = math.prod(len(self.objects_of(p.types)) for p in schema.parameters)
+            raise _too_large(
+                f"the domain instantiates to more than {self.most} ground actions, processes and "
+                f"events; `{schema.name}` has up to {bindings} over these objects",
+                schema.place,
+            )
+
+    def check_fluents(self, count: int, declaration: x.Declaration) -> None:
+        """Check a number of fluents against the limit."""
+        if count > (limit := FLUENTS_EACH * self.most):
+            problem = f"the domain has more than {limit} fluents over these objects"
+            raise _too_large(problem, declaration.place)
+
+
+def _too_large(problem: str, place: Place) -> DomainError:
+    return DomainError(
+        problem,
+        place,
+        "use fewer objects, more specific types, fewer parameters and quantifiers, or static "
+        "predicates in preconditions; or raise the limit: `load_domain(..., max_ground_schemas=N)` "
+        "in Python",
+        code="too-large",
+    )
 
 
 def bound(term: x.SchemaTerm, binding: Binding) -> str:
@@ -228,7 +221,6 @@ class _Item:
 class _Reachability:
     def __init__(self, facts: Facts) -> None:
         self.facts = facts
-        self.budget = facts.budget
         self.rules = [self._rule(schema) for schema in facts.domain.schemas]
         self.users: dict[str, list[tuple[_Rule, x.Atom]]] = {}
         for rule in self.rules:
@@ -301,7 +293,7 @@ class _Reachability:
             best, table = min(tables, key=lambda pair: len(pair[1]))
             others = tuple(atom for atom, _ in tables if atom is not best)
             for fact in table:
-                self.budget.count_binding(rule.schema.place)
+                self.facts.count_binding(rule.schema.place)
                 extended = self._unified(rule, best, fact, binding)
                 if extended is not None:
                     self._join(rule, extended, others)
@@ -309,7 +301,7 @@ class _Reachability:
         for parameter in rule.schema.parameters:
             if parameter.name not in binding:
                 for name in self.facts.objects_of(parameter.types):
-                    self.budget.count_binding(rule.schema.place)
+                    self.facts.count_binding(rule.schema.place)
                     self._join(rule, {**binding, parameter.name: name}, ())
                 return
         arguments = tuple(binding[p.name] for p in rule.schema.parameters)
@@ -353,7 +345,7 @@ class _Reachability:
             self.barred.append(item)
             return
         if item.rule is not None:
-            self.budget.count_instance(item.rule.schema, self.facts)
+            self.facts.count_instance(item.rule.schema)
             arguments = (item.binding[p.name] for p in item.rule.schema.parameters)
             item.rule.instances.append((item.rule.schema.name, *arguments))
         if not self.settled:
@@ -379,7 +371,7 @@ class _Reachability:
         if not facts.varies(key):
             facts.free.add(key)
             self.freed.append(key)
-            self.budget.check_fluents(len(facts.free), facts.domain.declarations[key[0]])
+            facts.check_fluents(len(facts.free), facts.domain.declarations[key[0]])
 
     # Conditions --------------------------------------------------------------------------------
 
