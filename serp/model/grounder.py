@@ -227,7 +227,7 @@ class _Instantiation:
     # Instances ---------------------------------------------------------------------------------
 
     def _instance(self, schema: x.Schema, binding: Binding) -> g.GroundSchema | None:
-        test = _TRUE if schema.precondition is None else self._test(schema.precondition, binding)
+        test = self._test(schema.precondition, binding)
         if test == g.Constant(False):
             return None
         preconditions: tuple[g.Test, ...] = () if test == _TRUE else (test,)

@@ -175,12 +175,12 @@ def key_of(name: str, arguments: tuple[x.SchemaTerm, ...], binding: Binding) -> 
     return (name, *(bound(term, binding) for term in arguments))
 
 
-def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
+def conjuncts(condition: x.Condition) -> Iterator[x.Condition]:
     """Yield the parts of a conjunction, however it is nested."""
     if isinstance(condition, x.Connective) and condition.operator == "and":
         for operand in condition.operands:
             yield from conjuncts(operand)
-    elif condition is not None:
+    else:
         yield condition
 
 

@@ -215,7 +215,8 @@ def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
         declares=True,
     )
     inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
-    precondition = _said(fields.get(":precondition"), lambda c: parse_condition(c, inner), None)
+    always = x.Connective("and", (), group.place)
+    precondition = _said(fields.get(":precondition"), lambda c: parse_condition(c, inner), always)
     effects = _said(fields.get(":effect"), lambda effect: _effects(effect, inner), ())
     if source.errors_taken > taken:
         return None
