@@ -31,7 +31,7 @@ from serp.pddl.scope import (
     parse_types,
     unsupported,
 )
-from serp.pddl.slips import several_under, written
+from serp.pddl.slips import several, written
 from serp.pddl.source import DomainError, Place, Source
 from serp.pddl.syntax import MATH_REQUIREMENT
 
@@ -264,8 +264,8 @@ def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: 
     key = before[-2] if len(before) > 1 else None
     if isinstance(node, Group):
         if isinstance(key, Word) and key.text != ":parameters" and node.head not in SCHEMA_FIELDS:
-            several = itertools.takewhile(lambda item: isinstance(item, Group), rest)
-            return several_under(key.text, [before[-1], *several])
+            forms = [before[-1], *itertools.takewhile(lambda item: isinstance(item, Group), rest)]
+            return several(f"`{key.text}` takes one form, found {len(forms)}", forms)
         write = written(node)[1:-1] if node.head in SCHEMA_FIELDS else None
     else:
         write = closest(node.text, SCHEMA_FIELDS)
