@@ -61,7 +61,7 @@ _GROUPS: Final = {"assign": _ONE, "add": _TWO, "scale": _THREE}
 Label = list[int]
 
 
-class Table(NamedTuple):
+class InstructionTable(NamedTuple):
     """The arguments of `_core.Program`."""
 
     code: NDArray[np.uint32]
@@ -71,7 +71,7 @@ class Table(NamedTuple):
     intermediate: int
 
 
-def instruction_table(ground: g.GroundModel) -> Table:
+def instruction_table(ground: g.GroundModel) -> InstructionTable:
     """Return the instruction table of a ground model."""
     return _Compiler(ground).table()
 
@@ -93,7 +93,7 @@ class _Compiler:
         self.failed: Label = []
         self.undefined: Label = []
 
-    def table(self) -> Table:
+    def table(self) -> InstructionTable:
         """Compile all parts."""
         ground = self.ground
         actions = [self._part(partial(self._act, action)) for action in ground.actions]
@@ -115,7 +115,7 @@ class _Compiler:
         self._emit(_RETURN, 0, 0)
         self._place(self.undefined)
         self._emit(_RETURN, UNDEFINED, UNSAFE)
-        return Table(
+        return InstructionTable(
             code=np.array(self.rows, dtype=np.uint32).reshape(-1, 4),
             entries=np.array([drift, settle, aftermath, *actions, *judged], dtype=np.uint32),
             fluents=len(ground.fluents), parameters=len(ground.parameters),

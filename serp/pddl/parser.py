@@ -161,8 +161,8 @@ def parse_domain(source: Source) -> x.DomainSyntax:
     definition = _definition(source, "domain", (*DOMAIN_SECTIONS, *SCHEMA_SECTIONS))
     sections = definition.sections
     requirements = _requirements(sections.get(":requirements"))
-    parents = _said(sections.get(":types"), parse_types, {}, declares=True)
-    constants = _said(
+    parents: dict[str, str] = _said(sections.get(":types"), parse_types, {}, declares=True)
+    constants: dict[str, x.ObjectDeclaration] = _said(
         sections.get(":constants"), lambda group: parse_objects(group, parents), {}, declares=True
     )
     declarations: dict[str, x.Declaration] = {}
@@ -208,16 +208,18 @@ def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
             )
     names.add(name)
     fields = _fields(group, f"{kind.value} `{name}`")
-    parameters = _said(
+    parameters: tuple[x.SchemaParameter, ...] = _said(
         fields.get(":parameters"),
         lambda listed: parse_parameters(listed.items, dict(scope.parents)),
         (),
         declares=True,
     )
     inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
-    always = x.Connective("and", (), group.place)
+    always: x.Condition = x.Connective("and", (), group.place)
     precondition = _said(fields.get(":precondition"), lambda c: parse_condition(c, inner), always)
-    effects = _said(fields.get(":effect"), lambda effect: _effects(effect, inner), ())
+    effects: tuple[x.Effect, ...] = _said(
+        fields.get(":effect"), lambda effect: _effects(effect, inner), ()
+    )
     if source.errors_taken > taken:
         return None
     return x.Schema(kind, name, parameters, precondition, effects, group.place)
@@ -288,7 +290,9 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
     sections = definition.sections
     _said(sections.get(":domain"), lambda group: _check_domain_name(group, domain), None)
     requirements = domain.requirements | _requirements(sections.get(":requirements"))
-    own = _said(sections.get(":objects"), lambda group: _objects(group, domain), {}, declares=True)
+    own: dict[str, x.ObjectDeclaration] = _said(
+        sections.get(":objects"), lambda group: _objects(group, domain), {}, declares=True
+    )
     objects = {**domain.constants, **own}
     math = MATH_REQUIREMENT in requirements
     scope = Scope(domain.parents, objects, domain.declarations, {}, math=math, declares=":objects")

@@ -82,7 +82,7 @@ def read_group(source: Source) -> Group:
     )
     items: list[Node] = []
     for begin, end in itertools.pairwise((1, *begins, len(tokens))):
-        part = _Part(define.place, tokens[begin:end], tokens[end : end + 2])
+        part = _SectionReader(define.place, tokens[begin:end], tokens[end : end + 2])
         try:
             part.read()
         except DomainError as error:
@@ -140,7 +140,7 @@ def _tokens(source: Source) -> Iterator[Word]:
         yield Word(token.lower(), place)
 
 
-class _Part:
+class _SectionReader:
     """Reads a section, or what stands before the first one, up to the next one.
 
     Args:
