@@ -160,6 +160,7 @@ void bind_model(nb::module_& module) {
 
     nb::class_<Model>(module, "Model", "A transition model as planners take it.")
         .def_prop_ro("fluents", &Model::fluents)
+        .def_prop_ro("actions", &Model::actions)
         .def("step", [](const Model& model, const State& state, std::int64_t action) {
                 return step_of(model, state, action, 0);
             }, nb::arg("state"), nb::arg("action"),
