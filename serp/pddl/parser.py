@@ -235,43 +235,36 @@ def _fields(group: Group, schema: str) -> dict[str, Group]:
     """Return what `:parameters`, `:precondition` and `:effect` of a schema say."""
     fields: dict[str, Group] = {}
     rest = group.items[2:]
-    index = 0
-    while index < len(rest):
-        key, begin = rest[index], index
-        index = _next_field(rest, begin + 1)  # where an error leads
+    begins = [k for k, node in enumerate(rest) if getattr(node, "text", "").startswith(":")]
+    for begin, end in itertools.pairwise(sorted({0, *begins, len(rest)})):
+        key, *values = rest[begin:end]
         with key.place.recovering():
             if not isinstance(key, Word) or key.text not in SCHEMA_FIELDS:
-                raise _no_field(rest[:begin], key, rest[begin:], schema)
+                raise _no_field(key, schema)
             if key.text in fields:
                 raise DomainError(
                     f"a second `{key.text}` in {schema}", key.place, code="declared-twice"
                 )
-            if begin + 1 == len(rest):
+            if not values:
                 raise DomainError(f"`{key.text}` without a value", key.place, code="missing-value")
-            fields[key.text] = expect_group(rest[begin + 1], f"the value of `{key.text}`")
-            index = begin + 2
+            fields[key.text] = expect_group(values[0], f"the value of `{key.text}`")
+            if len(values) > 1:
+                extra = values[1]
+                field = isinstance(extra, Word) or extra.head in SCHEMA_FIELDS
+                if field or key.text == ":parameters":
+                    raise _no_field(extra, schema)
+                forms = [*itertools.takewhile(lambda item: isinstance(item, Group), values)]
+                raise several(f"`{key.text}` takes one form, found {len(forms)}", forms)
     return fields
 
 
-def _next_field(rest: Sequence[Node], begin: int) -> int:
-    """Return where the next field begins, or the end."""
-    return next(
-        (k for k in range(begin, len(rest)) if getattr(rest[k], "text", "").startswith(":")),
-        len(rest),
-    )
-
-
-def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:
+def _no_field(node: Node, schema: str) -> DomainError:
     """Return what is wrong where `:parameters`, `:precondition` or `:effect` is expected."""
-    key = before[-2] if len(before) > 1 else None
-    if isinstance(node, Group):
-        if isinstance(key, Word) and key.text != ":parameters" and node.head not in SCHEMA_FIELDS:
-            forms = [before[-1], *itertools.takewhile(lambda item: isinstance(item, Group), rest)]
-            return several(f"`{key.text}` takes one form, found {len(forms)}", forms)
-        write = written(node)[1:-1] if node.head in SCHEMA_FIELDS else None
-    else:
-        write = closest(node.text, SCHEMA_FIELDS)
-    instead = INSTEAD.get(node.text) if isinstance(node, Word) else None
+    instead = write = None
+    if isinstance(node, Word):
+        instead, write = INSTEAD.get(node.text), closest(node.text, SCHEMA_FIELDS)
+    elif node.head in SCHEMA_FIELDS:
+        write = written(node)[1:-1]
     return DomainError(
         f"`{node.place.text}` is not supported in {schema}",
         node.place,
