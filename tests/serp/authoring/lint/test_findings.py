@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from serp.authoring.lint.findings import CODES
+from serp.authoring.lint.findings import CODES, examine
 from serp.pddl.source import Source
 from serp.ui.commands.format import write_changed
-from tests.serp.authoring.lint.found import findings_of
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "reference" / "checks.md"
@@ -35,7 +34,7 @@ MANY = """\
 
 def found_in(text, problem=None):
     given = None if problem is None else Source("p.pddl", problem)
-    return findings_of(Source("d.pddl", text), given)
+    return examine(Source("d.pddl", text), given).findings
 
 
 def test_all_that_is_wrong_is_found_in_one_pass_and_nothing_that_follows_from_it():
