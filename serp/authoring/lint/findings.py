@@ -16,26 +16,8 @@ from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import DomainError, DomainWarning, Fix, Place, Recovery, Source
 
 RULES = [rule for rule in vars(rules).values() if isinstance(rule, Rule)]
-ERRORS = frozenset(
-    (
-        *("contradictory-effects", "foreign-syntax", "malformed", "math-functions"),
-        *("missing-domain", "no-result", "reserved-name", "stray-text", "too-large"),
-        *("type-conflict", "unbalanced-parentheses", "unknown-name", "unknown-section"),
-        *("unreadable-file", "unsupported", "wrong-arguments", "wrong-kind"),
-    )
-)
-"""Codes of errors, which no comment silences."""
 NOTES = frozenset(("not-portable",))
 """Codes that are true of many a file which is as it should be."""
-CODES = frozenset(
-    (
-        *(rule.code for rule in RULES),
-        *("declared-twice", "missing-value", "needless", "other-domain", "out-of-range"),
-        *("task-mismatch", "unbounded-goal", "unknown-requirement"),
-        *(*ERRORS, *NOTES),
-    )
-)
-"""All codes; docs/reference/checks.md has the meaning of each, and an example."""
 _COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*ignore(-file)?\[([^\]\r\n]*)\]")
 
 
@@ -66,7 +48,7 @@ class Finding:
     """An error, a warning or a note about a place in the files.
 
     Attributes:
-        code: One of `CODES`.
+        code: docs/reference/checks.md has the meaning of each, and an example.
         severity: `error` where the files cannot be used as they are, `note` where it is right for
             many files.
         advice: What to write instead; may be empty.
