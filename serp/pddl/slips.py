@@ -16,7 +16,6 @@ from serp.pddl.source import DomainError, Edit, Fix, Place
 from serp.pddl.syntax import MATH_FUNCTIONS, MATH_REQUIREMENT, Declaration
 
 _COMMA = re.compile(r"([+-]?\d+),(\d+)\Z", re.ASCII)
-_PLAIN = re.compile(r"(\d+\.?\d*|\.\d+)\Z", re.ASCII)
 _DASHES = dict.fromkeys(map(ord, "\u2212\u2013\u2014\u2010\u2011"), "-")
 _COMPARISONS = {"==": "=", "=<": "<=", "=>": ">=", "!=": "not =", "<>": "not ="}
 _CONNECTIVES = {"&&": "and", "&": "and", "||": "or", "|": "or", "->": "imply"}
