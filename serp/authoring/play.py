@@ -7,13 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from serp._util.numbers import seed_of
-from serp.agent.causes import (
-    Cause,
-    causes_of,
-    causes_passed,
-    changes_passed,
-    why_not_applicable,
-)
+from serp.agent.causes import Cause, causes_of, causes_passed, changes_passed, why_not_applicable
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.model.transition_model import TransitionModel, Vector

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib.util
 import inspect
 import itertools
@@ -12,7 +13,7 @@ import sys
 import traceback
 import unicodedata
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum, EnumMeta
 from importlib import resources
 from pathlib import Path
@@ -98,21 +99,19 @@ def _made(name: str) -> Iterator[MadeEnvironment]:
     `gymnasium.make`, such as `CartPole-v1` or `highway_env:highway-fast-v0`.
     """
     file, colon, attribute = name.partition(".py:")
-    made = _of_file(name, Path(f"{file}.py"), attribute) if colon else _registered(name)
-    try:
-        yield made
-    finally:
-        with contextlib.suppress(Exception):
-            made.env.close()
-
-
-def _registered(name: str) -> MadeEnvironment:
-    if str(Path().resolve()) not in sys.path:
-        sys.path.append(str(Path().resolve()))  # for `module:ID`
+    if colon:
+        make = _of_file(f"--env {name}", Path(f"{file}.py"), attribute)
+        imports, call = f"from {file} import {attribute}\n", f"{attribute}("
+        options = "**options" if "render_mode" in inspect.signature(make).parameters else ""
+    else:
+        if str(Path().resolve()) not in sys.path:
+            sys.path.append(str(Path().resolve()))  # for `module:ID`
+        make = functools.partial(gym.make, name)
+        imports, call, options = "import gymnasium\n", f"gymnasium.make({name!r}, ", "**options"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about newer versions and bounds
-            env = gym.make(name)
+            env = make()
     except Exception as error:
         advice = ""
         if isinstance(error, gym.error.UnregisteredEnv):
@@ -121,27 +120,22 @@ def _registered(name: str) -> MadeEnvironment:
                 "highway_env:highway-fast-v0, and an environment of your own FILE.py:CLASS"
             )
         raise TaskError(f"--env {name}: {_message(error)}{advice}") from error
-    call = f"gymnasium.make({name!r}, **options)"
-    return MadeEnvironment(env, "import gymnasium\n", "**options: Any", call)
+    if not isinstance(env, gym.Env):
+        raise TaskError(f"--env {name}: it made a {type(env).__name__}, not a gymnasium.Env")
+    try:
+        yield MadeEnvironment(env, imports, options and f"{options}: Any", f"{call}{options})")
+    finally:
+        with contextlib.suppress(Exception):
+            env.close()
 
 
-def _of_file(name: str, file: Path, attribute: str) -> MadeEnvironment:
-    option = f"--env {name}"
+def _of_file(option: str, file: Path, attribute: str) -> Callable[[], Any]:
     if not (file.stem.isidentifier() and attribute.isidentifier()):
         raise TaskError(f"{option}: give file and class names of letters, digits and underscores")
     if file.parent != Path():
         raise TaskError(f"{option}: call this in the folder of {file.name}")
-    make = attribute_of(import_file(file, option), attribute, option)
-    try:
-        env = make()
-    except Exception as error:
-        raise TaskError(f"{option}: making it failed: {_message(error)}") from error
-    if not isinstance(env, gym.Env):
-        raise TaskError(f"{option}: it made a {type(env).__name__}, not a gymnasium.Env")
-    imports = f"from {file.stem} import {attribute}\n"
-    if "render_mode" in inspect.signature(make).parameters:
-        return MadeEnvironment(env, imports, "**options: Any", f"{attribute}(**options)")
-    return MadeEnvironment(env, imports, "", f"{attribute}()")
+    make: Callable[[], Any] = attribute_of(import_file(file, option), attribute, option)
+    return make
 
 
 def _message(error: Exception) -> str:

@@ -44,11 +44,6 @@ def risk_of(flags: int) -> float:
     return 1.0 if flags & UNSAFE else risk_units(flags) * RISK_UNIT
 
 
-def with_risk(flags: int, risk: float) -> int:
-    """Add a risk in [0, 1], rounded to a multiple of 2⁻²⁴, to flags without one."""
-    return flags | (int(risk / RISK_UNIT + 0.5) << RISK_SHIFT)
-
-
 def going_on(flags: int) -> float:
     """Return the probability that the task goes on after a step that is not TERMINAL."""
     return 1.0 - (flags >> END_SHIFT & END_MASK) / END_MASK

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from serp.pddl.source import Place
-from serp.pddl.syntax import Change, DomainSyntax, Kind
+from serp.pddl.syntax import Change, DomainSyntax, Kind, nodes_in
 
 REWARD_TARGET = -1
 UNSAFE_TARGET = -2
@@ -252,33 +252,14 @@ class GroundModel:
         return (*self.actions, *self.processes, *self.events)
 
 
-def fluents_of(node: Test | Value) -> Iterator[int]:
-    """Yield the index of every fluent (or flag target) that a test or value reads."""
-    match node:
-        case Read(fluent) | Holds(fluent):
-            yield fluent
-        case Operation(_, left, right) | Compare(_, left, right):
-            yield from fluents_of(left)
-            yield from fluents_of(right)
-        case Unary(_, operand) | Not(operand):
-            yield from fluents_of(operand)
-        case All(operands) | AnyOf(operands):
-            for operand in operands:
-                yield from fluents_of(operand)
-        case _:
-            return
+def fluents_of(*parts: object) -> Iterator[int]:
+    """Yield the index of every fluent (or flag target) that tests, values or effects read."""
+    return (node.fluent for node in nodes_in(*parts) if isinstance(node, Read | Holds))
 
 
-def comparisons_of(test: Test) -> Iterator[Compare]:
-    """Yield every comparison of numbers in a test."""
-    match test:
-        case Compare():
-            yield test
-        case Not(operand):
-            yield from comparisons_of(operand)
-        case All(operands) | AnyOf(operands):
-            for operand in operands:
-                yield from comparisons_of(operand)
+def comparisons_of(*parts: object) -> Iterator[Compare]:
+    """Yield every comparison of numbers in tests or effects."""
+    return (node for node in nodes_in(*parts) if isinstance(node, Compare))
 
 
 def sets(effect: GroundEffect, flag: int) -> bool:
@@ -297,14 +278,7 @@ def flagging(schema: GroundSchema, flag: int) -> list[tuple[Test, ...]]:
 
 def reads(schema: GroundSchema) -> set[int]:
     """Return every fluent that the precondition or the effects read."""
-    found: set[int] = set()
-    for test in schema.preconditions:
-        found.update(fluents_of(test))
-    for effect in schema.effects:
-        found.update(fluents_of(effect.condition))
-        if isinstance(effect, SetNumber):
-            found.update(fluents_of(effect.value))
-    return found
+    return set(fluents_of(schema.preconditions, schema.effects))
 
 
 def writes(schema: GroundSchema) -> set[int]:

@@ -19,12 +19,10 @@ from serp.model.reachability import (
     MAX_GROUND_SCHEMAS,
     Binding,
     Facts,
-    InstantiationBudget,
     Key,
     bound,
     conjuncts,
     key_of,
-    no_value,
     reachable,
 )
 from serp.pddl import syntax as x
@@ -131,7 +129,7 @@ def instantiate(
         max_ground_schemas: Most ground actions, processes and events together. The limit is four
             times as high for fluents, and 20 times as high for bindings that are tried.
     """
-    facts = Facts(domain, problem, supplied, InstantiationBudget(max_ground_schemas))
+    facts = Facts(domain, problem, supplied, max_ground_schemas)
     return _Instantiation(facts, problem).run()
 
 
@@ -185,7 +183,7 @@ class _Instantiation:
             if name in self.facts.varying:
                 keys = self.facts.keys_of(declaration)
             for key in keys:
-                self.facts.budget.check_fluents(len(fluents) + 1, declaration)
+                self.facts.check_fluents(len(fluents) + 1, declaration)
                 fluents.append(
                     g.Fluent(" ".join(key), len(fluents), declaration.numeric, name, key[1:])
                 )
@@ -229,16 +227,12 @@ class _Instantiation:
     # Instances ---------------------------------------------------------------------------------
 
     def _instance(self, schema: x.Schema, binding: Binding) -> g.GroundSchema | None:
-        preconditions: list[g.Test] = []
-        if schema.precondition is not None:
-            test = self._test(schema.precondition, binding)
-            if isinstance(test, g.Constant):
-                if not test.value:
-                    return None
-            elif isinstance(test, g.All):
-                preconditions.extend(test.operands)
-            else:
-                preconditions.append(test)
+        test = self._test(schema.precondition, binding)
+        if test == g.Constant(False):
+            return None
+        preconditions: tuple[g.Test, ...] = () if test == _TRUE else (test,)
+        if isinstance(test, g.All):
+            preconditions = test.operands
         role = "rate" if schema.kind is x.Kind.PROCESS else "effect"
         effects = tuple(self._effects(schema.effects, binding, _TRUE, role))
         arguments = tuple(binding[p.name] for p in schema.parameters)
@@ -247,7 +241,7 @@ class _Instantiation:
             name=" ".join((schema.name, *arguments)),
             schema=schema.name,
             arguments=arguments,
-            preconditions=tuple(preconditions),
+            preconditions=preconditions,
             effects=effects,
             place=schema.place,
         )
@@ -271,8 +265,7 @@ class _Instantiation:
                 if key in self.index:
                     return g.Read(self.index[key])
                 if key not in self.facts.values:
-                    init = self.problem.init if self.problem is not None else None
-                    raise no_value(key, place, init or place)
+                    raise self._no_value(key, place)
                 return self._parameter(self.facts.values[key], "initial")
             case x.TotalTime():
                 return g.Elapsed()
@@ -284,6 +277,17 @@ class _Instantiation:
                 for value in values[1:]:
                     result = g.Operation(operator, result, value)
                 return result
+
+    def _no_value(self, key: Key, read: Place) -> DomainError:
+        """Return the error of a static number that is read and that the problem does not give."""
+        init = self.problem.init if self.problem is not None else None
+        return DomainError(
+            f"`({' '.join(key)})` has no value, but `{read}` reads it",
+            (init or read).opening,
+            f"the problem gives values to other instances of `{key[0]}`; add "
+            f"`(= ({' '.join(key)}) ...)` to its :init",
+            code="missing-value",
+        )
 
     def _test(self, condition: x.Condition, binding: Binding) -> g.Test:
         match condition:

@@ -14,16 +14,17 @@ places to fill in.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from functools import partial
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from serp import _core
 from serp.model import ground_model as g
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
-from serp.pddl.syntax import Change
+from serp.pddl.syntax import Change, nodes_in
 
 # The codes of program.hpp. The beginning of the frame is that of program.cpp: the constants 0 to 3
 # follow the flags.
@@ -52,15 +53,27 @@ _COMPARISONS: Final = {
 _NEGATED: Final = _UNLESS_LESS - _IF_LESS
 # Operator → those that refute it. Where none of them holds, it holds or a side is NaN.
 _REFUTATIONS: Final = {"<": (">=",), "<=": (">",), "=": ("<", ">"), ">=": ("<",), ">": ("<=",)}
+# Of numbers that are not NaN these give a number, even of infinite ones.
+_SELECTIONS: Final = ("min", "max", "atan2", "abs")
 # Changes of one group commute; 0 is the group of a number that has not changed yet.
 _GROUPS: Final = {"assign": _ONE, "add": _TWO, "scale": _THREE}
 
 Label = list[int]
 
 
-def compile_program(ground: g.GroundModel) -> _core.Program:
+class InstructionTable(NamedTuple):
+    """The arguments of `_core.Program`."""
+
+    code: NDArray[np.uint32]
+    entries: NDArray[np.uint32]
+    fluents: int
+    parameters: int
+    intermediate: int
+
+
+def instruction_table(ground: g.GroundModel) -> InstructionTable:
     """Return the instruction table of a ground model."""
-    return _Compiler(ground).program()
+    return _Compiler(ground).table()
 
 
 class _Compiler:
@@ -80,35 +93,46 @@ class _Compiler:
         self.failed: Label = []
         self.undefined: Label = []
 
-    def program(self) -> _core.Program:
+    def table(self) -> InstructionTable:
         """Compile all parts."""
         ground = self.ground
-        actions = [self._action(action) for action in ground.actions]
-        unjudged = self._here()
-        self._end()
+        actions = [self._part(partial(self._act, action)) for action in ground.actions]
+        unjudged = self._part()
         judged = [
-            self._judged_action(action) if any(e.target < 0 for e in action.effects) else unjudged
+            self._part(partial(self._judge, action))
+            if any(effect.target < 0 for effect in action.effects)
+            else unjudged
             for action in ground.actions
         ]
-        drift = self._drift()
-        settle = self._settle()
-        aftermath = self._aftermath()
-        goal = self._goal()
+        drift = self._part(partial(self._rates, self.out, rewards=False))
+        settle = self._part(self._events, partial(self._goal_and_metric, self.out))
+        aftermath = self._part(
+            partial(self._rates, self.next_state, rewards=True),
+            self._events,
+            partial(self._goal_and_metric, self.next_state),
+        )
         self._place(self.failed)
         self._emit(_RETURN, 0, 0)
         self._place(self.undefined)
         self._emit(_RETURN, UNDEFINED, UNSAFE)
-        return _core.Program(
+        return InstructionTable(
             code=np.array(self.rows, dtype=np.uint32).reshape(-1, 4),
-            entries=np.array([drift, settle, aftermath, goal, *actions, *judged], dtype=np.uint32),
+            entries=np.array([drift, settle, aftermath, *actions, *judged], dtype=np.uint32),
             fluents=len(ground.fluents), parameters=len(ground.parameters),
             intermediate=self.most - self.first,
         )  # fmt: skip
 
     # Parts -------------------------------------------------------------------------------------
 
-    def _action(self, action: g.GroundSchema) -> int:
+    def _part(self, *steps: Callable[[], None]) -> int:
+        """Compile steps as a part that returns at its end; return where it begins."""
         start = self._here()
+        for step in steps:
+            step()
+        self._emit(_RETURN, APPLICABLE, UNSAFE | TERMINAL)
+        return start
+
+    def _act(self, action: g.GroundSchema) -> None:
         with self.scope():
             tests = action.preconditions
             doubtful = [self._evaluate_sides(test, self.state) for test in tests]
@@ -119,52 +143,16 @@ class _Compiler:
                     self._jump(test, self.state, False, self.undefined)
             self._emit(_COPY)
             self._effects(action.effects, self.state)
-        self._end()
-        return start
 
-    def _judged_action(self, action: g.GroundSchema) -> int:
+    def _judge(self, action: g.GroundSchema) -> None:
         """Compile what an action does to reward and flags; nothing where it is inapplicable."""
-        start, end = self._here(), Label()
+        end = Label()
         with self.scope():
             for test in action.preconditions:
                 self._evaluate_sides(test, self.state)
                 self._jump(test, self.state, False, end)
             self._effects([effect for effect in action.effects if effect.target < 0], self.state)
         self._place(end)
-        self._end()
-        return start
-
-    def _drift(self) -> int:
-        start = self._here()
-        self._rates(self.ground.processes, self.out, rewards=False)
-        self._end()
-        return start
-
-    def _settle(self) -> int:
-        start = self._here()
-        self._events()
-        self._goal_and_metric(self.out)
-        self._end()
-        return start
-
-    def _aftermath(self) -> int:
-        start = self._here()
-        self._rates(self.ground.processes, self.next_state, rewards=True)
-        self._events()
-        self._goal_and_metric(self.next_state)
-        self._end()
-        return start
-
-    def _goal(self) -> int:
-        start = self._here()
-        if self.ground.goal is not None:
-            with self._where(self.ground.goal, self.state):
-                self._emit(_MOVE, _TERMINAL, _ONE)
-        self._end()
-        return start
-
-    def _end(self) -> None:
-        self._emit(_RETURN, APPLICABLE, UNSAFE | TERMINAL)
 
     def _events(self) -> None:
         events = self.ground.events
@@ -325,14 +313,14 @@ class _Compiler:
             self._place(first)
         self._emit(_MOVE, register, own)
 
-    def _rates(self, processes: Iterable[g.GroundSchema], source: int, *, rewards: bool) -> None:
+    def _rates(self, source: int, *, rewards: bool) -> None:
         """Compile one explicit Euler step: every rate is evaluated before any is applied.
 
         With `rewards`, only changes of the reward are compiled.
         """
         prepared: list[tuple[g.SetNumber, int | None, int]] = []
         with self.scope():
-            for process in processes:
+            for process in self.ground.processes:
                 effects = [e for e in process.effects if isinstance(e, g.SetNumber)]
                 if rewards:
                     effects = [e for e in effects if e.target == g.REWARD_TARGET]
@@ -548,36 +536,19 @@ def enabling_earlier(events: Sequence[g.GroundSchema]) -> set[int]:
     for k, event in enumerate(events):
         if g.writes(event) & read_before:
             enabling.add(k)
-        for test in event.preconditions:
-            read_before.update(g.fluents_of(test))
+        read_before.update(g.fluents_of(event.preconditions))
     return enabling
 
 
 def _may_be_nan(value: g.Value) -> bool:
     """Whether an expression over finite numbers can be NaN.
 
-    One sum or product of finite numbers can overflow. NaN arises only from an operation on an
-    overflowed value, from a division by zero, or from a root of a negative number.
+    One sum or product of finite numbers can overflow. NaN arises only from a further operation on
+    that, from a division by zero, or from a root of a negative number.
     """
-    match value:
-        case g.Operation("min" | "max" | "atan2", left, right):
-            return _may_be_nan(left) or _may_be_nan(right)
-        case g.Operation(operator, left, right):
-            return operator == "/" or _may_overflow(left) or _may_overflow(right)
-        case g.Unary("-" | "abs", operand):
-            return _may_be_nan(operand)
-        case g.Unary(operator, operand):
-            return operator == "sqrt" or _may_overflow(operand)
-        case _:
-            return False
-
-
-def _may_overflow(value: g.Value) -> bool:
-    """Whether an expression over finite numbers can be infinite or NaN."""
-    match value:
-        case g.Operation("min" | "max" | "atan2", left, right):
-            return _may_overflow(left) or _may_overflow(right)
-        case g.Unary(operator, operand):
-            return operator == "sqrt" or _may_overflow(operand)
-        case _:
-            return isinstance(value, g.Operation)
+    calculated = [
+        node.operator
+        for node in nodes_in(value)
+        if isinstance(node, g.Operation | g.Unary) and node.operator not in _SELECTIONS
+    ]
+    return len(calculated) > 1 or not {"/", "sqrt"}.isdisjoint(calculated)

@@ -32,8 +32,8 @@ bool is_number(double value) { return value - value == 0.0; }
 
 }  // namespace
 
-Program::Program(std::vector<Instruction> code, Entries entries, int fluents, int parameters,
-                 int intermediate)
+Program::Program(std::vector<Instruction> code, std::vector<std::uint32_t> entries, int fluents,
+                 int parameters, int intermediate)
     : code_(std::move(code)),
       entries_(std::move(entries)),
       fluents_(fluents),
@@ -86,14 +86,9 @@ Program::Program(std::vector<Instruction> code, Entries entries, int fluents, in
     }
     if (code_.back().code != static_cast<std::uint32_t>(Code::RETURN))
         refuse("the last instruction goes on");
-    const auto inside = [&](std::uint32_t entry) { return entry < length; };
-    const auto all_inside = [&](const std::vector<std::uint32_t>& of) {
-        return std::all_of(of.begin(), of.end(), inside);
-    };
-    if (entries_.action.size() != entries_.judged_action.size() || !all_inside(entries_.action) ||
-        !all_inside(entries_.judged_action) || !inside(entries_.drift) ||
-        !inside(entries_.settle) || !inside(entries_.aftermath) || !inside(entries_.goal))
-        refuse("the start of a part");
+    if (entries_.size() < ACTIONS || (entries_.size() - ACTIONS) % 2) refuse("the number of parts");
+    for (const std::uint32_t entry : entries_)
+        if (entry >= length) refuse("the start of a part");
 }
 
 /// Executes parts one after another, as long as they are applicable; returns the flags.
@@ -221,7 +216,7 @@ Flags Program::step(int action, double* out, double* registers) const {
     registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
     if (action >= 0)
         return finished(
-            run(registers, {entries_.action[action], entries_.drift, entries_.settle}), out,
+            run(registers, {entries_[ACTIONS + action], entries_[DRIFT], entries_[SETTLE]}), out,
             registers);
     const Flags flags = flow(action, out, registers);
     return flags & APPLICABLE ? settle(flags, out, registers) : flags;
@@ -230,17 +225,18 @@ Flags Program::step(int action, double* out, double* registers) const {
 Flags Program::flow(int action, double* out, double* registers) const {
     registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
     if (action >= 0)
-        return finished(run(registers, {entries_.action[action], entries_.drift}), out, registers);
+        return finished(run(registers, {entries_[ACTIONS + action], entries_[DRIFT]}), out,
+                        registers);
     std::copy_n(registers + state_at_, fluents_, registers + out_at_);
     registers[out_at_ + fluents_] = 0.0;
-    return finished(run(registers, {entries_.drift}), out, registers);
+    return finished(run(registers, {entries_[DRIFT]}), out, registers);
 }
 
 Flags Program::settle(Flags flags, double* out, double* registers) const {
     registers[UNSAFE_SET] = flags & UNSAFE ? 1.0 : 0.0;
     registers[TERMINAL_SET] = flags & TERMINAL ? 1.0 : 0.0;
     std::copy_n(out, fluents_ + 1, registers + out_at_);
-    return finished(run(registers, {entries_.settle}), out, registers);
+    return finished(run(registers, {entries_[SETTLE]}), out, registers);
 }
 
 Flags Program::judge(const double* state, int action, const double* next_state, const double* theta,
@@ -252,17 +248,10 @@ Flags Program::judge(const double* state, int action, const double* next_state, 
     std::copy_n(next_state, fluents_, registers + out_at_);
     registers[out_at_ + fluents_] = 0.0;
     const Flags flags =
-        action >= 0 ? run(registers, {entries_.judged_action[action], entries_.aftermath})
-                    : run(registers, {entries_.aftermath});
+        action >= 0
+            ? run(registers, {entries_[ACTIONS + actions() + action], entries_[AFTERMATH]})
+            : run(registers, {entries_[AFTERMATH]});
     return finished(flags, out, registers);
-}
-
-bool Program::at_goal(const double* state, const double* theta, double dt,
-                      double* registers) const {
-    prepare(theta, dt, registers);
-    from(state, registers);
-    registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
-    return run(registers, {entries_.goal}) & TERMINAL;
 }
 
 }  // namespace serp

@@ -48,14 +48,12 @@ enum class Code : std::uint32_t {
     CODES
 };
 
-/// Where the parts of a step begin in the table. Each ends with an instruction that returns.
-struct Entries {
-    std::vector<std::uint32_t> action;         ///< [A] preconditions and effects of each action
-    std::vector<std::uint32_t> judged_action;  ///< [A] what of them concerns reward and flags
-    std::uint32_t drift = 0;                   ///< processes
-    std::uint32_t settle = 0;                  ///< events, goal, metric
-    std::uint32_t aftermath = 0;  ///< rewards of processes, then as `settle`, of an observed state
-    std::uint32_t goal = 0;       ///< the goal alone
+/// The parts of a step. Each ends with an instruction that returns.
+enum Part : std::size_t {
+    DRIFT,      ///< processes
+    SETTLE,     ///< events, goal, metric
+    AFTERMATH,  ///< rewards of processes, then as SETTLE, of an observed state
+    ACTIONS     ///< [2A] preconditions and effects of actions, then what concerns reward and flags
 };
 
 /// The compiled file, as written: a pure function of state, action, parameters and control period.
@@ -68,19 +66,17 @@ struct Entries {
 /// always ends: all jumps but those of REPEAT lead further on, and REPEAT is bounded.
 class Program {
 public:
-    /// Throws std::invalid_argument where an operand, a jump or an entry leads outside, or where the
-    /// last instruction goes on: what runs without checks is checked here.
-    /// `intermediate` is the number of intermediate results.
-    Program(std::vector<Instruction> code, Entries entries, int fluents, int parameters,
-            int intermediate);
+    /// `entries` [3 + 2A] are where the parts begin in the table, see `Part`; `intermediate` is the
+    /// number of intermediate results. Throws std::invalid_argument where an operand, a jump or an
+    /// entry leads outside, or where the last instruction goes on: what runs without checks is
+    /// checked here.
+    Program(std::vector<Instruction> code, std::vector<std::uint32_t> entries, int fluents,
+            int parameters, int intermediate);
 
     int fluents() const { return fluents_; }
-    int actions() const { return static_cast<int>(entries_.action.size()); }
+    int actions() const { return static_cast<int>(entries_.size() - ACTIONS) / 2; }
     int parameters() const { return parameters_; }
     int registers() const { return intermediate_at_ + intermediate_; }
-    int intermediate() const { return intermediate_; }
-    const std::vector<Instruction>& code() const { return code_; }
-    const Entries& entries() const { return entries_; }
 
     // Many steps: `prepare` once, `from` for each state, then `step` for each action.
 
@@ -103,15 +99,12 @@ public:
     Flags judge(const double* state, int action, const double* next_state, const double* theta,
                 double dt, double* out, double* registers) const;
 
-    /// Whether the goal holds in a state.
-    bool at_goal(const double* state, const double* theta, double dt, double* registers) const;
-
 private:
     Flags run(double* frame, std::initializer_list<std::uint32_t> parts) const;
     Flags finished(Flags flags, double* out, const double* frame) const;
 
     std::vector<Instruction> code_;
-    Entries entries_;
+    std::vector<std::uint32_t> entries_;
     int fluents_, parameters_, intermediate_;
     /// Where these numbers begin in the frame.
     int next_state_at_ = 0, out_at_ = 0, state_at_ = 0, intermediate_at_ = 0;

@@ -5,7 +5,8 @@ apply where the constants do not refute its precondition; what it changes is fre
 least fixed point is found without trying every binding: positive atoms of a precondition are
 joined, and a fact that becomes possible is joined with those known before it (semi-naive
 evaluation, as in Helmert, "Concise finite-domain representations for PDDL planning tasks",
-Artificial Intelligence 173, 2009, section 6). Constants that refute other conditions are watched.
+Artificial Intelligence 173, 2009, section 6). Other conditions are tried again as long as constants
+become free.
 
 Consider the states that agree with the initial state on everything that is not free. No step leaves
 them, and on them the smaller model is exact. Comparisons of numbers refute nothing, because the
@@ -17,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from serp.pddl import syntax as x
@@ -30,67 +31,7 @@ Key = tuple[str, ...]
 MAX_GROUND_SCHEMAS = 50_000
 FLUENTS_EACH = 4
 BINDINGS_EACH = 20
-
-
-class InstantiationBudget:
-    """Limits on the size of a domain, and counters of what instantiation produces.
-
-    For each ground action, process and event that there may be, there may be four fluents, and 20
-    bindings of variables are tried.
-    """
-
-    def __init__(self, ground_schemas: int = MAX_GROUND_SCHEMAS) -> None:
-        self.ground_schemas = ground_schemas
-        self.instances = 0
-        self.bindings = 0
-
-    def count_binding(self, place: Place) -> None:
-        """Count one binding of a variable."""
-        self.bindings += 1
-        if self.bindings > (most := BINDINGS_EACH * self.ground_schemas):
-            raise _too_large(
-                f"instantiation takes more than {most} bindings",
-                place,
-                "use fewer objects, more specific types, or fewer parameters and quantifiers;",
-            )
-
-    def count_instance(self, schema: x.Schema, facts: Facts) -> None:
-        """Count one ground action, process or event."""
-        self.instances += 1
-        if self.instances > self.ground_schemas:
-            bindings = math.prod(len(facts.objects_of(p.types)) for p in schema.parameters)
-            raise _too_large(
-                f"the domain instantiates to more than {self.ground_schemas} ground actions, "
-                f"processes and events; `{schema.name}` has up to {bindings} over these objects",
-                schema.place,
-                "use fewer objects, more specific types, or static predicates in the precondition;",
-            )
-
-    def check_fluents(self, count: int, declaration: x.Declaration) -> None:
-        """Check a number of fluents against the limit."""
-        if count > (most := FLUENTS_EACH * self.ground_schemas):
-            raise _too_large(
-                f"the domain has more than {most} fluents over these objects",
-                declaration.place,
-                "use fewer objects, more specific types or fewer parameters;",
-            )
-
-
-def _too_large(problem: str, place: Place, advice: str) -> DomainError:
-    raised = "`load_domain(..., max_ground_schemas=N)` in Python"
-    return DomainError(problem, place, f"{advice} or raise the limit: {raised}", code="too-large")
-
-
-def no_value(key: tuple[str, ...], read: Place, place: Place) -> DomainError:
-    """Return the error of a static number that is read and that the problem does not give."""
-    shown = " ".join(key)
-    return DomainError(
-        f"`({shown})` has no value, but `{read}` reads it",
-        place.opening,
-        f"the problem gives values to other instances of `{key[0]}`; add "
-        f"`(= ({shown}) ...)` to its :init",
-        code="missing-value",
-    )
+"""Most fluents, and bindings that are tried, for each ground schema that there may be."""
 
 
 class Facts:
@@ -103,6 +44,8 @@ class Facts:
 
     `supplied` is None for a closed world, which needs a problem with an `:init`; else the names of
     the fluents that are known to be observed, such as `door-open hall`.
+
+    A domain that is too large is refused: there may be `most` ground schemas.
 
     Attributes:
         objects: All objects.
@@ -119,10 +62,11 @@ class Facts:
         domain: x.DomainSyntax,
         problem: x.ProblemSyntax | None,
         supplied: Collection[str] | None,
-        budget: InstantiationBudget,
+        most: int,
     ) -> None:
         self.domain = domain
-        self.budget = budget
+        self.most = most
+        self.instances = self.bindings = 0
         self.objects = problem.objects if problem else domain.constants
         self.position = {name: k for k, name in enumerate(self.objects)}
         self.true: set[Key] = set()
@@ -153,7 +97,7 @@ class Facts:
                 for key in self.keys_of(declaration):
                     if key not in self.values:
                         self.free.add(key)
-                        self.budget.check_fluents(len(self.free), declaration)
+                        self.check_fluents(len(self.free), declaration)
 
     def objects_of(self, types: Sequence[str]) -> Collection[str]:
         """Return the objects of any of the types, in the order of the files."""
@@ -181,8 +125,44 @@ class Facts:
         """Yield the binding, extended by every choice of objects for the parameters."""
         names = [p.name for p in parameters]
         for chosen in itertools.product(*(self.objects_of(p.types) for p in parameters)):
-            self.budget.count_binding(place)
+            self.count_binding(place)
             yield {**binding, **dict(zip(names, chosen, strict=True))}
+
+    # Limits -------------------------------------------------------------------------------------
+
+    def count_binding(self, place: Place) -> None:
+        """Count one binding of a variable."""
+        self.bindings += 1
+        if self.bindings > (limit := BINDINGS_EACH * self.most):
+            raise _too_large(f"instantiation takes more than {limit} bindings", place)
+
+    def count_instance(self, schema: x.Schema) -> None:
+        """Count one ground action, process or event."""
+        self.instances += 1
+        if self.instances > self.most:
+            bindings = math.prod(len(self.objects_of(p.types)) for p in schema.parameters)
+            raise _too_large(
+                f"the domain instantiates to more than {self.most} ground actions, processes and "
+                f"events; `{schema.name}` has up to {bindings} over these objects",
+                schema.place,
+            )
+
+    def check_fluents(self, count: int, declaration: x.Declaration) -> None:
+        """Check a number of fluents against the limit."""
+        if count > (limit := FLUENTS_EACH * self.most):
+            problem = f"the domain has more than {limit} fluents over these objects"
+            raise _too_large(problem, declaration.place)
+
+
+def _too_large(problem: str, place: Place) -> DomainError:
+    return DomainError(
+        problem,
+        place,
+        "use fewer objects, more specific types, fewer parameters and quantifiers, or static "
+        "predicates in preconditions; or raise the limit: `load_domain(..., max_ground_schemas=N)` "
+        "in Python",
+        code="too-large",
+    )
 
 
 def bound(term: x.SchemaTerm, binding: Binding) -> str:
@@ -195,12 +175,12 @@ def key_of(name: str, arguments: tuple[x.SchemaTerm, ...], binding: Binding) -> 
     return (name, *(bound(term, binding) for term in arguments))
 
 
-def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
+def conjuncts(condition: x.Condition) -> Iterator[x.Condition]:
     """Yield the parts of a conjunction, however it is nested."""
     if isinstance(condition, x.Connective) and condition.operator == "and":
         for operand in condition.operands:
             yield from conjuncts(operand)
-    elif condition is not None:
+    else:
         yield condition
 
 
@@ -236,23 +216,21 @@ class _Item:
     effects: tuple[x.Effect, ...]
     binding: Binding
     rule: _Rule | None = None
-    applied: bool = False
 
 
 class _Reachability:
     def __init__(self, facts: Facts) -> None:
         self.facts = facts
-        self.budget = facts.budget
         self.rules = [self._rule(schema) for schema in facts.domain.schemas]
-        self.users: dict[tuple[str, int, str], list[tuple[_Rule, x.Atom]]] = {}
+        self.users: dict[str, list[tuple[_Rule, x.Atom]]] = {}
         for rule in self.rules:
             for atom in rule.atoms:
-                self.users.setdefault(_first_constant(atom), []).append((rule, atom))
+                self.users.setdefault(atom.name, []).append((rule, atom))
         self.settled = facts.changed <= facts.varying
         self.any_effect_counts = any(map(_calculates, facts.domain.schemas))
         self.possible: set[Key] = set()
         self.index: dict[tuple[str, int, str], list[Key]] = {}
-        self.watched: dict[Key, list[_Item]] = {}
+        self.barred: list[_Item] = []
         self.freed: deque[Key] = deque()
 
     def run(self) -> dict[str, list[Binding]]:
@@ -261,16 +239,10 @@ class _Reachability:
         for rule in self.rules:
             self._join(rule, {}, rule.atoms)
         while self.freed:
-            key = self.freed.popleft()
-            if key not in self.possible:
-                self._add(key)
-                for place in _places(key):
-                    for rule, atom in self.users.get(place, ()):
-                        binding = self._unified(rule, atom, key, {})
-                        if binding is not None:
-                            others = tuple(a for a in rule.atoms if a is not atom)
-                            self._join(rule, binding, others)
-            for item in self.watched.pop(key, ()):
+            while self.freed:
+                self._join_with(self.freed.popleft())
+            barred, self.barred = self.barred, []
+            for item in barred:
                 self._try(item)
         return {
             rule.schema.name: [
@@ -298,6 +270,16 @@ class _Reachability:
         for place in _places(key):
             self.index.setdefault(place, []).append(key)
 
+    def _join_with(self, key: Key) -> None:
+        """Try every instance that has a fact among its atoms."""
+        if key in self.possible:
+            return
+        self._add(key)
+        for rule, atom in self.users.get(key[0], ()):
+            binding = self._unified(rule, atom, key, {})
+            if binding is not None:
+                self._join(rule, binding, tuple(a for a in rule.atoms if a is not atom))
+
     def _join(self, rule: _Rule, binding: Binding, atoms: tuple[x.Atom, ...]) -> None:
         """Try every instance that extends a binding and has its atoms among the facts."""
         tables: list[tuple[x.Atom, Sequence[Key]]] = []
@@ -311,7 +293,7 @@ class _Reachability:
             best, table = min(tables, key=lambda pair: len(pair[1]))
             others = tuple(atom for atom, _ in tables if atom is not best)
             for fact in table:
-                self.budget.count_binding(rule.schema.place)
+                self.facts.count_binding(rule.schema.place)
                 extended = self._unified(rule, best, fact, binding)
                 if extended is not None:
                     self._join(rule, extended, others)
@@ -319,7 +301,7 @@ class _Reachability:
         for parameter in rule.schema.parameters:
             if parameter.name not in binding:
                 for name in self.facts.objects_of(parameter.types):
-                    self.budget.count_binding(rule.schema.place)
+                    self.facts.count_binding(rule.schema.place)
                     self._join(rule, {**binding, parameter.name: name}, ())
                 return
         arguments = tuple(binding[p.name] for p in rule.schema.parameters)
@@ -358,19 +340,12 @@ class _Reachability:
     # Applying ----------------------------------------------------------------------------------
 
     def _try(self, item: _Item) -> None:
-        """Apply effects if their conditions can hold; else watch the constants that bar them."""
-        if item.applied:
+        """Apply effects if their conditions can hold; else keep them, to be tried again."""
+        if not all(self._possible(condition, item.binding, True) for condition in item.conditions):
+            self.barred.append(item)
             return
-        for condition in item.conditions:
-            barring = self._barred(condition, item.binding, True)
-            if barring is not None:
-                for key in barring:
-                    if key[0] in self.facts.changed:
-                        self.watched.setdefault(key, []).append(item)
-                return
-        item.applied = True
         if item.rule is not None:
-            self.budget.count_instance(item.rule.schema, self.facts)
+            self.facts.count_instance(item.rule.schema)
             arguments = (item.binding[p.name] for p in item.rule.schema.parameters)
             item.rule.instances.append((item.rule.schema.name, *arguments))
         if not self.settled:
@@ -396,38 +371,33 @@ class _Reachability:
         if not facts.varies(key):
             facts.free.add(key)
             self.freed.append(key)
-            self.budget.check_fluents(len(facts.free), facts.domain.declarations[key[0]])
+            facts.check_fluents(len(facts.free), facts.domain.declarations[key[0]])
 
     # Conditions --------------------------------------------------------------------------------
 
-    def _barred(
-        self, condition: x.Condition, binding: Binding, wanted: bool
-    ) -> Sequence[Key] | None:
-        """Return the constants that keep a condition from being `wanted`; None where it can be.
-
-        The condition stays barred until one of them is free: for ever where there are none.
-        """
+    def _possible(self, condition: x.Condition, binding: Binding, wanted: bool) -> bool:
+        """Whether a condition can have the wanted truth value, as far as constants decide it."""
         match condition:
             case x.Atom(name, arguments):
                 key = key_of(name, arguments, binding)
-                possible = self.facts.varies(key) or (key in self.facts.true) == wanted
-                return None if possible else (key,)
+                return self.facts.varies(key) or (key in self.facts.true) == wanted
             case x.SameObject(left, right):
-                return None if (bound(left, binding) == bound(right, binding)) == wanted else ()
+                return (bound(left, binding) == bound(right, binding)) == wanted
             case x.NumericComparison():
-                return None
+                return True
             case x.Connective("not", (operand,)):
-                return self._barred(operand, binding, not wanted)
+                return self._possible(operand, binding, not wanted)
             case x.Connective("imply", (premise, conclusion)):
                 sides = ((premise, not wanted), (conclusion, wanted))
-                return _joined((self._barred(c, binding, w) for c, w in sides), every=not wanted)
+                parts = (self._possible(c, binding, w) for c, w in sides)
+                return any(parts) if wanted else all(parts)
             case x.Connective(operator, operands):
-                each = (self._barred(c, binding, wanted) for c in operands)
-                return _joined(each, every=(operator == "and") == wanted)
+                parts = (self._possible(c, binding, wanted) for c in operands)
+                return all(parts) if (operator == "and") == wanted else any(parts)
             case x.Quantified(operator, parameters, body, place):
                 bindings = self.facts.quantify(parameters, binding, place)
-                each = (self._barred(body, inner, wanted) for inner in bindings)
-                return _joined(each, every=(operator == "forall") == wanted)
+                parts = (self._possible(body, inner, wanted) for inner in bindings)
+                return all(parts) if (operator == "forall") == wanted else any(parts)
 
 
 def _places(key: Key) -> Iterator[tuple[str, int, str]]:
@@ -435,27 +405,6 @@ def _places(key: Key) -> Iterator[tuple[str, int, str]]:
     yield key[0], -1, ""
     for index, name in enumerate(key[1:]):
         yield key[0], index, name
-
-
-def _first_constant(atom: x.Atom) -> tuple[str, int, str]:
-    """Return a key of `_places` under which every fact that matches the atom is found."""
-    for index, term in enumerate(atom.arguments):
-        if not term.is_variable:
-            return atom.name, index, term.name
-    return atom.name, -1, ""
-
-
-def _joined(parts: Iterable[Sequence[Key] | None], *, every: bool) -> Sequence[Key] | None:
-    """Join the constants that bar the parts of a conjunction (`every`) or a disjunction."""
-    collected: list[Key] = []
-    for part in parts:
-        if every and part is not None:
-            return part
-        if not every:
-            if part is None:
-                return None
-            collected += part
-    return None if every else collected
 
 
 def _calculates(schema: x.Schema) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
 from serp.model import ground_model as g
@@ -93,7 +93,7 @@ class TracedStep:
 
         `amend` is called before the events are evaluated.
         """
-        step = _Step(self, state, state, theta, dt)
+        step = _Step(self, state, [*state, 0.0], theta, dt)
         return step.traced(lambda: step.predict(action, amend))
 
     def judge(
@@ -108,8 +108,13 @@ class TracedStep:
 
         Next state and reward are what the events made of the observed one.
         """
-        step = _Step(self, state, next_state, theta, dt)
+        step = _Step(self, state, [*next_state, 0.0], theta, dt)
         return step.traced(lambda: step.judge(action, [*next_state]))
+
+    def at_goal(self, state: list[float], theta: Sequence[float], dt: float) -> bool:
+        """Whether the goal holds in a state; not where it has no truth value."""
+        goal, step = self.ground.goal, _Step(self, state, [], theta, dt)
+        return goal is not None and step.truth(goal, state) is True
 
 
 class _NoResult(Exception):
@@ -120,26 +125,23 @@ class _NoResult(Exception):
         self.flags = flags
 
 
+@dataclass
 class _Step:
     """One step. `state` is where it begins; `out` becomes its result."""
 
-    def __init__(
-        self,
-        of: TracedStep,
-        state: list[float],
-        start: list[float],
-        theta: Sequence[float],
-        dt: float,
-    ) -> None:
-        self.ground = of.ground
-        self.enabling = of.enabling
-        self.state = state
-        self.theta = theta
-        self.dt = dt
-        self.out = [*start, 0.0]
-        self.reward = 0.0
-        self.set_flags = {g.UNSAFE_TARGET: False, g.TERMINAL_TARGET: False}
-        self.passages: list[Passage] = []
+    of: TracedStep
+    state: list[float]
+    out: list[float]
+    theta: Sequence[float]
+    dt: float
+    reward: float = 0.0
+    set_flags: dict[int, bool] = field(
+        default_factory=lambda: {g.UNSAFE_TARGET: False, g.TERMINAL_TARGET: False}
+    )
+    passages: list[Passage] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.ground = self.of.ground
 
     def traced(self, carry_out: Callable[[], None]) -> Traced:
         """Carry out the step and return its result."""
@@ -156,7 +158,7 @@ class _Step:
         """Carry out action, processes, events, metric and goal."""
         if action >= 0:
             self._act(self.ground.actions[action])
-        self._rates(self.ground.processes, self.out)
+        self._rates(self.out)
         self._store_reward()
         if amend is not None:
             amend(self.state, action, self.out)
@@ -173,7 +175,7 @@ class _Step:
             if self._all(schema.preconditions, self.state):
                 self._effects(schema, effects, self.state)
         self._store_reward()
-        self._rates(self.ground.processes, next_state, rewards_only=True)
+        self._rates(next_state, rewards_only=True)
         self._events()
         self._goal_and_metric(next_state)
         self._store_reward()
@@ -209,7 +211,7 @@ class _Step:
     def _act(self, action: g.GroundSchema) -> None:
         doubts = []
         for test in action.preconditions:
-            truth = self._truth(test, self.state)
+            truth = self.truth(test, self.state)
             if truth is None:
                 doubts.append(test)
             elif not truth:
@@ -219,16 +221,10 @@ class _Step:
         self._effects(action, action.effects, self.state)
         self._store_reward()
 
-    def _rates(
-        self,
-        processes: Iterable[g.GroundSchema],
-        source: list[float],
-        *,
-        rewards_only: bool = False,
-    ) -> None:
+    def _rates(self, source: list[float], *, rewards_only: bool = False) -> None:
         """Carry out one explicit Euler step: every rate is evaluated before any is applied."""
         changes: list[tuple[g.GroundSchema, g.SetNumber, bool, float]] = []
-        for process in processes:
+        for process in self.ground.processes:
             effects = [e for e in process.effects if isinstance(e, g.SetNumber)]
             if rewards_only:
                 effects = [e for e in effects if e.target == g.REWARD_TARGET]
@@ -257,7 +253,7 @@ class _Step:
             for k, event in enumerate(self.ground.events):
                 if k not in fired and self._decided(event, self.out):
                     fired.add(k)
-                    again = again or k in self.enabling
+                    again = again or k in self.of.enabling
                     self._effects(event, event.effects, self.out)
 
     def _goal_and_metric(self, result: list[float]) -> None:
@@ -265,7 +261,7 @@ class _Step:
         if ground.metric is not None:
             self.reward = self._metric_gain(ground.metric, result, self.dt)
         if ground.goal is not None:
-            reached = self._truth(ground.goal, result)
+            reached = self.truth(ground.goal, result)
             if reached is None:
                 self._refuse(Site("undefined", None, ground.goal))
             if reached:
@@ -315,7 +311,7 @@ class _Step:
         Where one of them is undefined, the effects on `(unsafe)` whose conditions hold still count.
         """
         tests = {id(effect.condition): effect.condition for effect in effects}
-        truths = {key: self._truth(test, source) for key, test in tests.items()}
+        truths = {key: self.truth(test, source) for key, test in tests.items()}
         if None in truths.values():
             if any(truths[id(e.condition)] for e in effects if e.target == g.UNSAFE_TARGET):
                 self.set_flags[g.UNSAFE_TARGET] = True
@@ -372,7 +368,7 @@ class _Step:
             self._refuse(Site("undefined", schema, whole))
         return truth is True
 
-    def _truth(self, test: g.Test, source: list[float]) -> bool | None:
+    def truth(self, test: g.Test, source: list[float]) -> bool | None:
         """Return the truth value of a condition; None where it is undefined (Kleene's logic)."""
         match test:
             case g.Compare(symbol, left, right):
@@ -384,12 +380,12 @@ class _Step:
             case g.Holds(flag):  # before the action, both are false
                 return source is not self.state and self.set_flags[flag]
             case g.Not(operand):
-                truth = self._truth(operand, source)
+                truth = self.truth(operand, source)
                 return None if truth is None else not truth
             case g.All(operands):
                 return self._all(operands, source)
             case g.AnyOf(operands):
-                truths = {self._truth(operand, source) for operand in operands}
+                truths = {self.truth(operand, source) for operand in operands}
                 return True if True in truths else None if None in truths else False
             case g.Constant(value):
                 return value
@@ -398,7 +394,7 @@ class _Step:
         """Return the truth value of a conjunction."""
         whole: bool | None = True
         for test in tests:
-            truth = self._truth(test, source)
+            truth = self.truth(test, source)
             if truth is False:
                 return False
             whole = whole and truth

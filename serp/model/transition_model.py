@@ -15,7 +15,7 @@ from serp import _core
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.model.ground_model import REWARD_TARGET, GroundModel
 from serp.model.grounder import GoalValue
-from serp.model.instructions import compile_program
+from serp.model.instructions import instruction_table
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
 from serp.model.traced_step import Amendment, Passage, Site, Traced, TracedStep
 
@@ -81,7 +81,7 @@ class TransitionModel(StateSpace):
     ) -> None:
         super().__init__(ground)
         # Made when they are first used, and shared by all copies that `replace` makes.
-        self._compiled = functools.cache(functools.partial(compile_program, ground))
+        self._compiled = functools.cache(lambda: _core.Program(*instruction_table(ground)))
         self._traced = functools.cache(functools.partial(TracedStep, ground))
         self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
         self.initial_state: Vector | None = None
@@ -170,7 +170,7 @@ class TransitionModel(StateSpace):
 
     def at_goal(self, state: Vector) -> bool:
         """Return whether the problem's goal holds in a state `[F]`; False where there is none."""
-        return self.written_core().at_goal(state)
+        return self._traced().at_goal(state.tolist(), self._theta_list, self.dt)
 
     def _step_batch(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
         width = states.shape[1]

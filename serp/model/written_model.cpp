@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -128,42 +129,14 @@ Array<double> uncertainty_of(const Model& model, const State& state) {
     return array_of(std::move(found), {count});
 }
 
-constexpr size_t PARTS = 4;
-
 std::shared_ptr<Program> program_of(const In<std::uint32_t, nb::shape<-1, 4>>& code,
                                     const In<std::uint32_t, nb::ndim<1>>& entries, int fluents,
                                     int parameters, int intermediate) {
-    if (entries.size() < PARTS || entries.size() % 2)
-        throw std::invalid_argument("the instruction table is damaged: the number of parts");
-    const size_t actions = (entries.size() - PARTS) / 2;
-    const std::uint32_t* of = entries.data();
-    Entries parts{{of + PARTS, of + PARTS + actions},
-                  {of + PARTS + actions, of + PARTS + 2 * actions},
-                  of[0], of[1], of[2], of[3]};
-    std::vector<Instruction> table;
-    table.reserve(code.shape(0));
-    for (size_t k = 0; k < code.shape(0); ++k) {
-        const std::uint32_t* row = code.data() + 4 * k;
-        table.push_back({row[0], row[1], row[2], row[3]});
-    }
-    return std::make_shared<Program>(std::move(table), std::move(parts), fluents, parameters,
+    static_assert(sizeof(Instruction) == 4 * sizeof(std::uint32_t));
+    std::vector<Instruction> table(code.shape(0));
+    if (!table.empty()) std::memcpy(table.data(), code.data(), code.nbytes());
+    return std::make_shared<Program>(std::move(table), vector_of(entries), fluents, parameters,
                                      intermediate);
-}
-
-Array<std::uint32_t> code_of(const Program& program) {
-    std::vector<std::uint32_t> numbers;
-    for (const Instruction& of : program.code())
-        numbers.insert(numbers.end(), {of.code, of.a, of.b, of.c});
-    return array_of(std::move(numbers), {program.code().size(), 4});
-}
-
-Array<std::uint32_t> entries_of(const Program& program) {
-    const Entries& of = program.entries();
-    std::vector<std::uint32_t> numbers{of.drift, of.settle, of.aftermath, of.goal};
-    numbers.insert(numbers.end(), of.action.begin(), of.action.end());
-    numbers.insert(numbers.end(), of.judged_action.begin(), of.judged_action.end());
-    const size_t count = numbers.size();
-    return array_of(std::move(numbers), {count});
 }
 
 Result judgement_of(const WrittenModel& model, const State& state, std::int64_t action,
@@ -176,32 +149,18 @@ Result judgement_of(const WrittenModel& model, const State& state, std::int64_t 
     return result_of(std::move(out), flags);
 }
 
-bool is_at_goal(const WrittenModel& model, const State& state) {
-    std::vector<double> registers(model.program()->registers());
-    return model.program()->at_goal(state_of(model, state), model.theta().data(), model.dt(),
-                                    registers.data());
-}
-
 }  // namespace
 
 void bind_model(nb::module_& module) {
     nb::class_<Program>(module, "Program", "The instruction table of a ground model.")
         .def(nb::new_(&program_of), nb::arg("code"), nb::arg("entries"), nb::arg("fluents"),
              nb::arg("parameters"), nb::arg("intermediate"),
-             "Check a table: instructions [n, 4], and where the parts begin [4 + 2A]: drift, "
-             "settle, aftermath, goal, the actions, the judged actions.")
-        .def_prop_ro("fluents", &Program::fluents)
-        .def_prop_ro("actions", &Program::actions)
-        .def_prop_ro("parameters", &Program::parameters)
-        .def_prop_ro("intermediate", &Program::intermediate, "The number of intermediate results.")
-        .def_prop_ro("code", &code_of, nb::rv_policy::move, "A copy of the instructions [n, 4].")
-        .def_prop_ro("entries", &entries_of, nb::rv_policy::move,
-                     "A copy of the positions of the parts [4 + 2A].");
+             "Check a table: instructions [n, 4], and where the parts begin [3 + 2A]: drift, "
+             "settle, aftermath, the actions, the judged actions.");
 
     nb::class_<Model>(module, "Model", "A transition model as planners take it.")
         .def_prop_ro("fluents", &Model::fluents)
         .def_prop_ro("actions", &Model::actions)
-        .def_prop_ro("branches", &Model::branches, "Whether a step may have several outcomes.")
         .def("step", [](const Model& model, const State& state, std::int64_t action) {
                 return step_of(model, state, action, 0);
             }, nb::arg("state"), nb::arg("action"),
@@ -222,8 +181,7 @@ void bind_model(nb::module_& module) {
             }, nb::arg("state"), nb::arg("action"),
             "Return next state and reward [F + 1], and the flags; action -1 is none.")
         .def("judge", &judgement_of, nb::arg("state"), nb::arg("action"), nb::arg("next_state"),
-             "Return the observed next state after events, then its reward [F + 1], and the flags.")
-        .def("at_goal", &is_at_goal, nb::arg("state"), "Return whether the goal holds in a state.");
+             "Return the observed next state after events, then its reward [F + 1], and the flags.");
 }
 
 }  // namespace serp

@@ -138,48 +138,33 @@ def _chain(expression: x.Expression) -> int:
     return max(map(_chain, expression.operands)) + max(1, len(expression.operands) - 1)
 
 
-def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
-    """Parse a condition; None for the empty `()`."""
+def parse_condition(node: Node, scope: Scope) -> x.Condition:
+    """Parse a condition; `()` is the empty conjunction."""
     if slip := slips.in_form(node, slips.CONDITION, scope.declarations):
         raise slip
     group = expect_group(node, "a condition")
     if not group.items:
-        return None
+        return x.Connective("and", (), group.place)
     head = group.head
     if head in ("and", "or", "not", "imply"):
         return _connective(group, scope)
     if head in ("forall", "exists"):
         parameters, body = parse_quantifier(group, scope)
         inner = scope.bind(parameters)
-        return x.Quantified(head, parameters, required_condition(body, inner), group.place)
+        return x.Quantified(head, parameters, parse_condition(body, inner), group.place)
     if head in ("<", "<=", "=", ">=", ">"):
         return _comparison(group, scope)
     if head == "preference":
         raise unsupported("preferences are not supported", group.place, "preference")
-    if head in ("at", "over") and head not in scope.declarations and _is_timed(group):
-        problem = "timed conditions (durative actions) are not supported"
-        raise unsupported(problem, group.place, head)
     declaration = declared_as(group, scope, numeric=False)
     return x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
-
-
-def _is_timed(group: Group) -> bool:
-    """Whether a form is `(at start ...)`, `(at end ...)`, `(over all ...)` or `(at 5 ...)`."""
-    when = group.items[1] if len(group.items) == 3 else None
-    return isinstance(when, Word) and (when.text in ("start", "end", "all") or is_number(when))
-
-
-def required_condition(node: Node, scope: Scope) -> x.Condition:
-    """Parse a condition that an operator needs: `()` is the empty conjunction."""
-    condition = parse_condition(node, scope)
-    return condition if condition is not None else x.Connective("and", (), node.place)
 
 
 def _connective(group: Group, scope: Scope) -> x.Connective:
     operands: list[x.Condition] = []
     for item in group.items[1:]:
         with item.place.source.recovering():
-            operands.append(required_condition(item, scope))
+            operands.append(parse_condition(item, scope))
     wanted = {"not": 1, "imply": 2}.get(group.head)
     if wanted is not None and len(group.items) - 1 != wanted:
         raise DomainError(
@@ -308,7 +293,7 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
         problem = "condition and effect of `when` stand the wrong way round"
         raise slips.swapped(group, problem, condition.place, "wrong-kind")
     return x.When(
-        required_condition(condition, scope),
+        parse_condition(condition, scope),
         parse_effects(effect, scope, inside_when=True),
         group.place,
     )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
+from typing import NamedTuple, TypeVar
 
 from serp._util.did_you_mean import closest, did_you_mean
 from serp.pddl import syntax as x
@@ -30,7 +31,7 @@ from serp.pddl.scope import (
     parse_types,
     unsupported,
 )
-from serp.pddl.slips import several_under, written
+from serp.pddl.slips import several, written
 from serp.pddl.source import DomainError, Place, Source
 from serp.pddl.syntax import MATH_REQUIREMENT
 
@@ -44,11 +45,21 @@ SUPPORTED_REQUIREMENTS = frozenset(
     )
 )
 """What a file may list under `:requirements`."""
+_T = TypeVar("_T")
 _FILE_NAME = re.compile(r"[a-z0-9][a-z0-9_.\-]*\Z")
 
 
-def read_definition(source: Source, what: str) -> tuple[str, Group, tuple[Group, ...]]:
-    """Return the name, the whole, and the sections of `(define (what name) ...)`."""
+class _Definition(NamedTuple):
+    """`(define (what name) ...)`: its sections, those of schemas by themselves."""
+
+    name: str
+    place: Place
+    sections: dict[str, Group]
+    schemas: list[Group]
+
+
+def _definition(source: Source, what: str, known: Sequence[str]) -> _Definition:
+    """Read a file, which has each of the `known` sections but those of schemas once."""
     top = read_group(source)
     if top.head != "define":
         raise DomainError("a PDDL file begins with `(define`", top.place)
@@ -57,12 +68,35 @@ def read_definition(source: Source, what: str) -> tuple[str, Group, tuple[Group,
         raise DomainError(f"expected `({what} name)` after `define`", title.place)
     if title.head != what:
         raise DomainError(f"this is a {title.head} file, a {what} file is needed", title.place)
-    name = _name(title, what)
-    sections: list[Group] = []
+    definition = _Definition(_name(title, what), top.place, {}, [])
     for item in top.items[2:]:
         with item.place.recovering():
-            sections.append(expect_group(item, "a section"))
-    return name, top, tuple(sections)
+            section = expect_group(item, "a section")
+            head = section.head
+            if head not in known:
+                raise _unknown_section(section, known, what)
+            if head in SCHEMA_SECTIONS:
+                definition.schemas.append(section)
+            elif head in definition.sections:
+                raise DomainError(
+                    f"a second `{head}`", section.place, "merge the two", code="declared-twice"
+                )
+            else:
+                definition.sections[head] = section
+    return definition
+
+
+def _said(
+    group: Group | None, parse: Callable[[Group], _T], otherwise: _T, *, declares: bool = False
+) -> _T:
+    """Return what a section or a field says, or something else where it is missing or wrong.
+
+    Names in one that `declares` some are not reported as unknown if it is wrong.
+    """
+    if group is not None:
+        with group.place.source.recovering(group.place if declares else None):
+            return parse(group)
+    return otherwise
 
 
 def _name(title: Group, what: str) -> str:
@@ -83,7 +117,7 @@ def _name(title: Group, what: str) -> str:
     return expect_name(title.items[1], f"the {what}").text
 
 
-def read_requirements(group: Group | None) -> frozenset[str]:
+def _requirements(group: Group | None) -> frozenset[str]:
     """Return what `:requirements` lists.
 
     It warns of what is unknown or not supported; what needs that is refused itself.
@@ -103,7 +137,7 @@ def read_requirements(group: Group | None) -> frozenset[str]:
     return frozenset(listed)
 
 
-def unknown_section(section: Group, known: Sequence[str], what: str) -> DomainError:
+def _unknown_section(section: Group, known: Sequence[str], what: str) -> DomainError:
     """Return the error of a section that a `domain` or a `problem` does not have."""
     head = section.head
     place = section.items[0].place if head else section.place
@@ -117,15 +151,6 @@ def unknown_section(section: Group, known: Sequence[str], what: str) -> DomainEr
     )
 
 
-def add_section(section: Group, single: dict[str, Group]) -> None:
-    """Add a section to those that a file has once."""
-    if section.head in single:
-        raise DomainError(
-            f"a second `{section.head}`", section.place, "merge the two", code="declared-twice"
-        )
-    single[section.head] = section
-
-
 DOMAIN_SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions")
 SCHEMA_FIELDS = (":parameters", ":precondition", ":effect")
 SCHEMA_SECTIONS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
@@ -133,83 +158,34 @@ SCHEMA_SECTIONS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event
 
 def parse_domain(source: Source) -> x.DomainSyntax:
     """Parse a domain file; where the source has a `recovery`, all of it that can be understood."""
-    name, top, sections = read_definition(source, "domain")
-    single: dict[str, Group] = {}
-    schema_groups: list[Group] = []
-    for section in sections:
-        if section.head in SCHEMA_SECTIONS:
-            schema_groups.append(section)
-        else:
-            with section.place.recovering():
-                if section.head not in DOMAIN_SECTIONS:
-                    raise unknown_section(section, [*DOMAIN_SECTIONS, *SCHEMA_SECTIONS], "domain")
-                add_section(section, single)
-    requirements = read_requirements(single.get(":requirements"))
-    scope = _declared(single, math=x.MATH_REQUIREMENT in requirements)
+    definition = _definition(source, "domain", (*DOMAIN_SECTIONS, *SCHEMA_SECTIONS))
+    sections = definition.sections
+    requirements = _requirements(sections.get(":requirements"))
+    parents: dict[str, str] = _said(sections.get(":types"), parse_types, {}, declares=True)
+    constants: dict[str, x.ObjectDeclaration] = _said(
+        sections.get(":constants"), lambda group: parse_objects(group, parents), {}, declares=True
+    )
+    declarations: dict[str, x.Declaration] = {}
+    for head, section in sections.items():
+        if head in (":predicates", ":functions"):
+            parse_declarations(section, parents, declarations, numeric=head == ":functions")
+    scope = Scope(parents, constants, declarations, {}, math=MATH_REQUIREMENT in requirements)
     names: set[str] = set()
     schemas: list[x.Schema] = []
-    for group in schema_groups:
-        with group.place.source.recovering():
+    for group in definition.schemas:
+        with source.recovering():
             schema = _schema(group, scope, names)
             if schema is not None:
                 schemas.append(schema)
     return x.DomainSyntax(
-        name,
-        dict(scope.parents),
-        dict(scope.objects),
-        dict(scope.declarations),
+        definition.name,
+        parents,
+        constants,
+        declarations,
         tuple(schemas),
         requirements,
-        top.place,
+        definition.place,
     )
-
-
-def _declared(single: dict[str, Group], *, math: bool) -> Scope:
-    """Return the scope of what the sections before the schemas declare."""
-    parents: dict[str, str] = {}
-    constants: dict[str, x.ObjectDeclaration] = {}
-    if types := single.get(":types"):
-        with types.place.recovering():
-            parents = parse_types(types)
-    if objects := single.get(":constants"):
-        with objects.place.recovering():
-            constants = parse_objects(objects, parents)
-    declarations = _all_declarations(single, parents)
-    return Scope(parents, constants, declarations, {}, math=math)
-
-
-def _all_declarations(
-    single: dict[str, Group], parents: dict[str, str]
-) -> dict[str, x.Declaration]:
-    declarations: dict[str, x.Declaration] = {}
-    for head in (h for h in single if h in (":predicates", ":functions")):
-        numeric = head == ":functions"
-        for name, declaration in parse_declarations(single[head], parents, numeric=numeric).items():
-            with declaration.place.recovering():
-                if name in declarations:
-                    raise DomainError(
-                        f"`{name}` is both a predicate and a function",
-                        declaration.place,
-                        code="declared-twice",
-                    )
-                _check_reserved(declaration)
-                declarations[name] = declaration
-    return declarations
-
-
-def _check_reserved(declaration: x.Declaration) -> None:
-    name = declaration.name
-    if name not in (x.REWARD, x.UNSAFE, x.TERMINAL):
-        return
-    if declaration.numeric != (name == x.REWARD):
-        kind = "function" if name == x.REWARD else "predicate"
-        problem = f"`({name})` is reserved and must be a {kind}"
-    elif declaration.parameters:
-        problem = f"`({name})` is reserved and takes no parameters"
-    else:
-        return
-    advice = "where you mean something else, choose another name"
-    raise DomainError(problem, declaration.place, advice, code="reserved-name")
 
 
 def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
@@ -232,66 +208,63 @@ def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
             )
     names.add(name)
     fields = _fields(group, f"{kind.value} `{name}`")
-    parameters: tuple[x.SchemaParameter, ...] = ()
-    precondition: x.Condition | None = None
-    effects: tuple[x.Effect, ...] = ()
-    if listed := fields.get(":parameters"):
-        with listed.place.recovering():
-            parameters = parse_parameters(listed.items, dict(scope.parents))
+    parameters: tuple[x.SchemaParameter, ...] = _said(
+        fields.get(":parameters"),
+        lambda listed: parse_parameters(listed.items, dict(scope.parents)),
+        (),
+        declares=True,
+    )
     inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
-    if condition := fields.get(":precondition"):
-        with source.recovering():
-            precondition = parse_condition(condition, inner)
-    if effect := fields.get(":effect"):
-        with source.recovering():
-            effects = parse_effects(effect, inner)
-            refuse_contradictions(effects)
+    always: x.Condition = x.Connective("and", (), group.place)
+    precondition = _said(fields.get(":precondition"), lambda c: parse_condition(c, inner), always)
+    effects: tuple[x.Effect, ...] = _said(
+        fields.get(":effect"), lambda effect: _effects(effect, inner), ()
+    )
     if source.errors_taken > taken:
         return None
     return x.Schema(kind, name, parameters, precondition, effects, group.place)
+
+
+def _effects(group: Group, scope: Scope) -> tuple[x.Effect, ...]:
+    effects = parse_effects(group, scope)
+    refuse_contradictions(effects)
+    return effects
 
 
 def _fields(group: Group, schema: str) -> dict[str, Group]:
     """Return what `:parameters`, `:precondition` and `:effect` of a schema say."""
     fields: dict[str, Group] = {}
     rest = group.items[2:]
-    index = 0
-    while index < len(rest):
-        key, begin = rest[index], index
-        index = _next_field(rest, begin + 1)  # where an error leads
+    begins = [k for k, node in enumerate(rest) if getattr(node, "text", "").startswith(":")]
+    for begin, end in itertools.pairwise(sorted({0, *begins, len(rest)})):
+        key, *values = rest[begin:end]
         with key.place.recovering():
             if not isinstance(key, Word) or key.text not in SCHEMA_FIELDS:
-                raise _no_field(rest[:begin], key, rest[begin:], schema)
+                raise _no_field(key, schema)
             if key.text in fields:
                 raise DomainError(
                     f"a second `{key.text}` in {schema}", key.place, code="declared-twice"
                 )
-            if begin + 1 == len(rest):
+            if not values:
                 raise DomainError(f"`{key.text}` without a value", key.place, code="missing-value")
-            fields[key.text] = expect_group(rest[begin + 1], f"the value of `{key.text}`")
-            index = begin + 2
+            fields[key.text] = expect_group(values[0], f"the value of `{key.text}`")
+            if len(values) > 1:
+                extra = values[1]
+                field = isinstance(extra, Word) or extra.head in SCHEMA_FIELDS
+                if field or key.text == ":parameters":
+                    raise _no_field(extra, schema)
+                forms = [*itertools.takewhile(lambda item: isinstance(item, Group), values)]
+                raise several(f"`{key.text}` takes one form, found {len(forms)}", forms)
     return fields
 
 
-def _next_field(rest: Sequence[Node], begin: int) -> int:
-    """Return where the next field begins, or the end."""
-    return next(
-        (k for k in range(begin, len(rest)) if getattr(rest[k], "text", "").startswith(":")),
-        len(rest),
-    )
-
-
-def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:
+def _no_field(node: Node, schema: str) -> DomainError:
     """Return what is wrong where `:parameters`, `:precondition` or `:effect` is expected."""
-    key = before[-2] if len(before) > 1 else None
-    if isinstance(node, Group):
-        if isinstance(key, Word) and key.text != ":parameters" and node.head not in SCHEMA_FIELDS:
-            several = itertools.takewhile(lambda item: isinstance(item, Group), rest)
-            return several_under(key.text, [before[-1], *several])
-        write = written(node)[1:-1] if node.head in SCHEMA_FIELDS else None
-    else:
-        write = closest(node.text, SCHEMA_FIELDS)
-    instead = INSTEAD.get(node.text) if isinstance(node, Word) else None
+    instead = write = None
+    if isinstance(node, Word):
+        instead, write = INSTEAD.get(node.text), closest(node.text, SCHEMA_FIELDS)
+    elif node.head in SCHEMA_FIELDS:
+        write = written(node)[1:-1]
     return DomainError(
         f"`{node.place.text}` is not supported in {schema}",
         node.place,
@@ -306,35 +279,24 @@ PROBLEM_SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":
 
 def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
     """Parse the problem file that belongs to a domain, like `parse_domain`."""
-    name, top, sections = read_definition(source, "problem")
-    single: dict[str, Group] = {}
-    for section in sections:
-        with section.place.recovering():
-            if section.head not in PROBLEM_SECTIONS:
-                raise unknown_section(section, PROBLEM_SECTIONS, "problem")
-            add_section(section, single)
-    if ":domain" in single:
-        with source.recovering():
-            _check_domain_name(single[":domain"], domain)
-    requirements = domain.requirements | read_requirements(single.get(":requirements"))
-    objects = dict(domain.constants)
-    if listed := single.get(":objects"):
-        with listed.place.recovering():
-            objects |= _objects(listed, domain)
-    math = x.MATH_REQUIREMENT in requirements
+    definition = _definition(source, "problem", PROBLEM_SECTIONS)
+    sections = definition.sections
+    _said(sections.get(":domain"), lambda group: _check_domain_name(group, domain), None)
+    requirements = domain.requirements | _requirements(sections.get(":requirements"))
+    own: dict[str, x.ObjectDeclaration] = _said(
+        sections.get(":objects"), lambda group: _objects(group, domain), {}, declares=True
+    )
+    objects = {**domain.constants, **own}
+    math = MATH_REQUIREMENT in requirements
     scope = Scope(domain.parents, objects, domain.declarations, {}, math=math, declares=":objects")
-    init = single.get(":init")
+    init = sections.get(":init")
     atoms, values = _initial(init, scope) if init is not None else ((), ())
-    goal: x.Condition | None = None
-    metric: x.Metric | None = None
-    if ":goal" in single:
-        with source.recovering():
-            goal = _goal(single[":goal"], scope)
-    if ":metric" in single:
-        with source.recovering():
-            metric = _metric(single[":metric"], scope)
+    goal = _said(sections.get(":goal"), lambda group: _goal(group, scope), None)
+    metric = _said(sections.get(":metric"), lambda group: _metric(group, scope), None)
     place = init.place if init is not None else None
-    return x.ProblemSyntax(name, objects, atoms, values, goal, metric, top.place, place)
+    return x.ProblemSyntax(
+        definition.name, objects, atoms, values, goal, metric, definition.place, place
+    )
 
 
 def _objects(group: Group, domain: x.DomainSyntax) -> dict[str, x.ObjectDeclaration]:

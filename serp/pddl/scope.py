@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from graphlib import CycleError, TopologicalSorter
 
 from serp._util.did_you_mean import closest, did_you_mean
 from serp._util.text import plural
@@ -16,7 +17,7 @@ INSTEAD = {
     word: advice
     for advice, words in {
         "write an action, and a process for what goes on meanwhile": (
-            ":durative-action at over :durative-actions :duration-inequalities"
+            ":durative-action :durative-actions :duration-inequalities"
         ),
         "write the condition itself where it is used, or an event that sets the predicate": (
             ":derived :axiom :derived-predicates :domain-axioms :subgoal-through-axioms"
@@ -238,9 +239,7 @@ def typed_list(
                     last = waiting[-1].text
                     advice = f"write `{last} - {shown}` for a type, `?{shown}` for a variable"
                 raise DomainError(
-                    f"expected a variable for {what}, found `{shown}`",
-                    node.place,
-                    advice,
+                    f"expected a variable for {what}, found `{shown}`", node.place, advice
                 )
             waiting.append(node)
         else:
@@ -307,15 +306,12 @@ def parse_types(group: Group) -> dict[str, str]:
     for parent in mentioned:
         if parent != x.OBJECT:
             parents.setdefault(parent, x.OBJECT)
-    for name in places:
-        seen: set[str] = set()
-        current = parents[name]
-        while current != x.OBJECT and current not in seen:
-            if current == name:
-                problem = f"type `{name}` is its own ancestor"
-                raise DomainError(problem, places[name], code="type-conflict")
-            seen.add(current)
-            current = parents[current]
+    try:
+        TopologicalSorter({name: (parent,) for name, parent in parents.items()}).prepare()
+    except CycleError as error:
+        name = next(name for name in places if name in error.args[1])
+        problem = f"type `{name}` is its own ancestor"
+        raise DomainError(problem, places[name], code="type-conflict") from None
     return parents
 
 
@@ -361,11 +357,10 @@ def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, x.ObjectDe
 
 
 def parse_declarations(
-    group: Group, parents: dict[str, str], *, numeric: bool
-) -> dict[str, x.Declaration]:
-    """Parse `(:predicates ...)` or `(:functions ...)`."""
+    group: Group, parents: dict[str, str], declared: dict[str, x.Declaration], *, numeric: bool
+) -> None:
+    """Parse `(:predicates ...)` or `(:functions ...)`, and add them to what is declared."""
     what = "function" if numeric else "predicate"
-    declared: dict[str, x.Declaration] = {}
     index = begin = 1
     while index < len(group.items):
         node = group.items[index]
@@ -388,12 +383,17 @@ def parse_declarations(
             if declaration is None:
                 continue
             name = declaration.name
-            if name in declared:
-                known = declared[name].parameters
-                same = [p.types for p in known] == [p.types for p in declaration.parameters]
+            if (known := declared.get(name)) is not None:
+                if known.numeric != numeric:
+                    raise DomainError(
+                        f"`{name}` is both a predicate and a function",
+                        declaration.place,
+                        code="declared-twice",
+                    )
+                types = [parameter.types for parameter in known.parameters]
+                same = types == [parameter.types for parameter in declaration.parameters]
                 declared_again(expect_group(node, what).items[0], what, same=same)
             declared[name] = declaration
-    return declared
 
 
 def _declaration(item: Group, parents: dict[str, str], what: str) -> x.Declaration | None:
@@ -412,7 +412,24 @@ def _declaration(item: Group, parents: dict[str, str], what: str) -> x.Declarati
             code="reserved-name",
         )
     parameters = parse_parameters(item.items[1:], parents, positional=True)
-    return x.Declaration(word.text, parameters, numeric, item.place)
+    declaration = x.Declaration(word.text, parameters, numeric, item.place)
+    _check_reserved(declaration)
+    return declaration
+
+
+def _check_reserved(declaration: x.Declaration) -> None:
+    name = declaration.name
+    if name not in (x.REWARD, x.UNSAFE, x.TERMINAL):
+        return
+    if declaration.numeric != (name == x.REWARD):
+        kind = "function" if name == x.REWARD else "predicate"
+        problem = f"`({name})` is reserved and must be a {kind}"
+    elif declaration.parameters:
+        problem = f"`({name})` is reserved and takes no parameters"
+    else:
+        return
+    advice = "where you mean something else, choose another name"
+    raise DomainError(problem, declaration.place, advice, code="reserved-name")
 
 
 def without_parentheses(word: Word) -> Group:

@@ -16,7 +16,6 @@ from serp.pddl.source import DomainError, Edit, Fix, Place
 from serp.pddl.syntax import MATH_FUNCTIONS, MATH_REQUIREMENT, Declaration
 
 _COMMA = re.compile(r"([+-]?\d+),(\d+)\Z", re.ASCII)
-_PLAIN = re.compile(r"(\d+\.?\d*|\.\d+)\Z", re.ASCII)
 _DASHES = dict.fromkeys(map(ord, "\u2212\u2013\u2014\u2010\u2011"), "-")
 _COMPARISONS = {"==": "=", "=<": "<=", "=>": ">=", "!=": "not =", "<>": "not ="}
 _CONNECTIVES = {"&&": "and", "&": "and", "||": "or", "|": "or", "->": "imply"}
@@ -153,24 +152,18 @@ def swapped(group: Group, problem: str, place: Place, code: str) -> DomainError:
     return DomainError(problem, place, "swap the two", fix=Fix(edits), code=code)
 
 
-def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
-    """Return the error of several forms where a field takes one."""
+def several(problem: str, nodes: Sequence[Node]) -> DomainError:
+    """Return the error of several forms where one is taken."""
     first, last = nodes[0].place, nodes[-1].place
-    return DomainError(
-        f"`{key}` takes one form, found {len(nodes)}",
-        first.source.place(first.start, last.end),
-        "put them under `and`",
-        write=_under_and(nodes),
-    )
+    place = first.source.place(first.start, last.end)
+    return DomainError(problem, place, "put several under `and`", write=_under_and(nodes))
 
 
 def several_after(group: Group, at: int, problem: str) -> DomainError:
     """Return the error of a form whose items from one position on have to be one."""
     if len(group.items) <= at + 1 or any(isinstance(node, Word) for node in group.items[1:]):
         return DomainError(problem, group.place)
-    begin = " ".join(written(node) for node in group.items[:at])
-    text = f"({begin} {_under_and(group.items[at:])})"
-    return DomainError(problem, group.place, "put several under `and`", write=text)
+    return several(problem, group.items[at:])
 
 
 def written(node: Node) -> str:

@@ -104,10 +104,6 @@ class Source:
             DomainError: The file is missing, unreadable, not a regular file (reading a pipe could
                 block), or not UTF-8.
         """
-        if not isinstance(path, str | Path):
-            raise DomainError(
-                f"a file is given by its path, not by {path!r}", code="unreadable-file"
-            )
         path, advice, most = Path(path), "", 1 << 28
         try:
             status = path.stat()
@@ -386,38 +382,20 @@ _SILENCE: Final = re.compile(r"\bserp:[ \t]*ignore(-file)?(\[[^\]]*\])?")
 def comment_of(place: Place) -> str:
     """Return the comment of a place in one line, without its semicolons; empty where none is.
 
-    It stands behind the line, with what continues it below, or in the lines right above, unless
-    these are the head of a section or belong to the line before.
+    It stands behind the line, or in the lines right above, unless these are the head of a section.
     """
-    source, line = place.source, place.line
-    lines = _split(source)
-    code, mark, text = lines[line - 1]
+    code, mark, text = place.source_line.partition(";")
     if mark and code.strip():
-        texts = [text]
-        for blank, mark, text in lines[line:]:
-            if not mark or blank.strip() or len(blank) != len(code):
-                break
-            texts.append(text)
-        return _joined(texts)
-    if source.line_text(line)[: place.column - 1].strip():
+        return _joined([text])
+    if place.source_line[: place.column - 1].strip():
         return ""
-    begin = line - 1
-    while begin and lines[begin - 1][1] and not lines[begin - 1][0].strip():
-        begin -= 1
-    above = lines[begin : line - 1]
-    if begin and lines[begin - 1][1]:
-        column = len(lines[begin - 1][0])
-        if all(len(blank) == column for blank, _, _ in above):
-            return ""  # they continue the comment beside that line
-    if any(_RULE.search(text) for _, _, text in above):
-        return ""
-    return _joined([text for _, _, text in above])
-
-
-@functools.lru_cache(maxsize=8)
-def _split(source: Source) -> list[tuple[str, str, str]]:
-    """Return code, semicolon and comment of each line."""
-    return [source.line_text(n).partition(";") for n in range(1, len(source.line_starts) + 1)]
+    texts: list[str] = []
+    for number in range(place.line - 1, 0, -1):
+        code, mark, text = place.source.line_text(number).partition(";")
+        if code.strip() or not mark:
+            break
+        texts.insert(0, text)
+    return "" if any(map(_RULE.search, texts)) else _joined(texts)
 
 
 def _joined(texts: list[str]) -> str:

@@ -221,7 +221,7 @@ class Schema:
     kind: Kind
     name: str
     parameters: tuple[SchemaParameter, ...]
-    precondition: Condition | None
+    precondition: Condition
     effects: tuple[Effect, ...]
     place: Place
 
@@ -333,9 +333,9 @@ def names_in(*parts: object) -> set[str]:
 
 
 def conditions_of(schema: Schema) -> tuple[Condition, ...]:
-    """Return the precondition of a schema, where it has one, and the conditions of its effects."""
+    """Return the precondition of a schema and the conditions of its effects."""
     conditions = [node.condition for node in nodes_in(schema.effects) if isinstance(node, When)]
-    return (*([schema.precondition] if schema.precondition else ()), *conditions)
+    return (schema.precondition, *conditions)
 
 
 def changed_names(schemas: tuple[Schema, ...]) -> set[str]:

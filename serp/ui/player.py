@@ -22,8 +22,7 @@ from serp.agent.causes import Cause
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.sentences import line_of_cause, signed
 from serp.authoring.play import FluentChange, Game, GameStep
-from serp.authoring.scenarios.checking import Decider
-from serp.authoring.scenarios.files import add_situation, scenarios_beside
+from serp.authoring.scenarios.checking import Decider, add_situation, scenarios_beside
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.pddl.source import Source

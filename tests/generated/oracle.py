@@ -149,7 +149,7 @@ class Oracle:
 
     def enabled(self, schema, state, binding):
         """Whether the precondition holds."""
-        return schema.precondition is None or self.holds(schema.precondition, state, binding)
+        return self.holds(schema.precondition, state, binding)
 
     # Effects -----------------------------------------------------------------------------------
 

@@ -54,12 +54,11 @@ class Limit(NamedTuple):
 def limits_in(ground: g.GroundModel, theta: Sequence[float]) -> Iterator[Limit]:
     """Yield the limits that the conditions of a domain put to single fluents."""
     for schema in ground.schemas:
-        for test in (*schema.preconditions, *(effect.condition for effect in schema.effects)):
-            for comparison in g.comparisons_of(test):
-                form = _difference(comparison, theta)
-                atom, factor = next(iter(form.terms.items()), (None, Fraction(0)))
-                if len(form.terms) == 1 and isinstance(atom, int):
-                    yield Limit(atom, float(-form.constant / factor), comparison.place)
+        for comparison in g.comparisons_of(schema.preconditions, schema.effects):
+            form = _difference(comparison, theta)
+            atom, factor = next(iter(form.terms.items()), (None, Fraction(0)))
+            if len(form.terms) == 1 and isinstance(atom, int):
+                yield Limit(atom, float(-form.constant / factor), comparison.place)
 
 
 def _exclude(one: _Limit, other: _Limit) -> bool:

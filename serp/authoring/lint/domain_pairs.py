@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -35,7 +34,7 @@ def pairs(names: Iterable[str]) -> list[DomainFiles]:
     given = [(name, find_domain_file(name)) for name in names]
     titles = {path: _title_of_file(path) for _, path in given if path is not None}
     domains = [path for path, title in titles.items() if title.kind != "problem"]
-    checks: dict[tuple[str, str], DomainFiles] = {}
+    checks: dict[tuple[Path | str, Path | None], DomainFiles] = {}
     for name, path in given:
         domain, problem = path, None
         if path is not None and (title := titles[path]).kind == "problem":
@@ -43,9 +42,7 @@ def pairs(names: Iterable[str]) -> list[DomainFiles]:
             if len(domains) == 1:  # names that differ are warned of
                 fitting += domains
             domain, problem = next(iter(fitting), None) or domain_beside(path, title), path
-        # A link that leads to itself stands for itself.
-        real = [os.path.realpath(file) if file is not None else "" for file in (domain, problem)]
-        checks.setdefault((real[0] or name, real[1]), DomainFiles(name, domain, problem))
+        checks.setdefault((domain or name, problem), DomainFiles(name, domain, problem))
     with_problem = {domain for domain, problem in checks if problem}
     return [
         pair for (domain, problem), pair in checks.items() if problem or domain not in with_problem

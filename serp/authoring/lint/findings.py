@@ -8,46 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from serp.authoring.lint import condition_rules, syntax_rules
+from serp.authoring.lint import rules
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
 from serp.model.reachability import MAX_GROUND_SCHEMAS
 from serp.pddl.parser import parse_domain, parse_problem
-from serp.pddl.source import (
-    DomainError,
-    DomainWarning,
-    Fix,
-    Place,
-    Recovery,
-    Source,
-)
+from serp.pddl.source import DomainError, DomainWarning, Fix, Place, Recovery, Source
 
-RULES = [
-    rule
-    for module in (syntax_rules, condition_rules)
-    for rule in vars(module).values()
-    if isinstance(rule, Rule)
-]
-ERRORS = frozenset(
-    (
-        *("contradictory-effects", "foreign-syntax", "malformed", "math-functions"),
-        *("missing-domain", "no-result", "reserved-name", "stray-text", "too-large"),
-        *("type-conflict", "unbalanced-parentheses", "unknown-name", "unknown-section"),
-        *("unreadable-file", "unsupported", "wrong-arguments", "wrong-kind"),
-    )
-)
-"""Codes of errors, which no comment silences."""
+RULES = [rule for rule in vars(rules).values() if isinstance(rule, Rule)]
 NOTES = frozenset(("not-portable",))
 """Codes that are true of many a file which is as it should be."""
-CODES = frozenset(
-    (
-        *(rule.code for rule in RULES),
-        *("declared-twice", "missing-value", "needless", "other-domain", "out-of-range"),
-        *("task-mismatch", "unbounded-goal", "unknown-requirement"),
-        *(*ERRORS, *NOTES),
-    )
-)
-"""All codes; docs/reference/checks.md has the meaning of each, and an example."""
 _COMMENT = re.compile(r";[^\r\n]*?\bserp:[ \t]*ignore(-file)?\[([^\]\r\n]*)\]")
 
 
@@ -78,7 +48,7 @@ class Finding:
     """An error, a warning or a note about a place in the files.
 
     Attributes:
-        code: One of `CODES`.
+        code: docs/reference/checks.md has the meaning of each, and an example.
         severity: `error` where the files cannot be used as they are, `note` where it is right for
             many files.
         advice: What to write instead; may be empty.
@@ -158,36 +128,30 @@ def examine(
     `look` returns further warnings of a domain without errors.
     """
     recovery = Recovery()
-    sources, unreadable = _read(domain, problem, recovery)
-    problems: list[DomainError | DomainWarning] = [*unreadable]
-    result: Domain | None = None
-    if sources:
-        result = _parse(sources, recovery)
-        errors = [*unreadable, *recovery.errors]
-        warnings = [warning for source in sources for warning in source.warnings]
-        if result is not None:  # of files that are read in part, local rules apply alone
-            subject, partial = LintSubject(result), bool(errors)
-            for rule in RULES:
-                warnings += rule.applied(subject, partial=partial)
-            warnings += look(result) if look is not None and not errors else ()
-        problems = [*_once([*errors, *_unsilenced(warnings, sources)])]
+    sources = _read(domain, problem, recovery)
+    result = _parse(sources, recovery) if sources else None
+    warnings = [warning for source in sources for warning in source.warnings]
+    if result is not None:  # of files that are read in part, local rules apply alone
+        subject, partial = LintSubject(result), bool(recovery.errors)
+        for rule in RULES:
+            warnings += rule.applied(subject, partial=partial)
+        warnings += look(result) if look is not None and not partial else ()
+    problems = _once([*recovery.errors, *_unsilenced(warnings, sources)])
     order = {source.name: number for number, source in enumerate(sources)}
 
     def position(finding: Finding) -> tuple[int, int]:
         place = finding.place
         return (order.get(place.source.name, -1), place.start) if place is not None else (-1, 0)
 
-    findings = sorted((Finding.of(one) for one in dict.fromkeys(problems)), key=position)
+    findings = sorted(map(Finding.of, problems), key=position)
     wrong = any(finding.severity == "error" for finding in findings)
     return Examined(findings, None if wrong else result)
 
 
-def _once(
-    problems: Iterable[DomainError | DomainWarning],
-) -> Iterator[DomainError | DomainWarning]:
+def _once(problems: Iterable[DomainError | DomainWarning]) -> Iterator[DomainError | DomainWarning]:
     """Yield errors or warnings; of a form that may be everywhere, one for a message and a file."""
     seen = set()
-    for problem in problems:
+    for problem in dict.fromkeys(problems):
         text = problem.problem if isinstance(problem, DomainError) else problem.text
         key = (text, problem.place.source if problem.place is not None else None)
         if key not in seen or problem.code not in ("unsupported", "not-portable"):
@@ -197,8 +161,8 @@ def _once(
 
 def _read(
     domain: Source | str | Path, problem: Source | str | Path | None, recovery: Recovery
-) -> tuple[list[Source], list[DomainError]]:
-    """Return the files that can be read, the domain first (none without it), and the errors."""
+) -> list[Source]:
+    """Return the files that can be read, the domain first; none without it."""
     if problem is None and not isinstance(domain, Source):
         beside = problem_beside(Path(domain))
         problem = beside if beside.is_file() else None
@@ -209,8 +173,8 @@ def _read(
                 read = given if isinstance(given, Source) else Source.read(given)
                 sources.append(Source(read.name, read.text, recovery=recovery))
     except DomainError as error:
-        return sources, [error]
-    return sources, []
+        recovery.take(error)
+    return sources
 
 
 def _parse(sources: list[Source], recovery: Recovery) -> Domain | None:

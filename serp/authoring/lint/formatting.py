@@ -2,13 +2,13 @@
 
 Line breaks are the author's. A line that continues a form begins below the first thing that the
 form holds if the author began it there, and otherwise two columns to the right of the line on which
-the form begins. Comments keep their words, and those that stand below one another stay so.
+the form begins. Comments keep their words, and beside a line their column if there is room.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from serp.pddl.reader import read_group
 from serp.pddl.source import Source, newline_of
@@ -40,7 +40,6 @@ class _TextLine:
         tokens: Parentheses and words, each with its column in the file; a tab is one column.
         comment: From the semicolon on; empty where there is none.
         at: Column of the comment in the file.
-        end: Column behind the last token in the file.
         indent: Column where the line begins, as it is to be.
         code: The tokens as they are to be.
         new_at: Column of the comment, as it is to be.
@@ -49,7 +48,6 @@ class _TextLine:
     tokens: list[tuple[str, int]]
     comment: str
     at: int
-    end: int
     indent: int = 0
     code: str = ""
     new_at: int = 0
@@ -58,7 +56,7 @@ class _TextLine:
     def of(cls, text: str) -> _TextLine:
         code, mark, comment = text.partition(";")
         tokens = [(match[0], match.start()) for match in _TOKEN.finditer(code)]
-        return cls(tokens, (mark + comment).rstrip(), len(code), len(code.rstrip()))
+        return cls(tokens, (mark + comment).rstrip(), len(code))
 
     def text(self) -> str:
         return self.code.ljust(self.new_at) + self.comment if self.comment else self.code
@@ -66,32 +64,26 @@ class _TextLine:
 
 @dataclass
 class _OpenForm:
-    """A form that is open: columns are in the file, and as they are to be.
+    """A form that is open.
 
-    `indent` is that of the line on which it begins; `second` the column of the second thing in it,
-    if that stands on the same line; `field`: a word such as `:effect` waits for its value;
-    `listed`: a list of variables or forms, which has no word at its head.
+    `indent` is that of the line on which it begins; `below` are columns of things in it that lines
+    may begin below: in the file → as they are to be.
     """
 
     indent: int
-    column: tuple[int, int]
-    second: tuple[int, int] | None = None
     items: int = 0
-    field: bool = False
-    listed: bool = False
+    below: dict[int, int] = field(default_factory=dict)
 
-    def see(self, token: str, column: tuple[int, int], *, first: bool) -> None:
+    def see(self, token: str, old: int, new: int, *, first: bool) -> None:
         """Take note of a word or form in it, which may be the first of its line."""
         self.items += 1
-        if self.items == 1:
-            self.listed = token[0] in "?("
-        self.field = token.startswith(":") and self.items > 1
-        if self.items == 2 and self.second is None and not first:
-            self.second = column
+        if (self.items == 1 and token[0] in "?(") or (self.items == 2 and not first):
+            self.below[old] = new
 
 
 def _indent(lines: list[_TextLine]) -> None:
     """Find the indentation and the code of each line from the lines above it."""
+    step = 2
     forms: list[_OpenForm] = []
     waiting: list[_TextLine] = []  # comments and blank lines, which go with what follows
     for line in lines:
@@ -99,57 +91,32 @@ def _indent(lines: list[_TextLine]) -> None:
             waiting.append(line)
             continue
         token, column = line.tokens[0]
-        line.indent = _begin(forms, token, column)
+        inside = forms[-1].indent + step if forms else 0
+        if forms:
+            line.indent = forms[-1].indent if token == ")" else forms[-1].below.get(column, inside)
         for above in waiting:
-            above.indent = line.indent if token != ")" else _begin(forms, "", -1)
+            above.indent = inside if token == ")" else line.indent
         waiting = []
         line.code = " " * line.indent
         for number, (token, old) in enumerate(line.tokens):
             if number and token != ")" and not line.code.endswith("("):
                 line.code += " "
-            place = old, len(line.code)
             if token == ")":
                 forms.pop()
             elif forms:
-                forms[-1].see(token, place, first=number == 0)
+                forms[-1].see(token, old, len(line.code), first=number == 0)
             if token == "(":
-                forms.append(_OpenForm(line.indent, place))
+                forms.append(_OpenForm(line.indent))
             line.code += token
-        for form in forms:
-            form.second = form.second or (-1, -1)  # what follows stands on a later line
-
-
-def _begin(forms: list[_OpenForm], token: str, column: int) -> int:
-    """Return where a line begins whose first token has a column in the file."""
-    step = 2
-    if not forms:
-        return 0
-    form = forms[-1]
-    if token == ")":
-        return form.column[1] if column == form.column[0] else form.indent
-    if form.second is not None and column == form.second[0] >= 0:
-        return form.second[1]
-    if form.listed and column == form.column[0] + 1:
-        return form.column[1] + 1
-    return form.indent + (2 * step if form.field else step)
 
 
 def _place_comments(lines: list[_TextLine]) -> None:
-    """Find the columns of comments: those of neighbouring lines that share one go on sharing it."""
-    block: list[_TextLine] = []
-    for line in [*lines, None]:
-        if block and (line is None or not line.comment or line.at != block[0].at):
-            _place_block(block)
-            block = []
-        if line is not None and line.comment and (line.tokens or block):
-            block.append(line)
-        elif line is not None:
-            line.new_at = line.indent
-
-
-def _place_block(block: list[_TextLine]) -> None:
-    ends = [(line.end, len(line.code)) for line in block if line.tokens]
-    shift = max(new for _, new in ends) - max(old for old, _ in ends)
-    column = max([block[0].at + shift, *(new + 1 for _, new in ends)])
-    for line in block:
-        line.new_at = column
+    """Find the columns of comments; a comment in the column of the one above continues it."""
+    above: _TextLine | None = None  # has a comment that can be continued
+    for line in lines:
+        continues = above if above is not None and above.at == line.at else None
+        if line.tokens:
+            line.new_at = max(line.at, len(line.code) + 1)
+        else:
+            line.new_at = continues.new_at if continues is not None else line.indent
+        above = line if line.comment and (line.tokens or continues) else None

@@ -63,7 +63,7 @@ def test(
 
     Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.
     """
-    from serp.authoring.scenarios.files import run_scenarios
+    from serp.authoring.scenarios.checking import run_scenarios
 
     wrong, results = 0, list[dict[str, Any]]()
     for position, name in enumerate(_domains(names)):
@@ -122,8 +122,7 @@ def _opened(
     dt: float | None,
 ) -> tuple[Source, Decider]:
     """Return the scenarios of a domain, with who decides in them."""
-    from serp.authoring.scenarios.checking import Decider
-    from serp.authoring.scenarios.files import read_beside
+    from serp.authoring.scenarios.checking import Decider, read_beside
     from serp.pddl.source import Source
 
     domain, task = asked_domain(name)

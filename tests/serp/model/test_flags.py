@@ -4,15 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.model.flags import UNSAFE, joined, risk_of, with_risk
+from serp.model.flags import RISK_SHIFT, RISK_UNIT, UNSAFE, joined, risk_of
 from tests.generated.profile import examples
 
 
 @examples(100)
 @given(st.integers(0, 31), st.integers(0, 31), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_flags_carry_a_risk_beside_their_bits(bits, others, risk, other):
-    flags, further = with_risk(bits, risk), with_risk(others, other)
-    assert flags & 0xFF == bits
+    flags, further = (
+        of | int(chance / RISK_UNIT + 0.5) << RISK_SHIFT
+        for of, chance in ((bits, risk), (others, other))
+    )
     both = joined(flags, further)
     assert both & 0xFF == bits | others
     if not bits & UNSAFE:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from serp import _core
 from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.instructions import compile_program
+from serp.model.instructions import instruction_table
 from serp.model.traced_step import TracedStep
 from tests.generated import (
     FULL,
@@ -88,26 +88,12 @@ def test_a_goal_is_reached_where_a_step_that_changes_nothing_ends():
 # Borders ---------------------------------------------------------------------------------------
 
 
-class Table:
-    """The arguments of a program, to be forged."""
-
-    def __init__(self, program):
-        self.code, self.entries = program.code, program.entries
-        self.fluents, self.parameters = program.fluents, program.parameters
-        self.intermediate = program.intermediate
-
-    def program(self):
-        return _core.Program(
-            self.code, self.entries, self.fluents, self.parameters, self.intermediate
-        )
-
-
 RICH = text("rich")
 
 
 @pytest.fixture
 def table():
-    return Table(compile_program(load_texts(Texts(RICH, None)).model.ground))
+    return instruction_table(load_texts(Texts(RICH, None)).model.ground)
 
 
 HUGE = 2**32 - 1
@@ -124,7 +110,7 @@ def test_every_forged_operand_is_refused(table):
             table.code[place] = value
             if place[1] == 0 or used[place[1] - 1]:
                 with pytest.raises(ValueError, match="the instruction table is damaged"):
-                    table.program()
+                    _core.Program(*table)
                 refused += 1
         table.code[place] = written
     assert refused > 300
@@ -143,7 +129,7 @@ def _uses(row):
 def test_a_repetition_that_never_ends_is_ended():
     again = 11  # of no fluents and parameters: 7 fixed numbers, the reward, intermediate results
     code = [[3, again, 4, 0], [REPEAT, again, 0, 1], [0, APPLICABLE, 0, 0]]
-    program = _core.Program(np.array(code, dtype=np.uint32), np.zeros(6, dtype=np.uint32), 0, 0, 8)
+    program = _core.Program(np.array(code, dtype=np.uint32), np.zeros(5, dtype=np.uint32), 0, 0, 8)
     out, flags = _core.WrittenModel(program, np.zeros(0), 1.0).step(np.zeros(0), 0)
     assert flags == APPLICABLE and out.shape == (1,)
 
@@ -157,7 +143,7 @@ def test_a_forged_table_that_is_accepted_can_be_executed(table):
             row, column = random.randrange(len(code)), random.randrange(4)
             code[row, column] = random.randrange(27 if column == 0 else 40)
         entries = table.entries.copy()
-        sizes = [table.fluents, table.parameters, table.intermediate]
+        sizes = [*table[2:]]
         if random.random() < 0.2:
             entries[random.randrange(len(entries))] = random.choice((0, 5, len(code), HUGE))
             sizes[random.randrange(3)] += random.randint(-2, 2)
@@ -166,12 +152,11 @@ def test_a_forged_table_that_is_accepted_can_be_executed(table):
         except ValueError:
             continue
         accepted += 1
-        model = _core.WrittenModel(program, np.ones(program.parameters), 1.0)
+        model = _core.WrittenModel(program, np.ones(sizes[1]), 1.0)
         for action in range(-1, 2):
-            state = np.array([random.choice((0.0, 1.0, 2.5)) for _ in range(program.fluents)])
+            state = np.array([random.choice((0.0, 1.0, 2.5)) for _ in range(sizes[0])])
             model.step(state, action)
             model.judge(state, action, state)
-        model.at_goal(state)
     assert accepted > 100
 
 
@@ -184,7 +169,6 @@ def test_wrong_arguments_are_refused():
             lambda: core.step(np.zeros(size), 0),  # noqa: B023
             lambda: core.judge(np.zeros(size), 0, state),  # noqa: B023
             lambda: core.judge(state, 0, np.zeros(size)),  # noqa: B023
-            lambda: core.at_goal(np.zeros(size)),  # noqa: B023
             lambda: core.outcomes(np.zeros(size), 0),  # noqa: B023
             lambda: core.uncertainty(np.zeros(size)),  # noqa: B023
             lambda: core.step_batch(np.zeros((2, size)), np.zeros(2, dtype=np.int64)),  # noqa: B023
@@ -198,7 +182,7 @@ def test_wrong_arguments_are_refused():
             core.step_batch(np.zeros((1, core.fluents)), np.array([action]))
     with pytest.raises(ValueError, match="shapes"):
         core.step_batch(np.zeros((2, core.fluents)), np.zeros(3, dtype=np.int64))
-    program = compile_program(model.ground)
+    program = _core.Program(*instruction_table(model.ground))
     for theta in (model.theta[1:], np.full(len(model.theta), np.nan)):
         with pytest.raises(ValueError, match="theta"):
             _core.WrittenModel(program, theta, 1.0)

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.authoring.lint.findings import CODES
+from serp.authoring.lint.findings import examine
 from serp.pddl.source import DomainError, Source
 from tests.generated import FULL, Texts, examples, load_texts, write_texts
 from tests.generated.models import DOMAIN_FILE, PROBLEM_FILE
-from tests.serp.authoring.lint.found import findings_of
+from tests.serp.authoring.lint.checks_page import EXAMPLES
 from tests.serp.pddl.rendering import check_rendering
 
 REPOSITORY = Path(__file__).parents[3]
@@ -101,8 +101,8 @@ def load_or_refuse(texts):
 def check_findings(texts):
     """Check that reading on behind errors finds at least the one at which loading ends."""
     problem = None if texts.problem is None else Source(PROBLEM_FILE, texts.problem)
-    findings = findings_of(Source(DOMAIN_FILE, texts.domain), problem)
-    assert {finding.code for finding in findings} <= CODES
+    findings = examine(Source(DOMAIN_FILE, texts.domain), problem).findings
+    assert {finding.code for finding in findings} <= EXAMPLES.keys()
     errors = [finding.message for finding in findings if finding.severity == "error"]
     try:
         load_texts(texts)

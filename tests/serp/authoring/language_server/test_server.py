@@ -15,8 +15,8 @@ from pygls.lsp.client import LanguageClient
 from serp.authoring.language_server.completion import completions, explained
 from serp.authoring.language_server.index import Index, word_at
 from serp.authoring.language_server.server import Positions, code_actions, uri_of
+from serp.authoring.lint.findings import examine
 from serp.pddl.source import Source
-from tests.serp.authoring.lint.found import findings_of
 from tests.serp.pddl.test_fuzz import SHIPPED, damage
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
@@ -174,7 +174,7 @@ def test_damaged_files_are_explained_as_far_as_they_can_be_read():
         source = Source("d.pddl", texts.domain)
         index = Index(source)
         whole = POSITIONS.range(source.place(0, len(source.text)))
-        list(code_actions(findings_of(source), "d.pddl", whole, POSITIONS))
+        list(code_actions(examine(source).findings, "d.pddl", whole, POSITIONS))
         for _ in range(15):
             position = random.randrange(len(source.text) + 1)
             at = POSITIONS.position(source, position)

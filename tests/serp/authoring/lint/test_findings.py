@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from serp.authoring.lint.findings import CODES
+from serp.authoring.lint.findings import RULES, examine
 from serp.pddl.source import Source
 from serp.ui.commands.files import write_changed
-from tests.serp.authoring.lint.found import findings_of
+from tests.serp.authoring.lint.checks_page import EXAMPLES, TEXT
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 
-PAGE = Path(__file__).resolve().parents[4] / "docs" / "reference" / "checks.md"
+ROOT = Path(__file__).resolve().parents[4]
 
 MANY = """\
 (define (domain d)
@@ -35,7 +35,7 @@ MANY = """\
 
 def found_in(text, problem=None):
     given = None if problem is None else Source("p.pddl", problem)
-    return findings_of(Source("d.pddl", text), given)
+    return examine(Source("d.pddl", text), given).findings
 
 
 def test_all_that_is_wrong_is_found_in_one_pass_and_nothing_that_follows_from_it():
@@ -83,19 +83,14 @@ def test_a_file_that_is_written_keeps_its_mark_its_line_ends_and_its_mode(tmp_pa
     assert file.stat().st_mode & 0o777 == 0o640
 
 
-def page_rows():
-    rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \| (?:`(.*?)`)? \|$", PAGE.read_text(), re.M)
-    return [(code, meaning, example or "") for code, meaning, example in rows]
-
-
 def test_the_page_explains_every_code_with_an_example_that_has_it():
-    lamps = re.search(r"```pddl\n(.*?)```", PAGE.read_text(), re.S)
+    lamps = re.search(r"```pddl\n(.*?)```", TEXT, re.S)
     assert [f.rendered for f in found_in(lamps[1])] == []
-    without = {code for code, _, example in page_rows() if not example}
+    without = {code for code, example in EXAMPLES.items() if not example}
     whole = {"too-large", "unreadable-file", "missing-domain", "no-action", "no-reward"}
     assert without == {*whole, "out-of-range", "task-mismatch", "unbounded-goal"}
-    assert {code for code, _, _ in page_rows()} == CODES
-    for code, _, example in page_rows():
+    assert {rule.code for rule in RULES} <= EXAMPLES.keys()
+    for code, example in EXAMPLES.items():
         problem = f"(define (problem p) (:domain lamps) {PROBLEM})"
         text = lamps[1]
         if example.startswith("(:domain"):
@@ -113,7 +108,7 @@ PROBLEM = "(:init (on desk) (= (level) 1)) (:goal (and))"
 
 
 def test_a_lost_parenthesis_is_told_in_its_place_and_once():
-    text = (PAGE.parents[2] / "domains" / "cliff.pddl").read_text()
+    text = (ROOT / "domains" / "cliff.pddl").read_text()
     code = re.sub(";[^\n]*", lambda match: " " * len(match[0]), text)
     near = 0
     places = [match.start() for match in re.finditer(r"[()]", code)][::4]

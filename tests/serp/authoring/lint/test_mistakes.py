@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from serp.authoring.lint.findings import CODES, ERRORS, examine
+from serp.authoring.lint.findings import examine
 from serp.authoring.lint.task_ranges import out_of_range
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Source, edited
 from serp.pddl.syntax import meaning
 from serp.tasks.registry import task_of
-from tests.serp.authoring.lint.found import findings_of
+from tests.serp.authoring.lint.checks_page import ERRORS, EXAMPLES
 
 DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 EDITED = "edited.pddl"
@@ -63,10 +63,10 @@ def test_a_mistake_is_found_in_its_place_with_the_right_suggestion(mistake):
     domain, problem = sources(mistake, text)
     look = of_task if mistake["code"] == "out-of-range" else None
     findings = examine(domain, problem, look=look).findings
-    usual = {(f.code, f.message) for f in findings_of(*sources(mistake, original))}
+    usual = {(f.code, f.message) for f in examine(*sources(mistake, original)).findings}
     found = [f for f in findings if (f.code, f.message) not in usual]
     (here,) = (f for f in found if f.code == mistake["code"] and where(f) == (EDITED, start))
-    assert mistake["code"] in CODES
+    assert mistake["code"] in EXAMPLES
     # What follows from the mistake is told at most twice more.
     assert len({(f.code, f.message) for f in found}) <= 3, [f.rendered for f in found]
     if mistake["code"] in ERRORS:

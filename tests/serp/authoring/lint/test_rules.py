@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 
 from serp.authoring.lint.contradiction import contradiction
+from serp.authoring.lint.findings import examine
 from serp.model.flags import APPLICABLE
 from serp.pddl.source import Source
 from tests.generated.models import load_texts, models_with_states
 from tests.generated.profile import examples
 from tests.generated.writer import Texts
-from tests.serp.authoring.lint.found import findings_of
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
 from tests.worlds import text
 
@@ -19,14 +19,14 @@ ROOT = Path(__file__).resolve().parents[4]
 
 
 def warned(domain, problem=WALK_PROBLEM):
-    findings = findings_of(Source("d.pddl", domain), Source("p.pddl", problem))
+    findings = examine(Source("d.pddl", domain), Source("p.pddl", problem)).findings
     return [finding.rendered for finding in findings]
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "domains").glob("*.pddl")), ids=lambda p: p.name)
 def test_of_what_is_shipped_nothing_is_left_to_say(file):
     if not file.stem.endswith("-problem"):
-        assert [finding.rendered for finding in findings_of(file)] == []
+        assert [finding.rendered for finding in examine(file).findings] == []
 
 
 def test_a_metric_is_a_reward():
@@ -53,7 +53,7 @@ BLOCKS_PROBLEM = """
 @pytest.mark.parametrize("objects", ["b1", "b1 b2"])
 def test_what_comes_of_few_objects_is_no_finding(objects):
     problem = Source("p.pddl", BLOCKS_PROBLEM.format(objects=objects))
-    found = findings_of(Source("d.pddl", BLOCKS), problem)
+    found = examine(Source("d.pddl", BLOCKS), problem).findings
     assert [f.rendered for f in found if f.severity != "note"] == []
 
 

@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.authoring.scenarios.checking import Decider
-from serp.authoring.scenarios.files import run_scenarios
+from serp.authoring.scenarios.checking import Decider, run_scenarios
 from serp.model.domain import load_domain
 from serp.pddl.source import Source
 from serp.settings import Settings

@@ -126,7 +126,7 @@ def logic(domain):
     for schema in domain.syntax.schemas:
         if schema.kind.value == "event":
             found.append((schema.name, schema.place.text))
-        elif schema.precondition is not None and not schema.name.endswith("-changes"):
+        elif not schema.name.endswith("-changes"):
             found.append((schema.name, schema.precondition.place.text))
     lines = domain.source.text.splitlines()
     return found + [
