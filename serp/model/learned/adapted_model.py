@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from serp import _core
-from serp._util.saved_state import Arrays, Saved, nested, part_of
-from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground_model import UNSAFE_TARGET, GroundSchema
 from serp.model.learned.feature_groups import (
     FeatureGroup,
     Key,
-    contents_of,
     feature_groups_of,
     learnable,
-    restore_regression,
 )
 from serp.model.traced_step import Passage
 from serp.model.transition_model import TransitionModel, Vector
@@ -136,39 +131,6 @@ class AdaptedModel(TransitionModel):
         theta = self.core.parameters.tolist()
         _, flags, passages = self.traced(state, action, theta=theta, amend=amend)
         return passages, flags
-
-    def contents(self) -> Arrays:
-        """Return what is in use, without the counts of outcomes."""
-        arrays: Arrays = {"written": self.theta.copy(), "parameters": self.core.parameters}
-        for name, regression in self._learned().items():
-            arrays |= nested(name, contents_of(regression))
-        return arrays
-
-    def _learned(self) -> dict[str, _core.Regression]:
-        """Return all regressions with the names that they are saved under."""
-        learned = {f"regression{k}": each for k, each in enumerate(self.regressions.values())}
-        return learned if self.worth is None else {**learned, "worth": self.worth}
-
-    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Use what `contents` returned; the owner of the counts of outcomes restores these.
-
-        Raises:
-            RunError: It belongs to a model of another shape or with other parameters, or is
-                damaged.
-        """
-        if not np.array_equal(arrays.get("written", ()), self.theta):
-            raise RunError(
-                "the saved adaptation belongs to another domain file; continue with the one it "
-                "was learned with"
-            )
-        parameters = Saved("adaptation", arrays, {}).array(
-            "parameters", np.float64, self.theta.shape
-        )
-        for name, regression in self._learned().items():
-            restore_regression(regression, part_of(arrays, name))
-        for shared in self.shared.values():
-            shared.outcomes = None
-        self.core.adopt(parameters)
 
 
 def _parameters_of(

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._core import ObservedStep, OutcomeTable
+from serp._core import GroupParameters, ObservedStep, OutcomeTable
 from serp._util.saved_state import MOST, Saved
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
 from serp.model.learned.adoption import BETTER, TrackRecord
@@ -67,6 +67,12 @@ class OutcomeCounts:
             and self.samples >= _MIN_SAMPLES
             and bool(self._scores[1] < BETTER * self._scores[0])
         )
+
+    def publish(self, shared: GroupParameters) -> None:
+        """Let the model use the counts, or stop using them."""
+        table = self.table if self.used else None
+        if table is not shared.outcomes:
+            shared.outcomes = table
 
     def track_record(self, schema: str) -> TrackRecord:
         """Return what is known of the counts, after actions of a schema."""

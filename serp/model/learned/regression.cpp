@@ -131,7 +131,7 @@ void Regression::use_features(int features) {
 }
 
 void Regression::use_known(int known) {
-    require(known == 0 || known == columns || known == columns + SMOOTH,
+    require(known == 0 || known == columns || (known == columns + SMOOTH && features_ > 0),
             "there is no such number of known columns");
     known_ = known;
 }

@@ -9,7 +9,7 @@ import numpy as np
 from serp.model.learned.adoption import ModelAdoption
 from serp.model.learned.parameter_fit import parameter_dependencies
 from serp.model.learned.regression_data import predicted_steps
-from serp.model.learned.transitions import GOES_ON, OVER, TransitionMemory
+from serp.model.learned.transitions import TransitionMemory
 from serp.runs.diagnosis.accuracy import forecast_with
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.diagnosis import Recorded, make_diagnosis
@@ -58,8 +58,7 @@ def recorded(model, states, actions, next_states, rewards=None, over=None, domai
     over = predicted[:, -1] != 0.0 if over is None else over
     run = taken(domain or from_text(ROBOTS), experience, model.dt)
     for k, action in enumerate(actions.tolist()):
-        ending = OVER if over[k] else GOES_ON
-        experience.add(states[k], action, next_states[k], int(ending), rewards[k])
+        experience.add(states[k], action, next_states[k], over[k], rewards[k])
     return dataclasses.replace(run, model=model, env_steps=len(states))
 
 
