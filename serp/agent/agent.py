@@ -125,7 +125,7 @@ class Agent:
         )
         self._random = np.random.default_rng(random_seed)
         self._waiting: dict[int, list[tuple[tuple[Vector, int, Vector, bool, float], bool]]] = {}
-        """Episode → steps that the model has not learned from, and whether each was the last one."""
+        """Episode → steps to learn from, and whether each is the last; in order of the episodes."""
 
     @property
     def strategy(self) -> Strategy:

@@ -91,30 +91,23 @@ void AdaptedModel::place_groups() {
 
 bool AdaptedModel::branches() const {
     return std::any_of(shared_.begin(), shared_.end(),
-                       [](const auto& shared) { return shared->outcomes != nullptr; });
+                       [](const auto& shared) { return shared->counted(); });
 }
 
 bool AdaptedModel::active() const {
     return revised_ || worth() || std::any_of(shared_.begin(), shared_.end(), [](const auto& shared) {
-               const Regression* regression = shared->regression.get();
-               return shared->outcomes != nullptr ||
-                      (regression != nullptr && regression->most() != FILE_ALONE);
+               return shared->counted() || shared->corrected();
            });
 }
 
 bool AdaptedModel::counted(int action) const {
-    const std::vector<FeatureGroup>& groups = groups_[action];
-    return std::any_of(groups.begin(), groups.end(), [](const FeatureGroup& group) {
-        return group.shared->outcomes != nullptr;
-    });
+    return std::any_of(groups_[action].begin(), groups_[action].end(),
+                       [](const FeatureGroup& group) { return group.shared->counted(); });
 }
 
 bool AdaptedModel::corrected(int action) const {
-    const std::vector<FeatureGroup>& groups = groups_[action];
-    return std::any_of(groups.begin(), groups.end(), [](const FeatureGroup& group) {
-        const Regression* regression = group.shared->regression.get();
-        return regression != nullptr && regression->most() != FILE_ALONE;
-    });
+    return std::any_of(groups_[action].begin(), groups_[action].end(),
+                       [](const FeatureGroup& group) { return group.shared->corrected(); });
 }
 
 void AdaptedModel::adopt(const std::vector<double>& parameters) {
@@ -336,7 +329,7 @@ public:
         std::copy(rows, rows + width_, flowed_.data());
         int count = 1;
         for (const FeatureGroup& group : model_.groups(action)) {
-            if (group.shared->outcomes) count = split(group, action, rows, count);
+            if (group.shared->counted()) count = split(group, action, rows, count);
         }
         return count;
     }
@@ -410,8 +403,7 @@ private:
     void correct(int action, double* out) {
         bool corrected = false;
         for (const FeatureGroup& group : model_.groups(action)) {
-            const Regression* regression = group.shared->regression.get();
-            if (regression != nullptr && regression->most() != FILE_ALONE) {
+            if (group.shared->corrected()) {
                 residual(group).add(group.shared->head, group.targets, out);
                 corrected = true;
             }
@@ -432,7 +424,7 @@ private:
         int counted = 0, which = 0;
         std::copy(out, out + width_, flowed_.data());
         for (const FeatureGroup& group : model_.groups(action)) {
-            if (!group.shared->outcomes) continue;
+            if (!group.shared->counted()) continue;
             ++counted;
             which = likeliest(group, action);
             if (which > 0) group.shared->outcomes->put(which, group.inputs, outcomes_, out);
@@ -441,8 +433,8 @@ private:
     }
 
     int likeliest(const FeatureGroup& group, int action) {
-        return group.shared->outcomes->likeliest(file_, action, group.inputs, state_,
-                                                 flowed_.data(), outcomes_);
+        const OutcomeStep step{file_, action, group.inputs, state_, flowed_.data()};
+        return group.shared->outcomes->likeliest(step, outcomes_);
     }
 
     /// Applies the likeliest outcomes and then events; the reward is expected over all outcomes.
@@ -461,7 +453,7 @@ private:
         const Worth usual = expected;
         double alike = 1.0;
         for (const FeatureGroup& group : model_.groups(action)) {
-            if (!group.shared->outcomes) continue;
+            if (!group.shared->counted()) continue;
             // What the room holds is its own, if no other group has counts.
             const int most = counted > 1 ? likeliest(group, action) : last;
             alike *= std::max(0.0, 1.0 - vary(group, most, flow_flags, unsafe, usual, expected));
@@ -586,8 +578,6 @@ std::shared_ptr<AdaptedModel> model_of(std::shared_ptr<WrittenModel> written,
     SameArguments same;
     same.schemas = static_cast<int>(others.shape(1));
     for (std::size_t k = 0; k < others.size(); ++k) {
-        require(-1 <= others.data()[k] && others.data()[k] < written->actions(),
-                "there is no such other action");
         same.action.push_back(static_cast<int>(others.data()[k]));
     }
     std::vector<std::vector<FeatureGroup>> of_actions;

@@ -20,6 +20,10 @@ struct GroupParameters {
     int head = 0;                            ///< of the action schema in the regression
     std::shared_ptr<OutcomeTable> outcomes;  ///< the counts in use, or none
 
+    bool counted() const { return outcomes != nullptr; }
+    /// Whether the residual is in use.
+    bool corrected() const { return regression && regression->most() != FILE_ALONE; }
+
     // What the outcomes must fit, see `OutcomeTable::check`.
     std::vector<int> inputs;
     int width = 0, schemas = 0;
@@ -32,27 +36,6 @@ struct FeatureGroup {
     std::vector<int> targets;  ///< columns of the numbers that may change
     std::shared_ptr<GroupParameters> shared;
     int place = 0;  ///< equal for groups of one regression with the same inputs
-};
-
-/// Numbers of at least this size are not learned from; sums of their squares would overflow.
-inline constexpr double HUGE_NUMBER = 1e60;
-
-/// An observed transition, beside what the file says of it.
-struct ObservedStep {
-    FileStep file;
-    int action;
-    bool over;                               ///< whether it ended the episode
-    double reward;                           ///< NaN where it is not to be learned
-    std::vector<double> state, next_state;   ///< [F]
-    std::vector<double> flowed, settled{};   ///< [F + 1] after effects and processes; after events
-    Flags flags = 0;                         ///< of `flowed`
-    /// Reward and end as the model predicts them without its `worth`, and whether that is used here.
-    double expected_reward = 0.0, expected_end = 0.0;
-    bool weighed = false;
-
-    /// Whether its numbers are small enough to learn from. After the end of an episode the next
-    /// state need not be what the file says, so it does not matter then.
-    bool usable() const;
 };
 
 /// A transition model that is adapted to observed transitions.

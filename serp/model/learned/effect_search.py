@@ -326,7 +326,7 @@ class EffectFit:
         self.added = tuple(added)
         self.ground = with_effects(lifted, self.added)
         self._whole = TransitionModel(self.ground, dt=model.dt)
-        self._estimator = ParameterEstimator(self._whole, lifted, self.added)
+        self._estimator = ParameterEstimator(self._whole)
         self._written = len(model.ground.parameters)
         theta = self._estimator.written.copy()
         if before is None:

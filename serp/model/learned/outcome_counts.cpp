@@ -1,9 +1,9 @@
 // The outcome counts as Python sees them.
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
 
 #include "serp/_util/arrays.hpp"
+#include "serp/_util/checks.hpp"
 #include "serp/model/learned/adapted_model.hpp"
 #include "serp/model/learned/outcome_table.hpp"
 
@@ -15,23 +15,20 @@ using Vector = In<double, nb::ndim<1>>;
 using Matrix = In<double, nb::ndim<2>>;
 using Positions = In<std::int64_t, nb::ndim<1>>;
 
-/// Returns whole numbers of a small type. Throws std::invalid_argument where they are none.
-template <class Number>
-std::vector<int> integers(const In<Number, nb::ndim<1>>& numbers) {
+int integer(double number) {
     constexpr int most = 1 << 30;
-    std::vector<int> result;
-    for (std::size_t i = 0; i < numbers.size(); ++i) {
-        const auto number = static_cast<double>(numbers.data()[i]);
-        if (!(std::abs(number) <= most) || number != std::floor(number)) {
-            throw std::invalid_argument("there are numbers that are not whole, or too large");
-        }
-        result.push_back(static_cast<int>(number));
-    }
-    return result;
+    require(std::abs(number) <= most && number == std::floor(number),
+            "there are numbers that are not whole, or too large");
+    return static_cast<int>(number);
 }
 
-void require_shape(bool fits) {
-    if (!fits) throw std::invalid_argument("the arrays have other shapes than expected");
+template <class Number>
+std::vector<int> integers(const In<Number, nb::ndim<1>>& numbers) {
+    std::vector<int> result;
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        result.push_back(integer(static_cast<double>(numbers.data()[i])));
+    }
+    return result;
 }
 
 bool count(OutcomeTable& table, ObservedStep& step, const Positions& inputs,
@@ -40,9 +37,7 @@ bool count(OutcomeTable& table, ObservedStep& step, const Positions& inputs,
     const std::vector<int> columns = integers(inputs);
     table.check(columns, width, step.file.others().schemas);
     OutcomeRoom room(width);
-    const ObservedTransition seen{step.state.data(), step.action,        step.next_state.data(),
-                                  step.over,         step.flowed.data(), step.flags};
-    return table.count(step.file, columns, seen, losses.data(), rate, room);
+    return table.count(step, columns, losses.data(), rate, room);
 }
 
 nb::dict contents(const OutcomeTable& table) {
@@ -79,20 +74,17 @@ void restore(OutcomeTable& table, const Vector& schemas, const Matrix& changes, 
              const Matrix& evidence) {
     constexpr std::size_t experts = OutcomeTable::EXPERTS;
     const std::size_t rows = codes.size();
-    require_shape(changes.shape(1) == static_cast<std::size_t>(table.columns()) &&
-                  trust.size() == experts && sets.shape(1) == 2 && counts.shape(0) == rows &&
-                  counts.shape(1) == KINDS && totals.size() == rows && evidence.shape(0) == rows &&
-                  evidence.shape(1) == experts);
+    require(changes.shape(1) == static_cast<std::size_t>(table.columns()) &&
+                trust.size() == experts && sets.shape(1) == 2 && counts.shape(0) == rows &&
+                counts.shape(1) == KINDS && totals.size() == rows && evidence.shape(0) == rows &&
+                evidence.shape(1) == experts,
+            "the arrays have other shapes than expected");
     OutcomeTable::Contents contents;
     contents.schemas = integers(schemas);
     contents.changes = vector_of(changes);
     std::copy_n(trust.data(), experts, contents.trust.begin());
     for (std::size_t k = 0; k < sets.shape(0); ++k) {
-        const double members = sets.data()[2 * k];
-        if (!(1.0 <= members && members < 1 << KINDS) || members != std::floor(members)) {
-            throw std::invalid_argument("sets are of unknown outcomes");
-        }
-        contents.sets.push_back({static_cast<int>(members), sets.data()[2 * k + 1]});
+        contents.sets.push_back({integer(sets.data()[2 * k]), sets.data()[2 * k + 1]});
     }
     contents.rows.resize(rows);
     for (std::size_t k = 0; k < rows; ++k) {

@@ -160,21 +160,19 @@ const double* OutcomeTable::values_of(const OutcomeRoom& room, int kind) const {
 }
 
 /// Writes what an outcome of a schema predicts to the room; returns whether it is possible.
-bool OutcomeTable::predict(FileStep& file, int action, int kind, int schema,
-                           const std::vector<int>& inputs, const double* state,
-                           const double* flowed, OutcomeRoom& room) const {
+bool OutcomeTable::predict(const OutcomeStep& step, int kind, int schema, OutcomeRoom& room) const {
     double* values = room.values.data() + kind * columns();
     if (kind == 0 || schema == CHANGE) {
         const double* changes = contents_.changes.data() + kind * columns();
         for (int k = 0; k < columns(); ++k) {
-            const int column = inputs[places_[k]];
-            values[k] = kind == 0 ? flowed[column] : state[column] + changes[k];
+            const int column = step.inputs[places_[k]];
+            values[k] = kind == 0 ? step.flowed[column] : step.state[column] + changes[k];
         }
         return true;
     }
-    const int other = file.others().of(action, schema);
-    if (other < 0 || !(file.flow(other, room.step.data()) & APPLICABLE)) return false;
-    for (int k = 0; k < columns(); ++k) values[k] = room.step[inputs[places_[k]]];
+    const int other = step.file.others().of(step.action, schema);
+    if (other < 0 || !(step.file.flow(other, room.step.data()) & APPLICABLE)) return false;
+    for (int k = 0; k < columns(); ++k) values[k] = room.step[step.inputs[places_[k]]];
     return true;
 }
 
@@ -204,18 +202,14 @@ void OutcomeTable::merge(OutcomeRoom& room) const {
     }
 }
 
-int OutcomeTable::likeliest(FileStep& file, int action, const std::vector<int>& inputs,
-                            const double* state, const double* flowed, OutcomeRoom& room) const {
+int OutcomeTable::likeliest(const OutcomeStep& step, OutcomeRoom& room) const {
     std::vector<double>& probabilities = room.probabilities;
     fill_broadest(probabilities.data());
-    refine(row_of(inputs, state), probabilities.data());
+    refine(row_of(step.inputs, step.state), probabilities.data());
     double left = 0.0;
     for (int kind = 0; kind < kinds(); ++kind) {
         const bool usual = kind == 0 || probabilities[kind] >= RARE;
-        if (!usual || !predict(file, action, kind, contents_.schemas[kind], inputs, state, flowed,
-                               room)) {
-            probabilities[kind] = 0.0;
-        }
+        if (!usual || !predict(step, kind, contents_.schemas[kind], room)) probabilities[kind] = 0.0;
         left += probabilities[kind];
     }
     if (left <= RARE) probabilities[0] = left = 1.0;
@@ -232,16 +226,16 @@ int OutcomeTable::likeliest(FileStep& file, int action, const std::vector<int>& 
 
 /// Writes how an outcome that the room has a prediction of fits, after events; and whether it is an
 /// end.
-void OutcomeTable::compare(FileStep& file, int kind, const std::vector<int>& inputs,
-                           const ObservedTransition& seen, OutcomeRoom& room) const {
-    double* out = room.step.data();
-    std::copy(seen.flowed, seen.flowed + file.width() + 1, out);
-    put(kind, inputs, room, out);
-    const Flags settled = file.settle(seen.flags, out);
+void OutcomeTable::compare(const OutcomeStep& step, const ObservedStep& seen, int kind,
+                           OutcomeRoom& room) const {
+    std::vector<double>& out = room.step;
+    out = seen.flowed;
+    put(kind, step.inputs, room, out.data());
+    const Flags settled = step.file.settle(seen.flags, out.data());
     room.ends[kind] = (settled & APPLICABLE) && (settled & TERMINAL);
     bool same = (settled & APPLICABLE) && (room.ends[kind] || !seen.over);
     for (int k = 0; k < columns() && same; ++k) {
-        const int column = inputs[places_[k]];
+        const int column = step.inputs[places_[k]];
         same = out[column] == seen.next_state[column];
     }
     room.fits[kind] = same ? Fit::FITS : Fit::POSSIBLE;
@@ -251,15 +245,14 @@ void OutcomeTable::compare(FileStep& file, int kind, const std::vector<int>& inp
 ///
 /// After the end of an episode, a state need not be what the file says: an end is explained by the
 /// outcomes that end the episode, and by those of them that predict the state, if any do.
-int OutcomeTable::fit_all(FileStep& file, const std::vector<int>& inputs,
-                          const ObservedTransition& seen, OutcomeRoom& room) const {
+int OutcomeTable::fit_all(const OutcomeStep& step, const ObservedStep& seen,
+                          OutcomeRoom& room) const {
     int exact = 0, ending = 0;
     for (int kind = 0; kind < kinds(); ++kind) {
         room.fits[kind] = Fit::IMPOSSIBLE;
         room.ends[kind] = false;
-        if (predict(file, seen.action, kind, contents_.schemas[kind], inputs, seen.state,
-                    seen.flowed, room)) {
-            compare(file, kind, inputs, seen, room);
+        if (predict(step, kind, contents_.schemas[kind], room)) {
+            compare(step, seen, kind, room);
             exact += room.fits[kind] == Fit::FITS;
             ending += room.ends[kind];
         }
@@ -272,18 +265,17 @@ int OutcomeTable::fit_all(FileStep& file, const std::vector<int>& inputs,
 }
 
 /// Adds outcomes that explain an observation, those of other actions first; returns the number.
-int OutcomeTable::find_new(FileStep& file, const std::vector<int>& inputs,
-                           const ObservedTransition& seen, OutcomeRoom& room) {
+int OutcomeTable::find_new(const OutcomeStep& step, const ObservedStep& seen, OutcomeRoom& room) {
     std::vector<int>& schemas = contents_.schemas;
     std::vector<double>& changes = contents_.changes;
     const int before = kinds();
-    for (int schema = 0; schema < file.others().schemas && kinds() < KINDS; ++schema) {
+    for (int schema = 0; schema < step.file.others().schemas && kinds() < KINDS; ++schema) {
         const int kind = kinds();
         if (std::find(schemas.begin() + 1, schemas.end(), schema) != schemas.end() ||
-            !predict(file, seen.action, kind, schema, inputs, seen.state, seen.flowed, room)) {
+            !predict(step, kind, schema, room)) {
             continue;
         }
-        compare(file, kind, inputs, seen, room);
+        compare(step, seen, kind, room);
         if (room.fits[kind] == Fit::FITS) {
             schemas.push_back(schema);
             changes.resize(changes.size() + columns(), 0.0);
@@ -293,7 +285,8 @@ int OutcomeTable::find_new(FileStep& file, const std::vector<int>& inputs,
         room.fits[before] = Fit::FITS;
         schemas.push_back(CHANGE);
         for (const int place : places_) {
-            changes.push_back(seen.next_state[inputs[place]] - seen.state[inputs[place]]);
+            const int column = step.inputs[place];
+            changes.push_back(seen.next_state[column] - seen.state[column]);
         }
     }
     return kinds() - before;
@@ -398,12 +391,12 @@ void OutcomeTable::share_sets() {
     }
 }
 
-bool OutcomeTable::count(FileStep& file, const std::vector<int>& inputs,
-                         const ObservedTransition& seen, double* losses, double rate,
-                         OutcomeRoom& room) {
-    file.from(seen.state);
-    const int fitting = fit_all(file, inputs, seen, room);
-    const int row = find_or_enter(inputs, seen.state), before = kinds();
+bool OutcomeTable::count(ObservedStep& seen, const std::vector<int>& inputs, double* losses,
+                         double rate, OutcomeRoom& room) {
+    const OutcomeStep step{seen.file, seen.action, inputs, seen.state.data(), seen.flowed.data()};
+    step.file.from(step.state);
+    const int fitting = fit_all(step, seen, room);
+    const int row = find_or_enter(inputs, step.state), before = kinds();
     fill_broadest(room.probabilities.data());
     if (fitting > 0) weigh_experts(row, room);
     refine(row, room.probabilities.data());
@@ -413,7 +406,7 @@ bool OutcomeTable::count(FileStep& file, const std::vector<int>& inputs,
         losses[1] += rate * (own - losses[1]);
     }
     if (fitting == 0) {
-        if (find_new(file, inputs, seen, room) == 0) return seen.over;
+        if (find_new(step, seen, room) == 0) return seen.over;
         std::fill(room.probabilities.begin() + before, room.probabilities.begin() + kinds(), 1.0);
     }
     add(row, room);

@@ -37,14 +37,13 @@ struct OutcomeRoom {
     std::vector<char> ends;             ///< [KINDS] whether an outcome ends the episode
 };
 
-/// An observed transition, beside what the file says of it.
-struct ObservedTransition {
-    const double* state;       ///< [F]
-    int action;                ///< the ground action
-    const double* next_state;  ///< [F]
-    bool over;                 ///< whether it ended the episode
-    const double* flowed;      ///< [F + 1] state and reward after effects and processes
-    Flags flags;               ///< of these
+/// A step whose outcomes are to be predicted.
+struct OutcomeStep {
+    FileStep& file;                  ///< starts from the state
+    int action;                      ///< the ground action
+    const std::vector<int>& inputs;  ///< columns of the feature group in a state
+    const double* state;             ///< [F]
+    const double* flowed;            ///< [F] it after effects, processes and residual
 };
 
 /// Counts of the outcomes of the ground actions that share the key of a feature group.
@@ -93,12 +92,9 @@ public:
     /// has outcomes of unknown schemas. Predictions and `count` rely on it.
     void check(const std::vector<int>& inputs, int width, int schemas) const;
 
-    /// Computes the probabilities of the outcomes of an action in a state [F], no two of which
-    /// predict the same, and returns the likeliest; `put` applies one.
-    ///
-    /// `file` starts from that state; `flowed` [F] is it after effects, processes and residual.
-    int likeliest(FileStep& file, int action, const std::vector<int>& inputs, const double* state,
-                  const double* flowed, OutcomeRoom& room) const;
+    /// Computes the probabilities of the outcomes of a step, no two of which predict the same, and
+    /// returns the likeliest; `put` applies one.
+    int likeliest(const OutcomeStep& step, OutcomeRoom& room) const;
 
     /// Sets the counted fluents in `out` [F] as an outcome predicts, after `likeliest`.
     void put(int kind, const std::vector<int>& inputs, const OutcomeRoom& room, double* out) const;
@@ -108,8 +104,8 @@ public:
     /// `losses` [2] are moving averages of the Brier scores (Monthly Weather Review 78, 1950) of
     /// the file and of the counts, `rate` the weight of this sample in them. Returns false where it
     /// is no outcome, and there is no room for another.
-    bool count(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
-               double* losses, double rate, OutcomeRoom& room);
+    bool count(ObservedStep& seen, const std::vector<int>& inputs, double* losses, double rate,
+               OutcomeRoom& room);
 
     /// Counts samples that were as in the file, before all others.
     void start(double samples);
@@ -132,17 +128,14 @@ private:
     void refine(int row, double* probabilities) const;
     void weigh_experts(int row, const OutcomeRoom& room);
 
-    bool predict(FileStep& file, int action, int kind, int schema, const std::vector<int>& inputs,
-                 const double* state, const double* flowed, OutcomeRoom& room) const;
+    bool predict(const OutcomeStep& step, int kind, int schema, OutcomeRoom& room) const;
     bool alike(const OutcomeRoom& room, int kind, int other) const;
     void merge(OutcomeRoom& room) const;
 
-    void compare(FileStep& file, int kind, const std::vector<int>& inputs,
-                 const ObservedTransition& seen, OutcomeRoom& room) const;
-    int fit_all(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
-                OutcomeRoom& room) const;
-    int find_new(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
-                 OutcomeRoom& room);
+    void compare(const OutcomeStep& step, const ObservedStep& seen, int kind,
+                 OutcomeRoom& room) const;
+    int fit_all(const OutcomeStep& step, const ObservedStep& seen, OutcomeRoom& room) const;
+    int find_new(const OutcomeStep& step, const ObservedStep& seen, OutcomeRoom& room);
     double score(const OutcomeRoom& room) const;
     void add(int row, OutcomeRoom& room);
     void add_share(int row, int kind, double share);

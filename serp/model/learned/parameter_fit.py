@@ -90,34 +90,6 @@ def with_effects(lifted: LiftedModel, added: Sequence[AddedEffect]) -> g.GroundM
     )
 
 
-def effect_columns(
-    lifted: LiftedModel,
-    effect: AddedEffect,
-    states: Vector,
-    after: Vector,
-    actions: NDArray[np.int64],
-) -> dict[int, Vector]:
-    """Return the changes by an added effect with coefficient 1, without Δt: fluent → `[N]`.
-
-    `states` `[N, F]` are those before the `actions` `[N]`; `after` `[N, F]` those after the
-    actions' effects, which processes read.
-    """
-    found: dict[int, Vector] = {}
-    if effect.schema == WORLD:
-        scope = lifted.world(effect.target.symbol)
-        for key in scope.bindings:
-            keys = np.full(len(states), key, dtype=np.int64)
-            found[key] = lifted.products(scope, effect.factors, after, keys)
-        return found
-    scope = lifted.schema(effect.schema)
-    values = lifted.products(scope, effect.factors, states, actions)
-    for key, binding in scope.bindings.items():
-        target = lifted.column(effect.target, binding)
-        column = found.setdefault(target, np.zeros(len(states)))
-        column[actions == key] = values[actions == key]
-    return found
-
-
 def _into_assignment(action: g.GroundSchema, target: int, value: g.Value) -> g.GroundSchema | None:
     """Return the action with a value added to its assignment; None where it has none."""
     for k, effect in enumerate(action.effects):
@@ -239,7 +211,7 @@ class ParameterFit:
 
 
 class ParameterEstimator:
-    """Estimates the parameters of one model; the last ones are coefficients of `added` effects.
+    """Estimates the parameters of one model.
 
     Attributes:
         flow: The model without its events.
@@ -247,15 +219,7 @@ class ParameterEstimator:
         dependencies: Dependencies on the parameters that can be estimated.
     """
 
-    def __init__(
-        self,
-        model: TransitionModel,
-        lifted: LiftedModel | None = None,
-        added: Sequence[AddedEffect] = (),
-    ) -> None:
-        self._dt = model.dt
-        self._lifted = lifted
-        self._added = added
+    def __init__(self, model: TransitionModel) -> None:
         self._actions_only = Flow(model, processes=False)
         self.flow = Flow(model)
         self.written = np.array([parameter.value for parameter in model.parameters])
@@ -283,7 +247,10 @@ class ParameterEstimator:
         predicted = self.flow.predict(data.states, data.actions, theta)
         for _ in range(4):
             before = theta.copy()
-            slopes = self._slopes(data, theta, predicted)
+            slopes = {
+                dependency.parameter.index: self._slope(data, theta, predicted, dependency)
+                for dependency in self.dependencies
+            }
             expected: dict[str, Vector] = {}
             for symbol, rows in self._rows(data, predicted, kept, slopes).items():
                 width = _widths(rows, self.written, theta)
@@ -344,29 +311,6 @@ class ParameterEstimator:
     def after_actions(self, data: RegressionData, theta: Vector) -> Vector:
         """Return the states after the effects of the actions, `[N, F]`."""
         return self._actions_only.predict(data.states, data.actions, theta)
-
-    def _slopes(self, data: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
-        """Return the derivatives by the parameters: position in θ → `[N, F]`."""
-        first = len(theta) - len(self._added)
-        found = {d.parameter.index: d for d in self.dependencies}
-        world = any(d.actions is None for k, d in found.items() if k >= first)
-        after = self.after_actions(data, theta) if world else data.states
-        return {
-            k: self._slope(data, theta, predicted, dependency)
-            if k < first
-            else self._effect_slope(self._added[k - first], data, after)
-            for k, dependency in found.items()
-        }
-
-    def _effect_slope(self, effect: AddedEffect, data: RegressionData, after: Vector) -> Vector:
-        """Return the derivative by the coefficient of an added effect; it needs no prediction."""
-        assert self._lifted is not None
-        unit = self._dt if effect.schema == WORLD else 1.0
-        slope = np.zeros(data.states.shape)
-        columns = effect_columns(self._lifted, effect, data.states, after, data.actions)
-        for column, values in columns.items():
-            slope[:, column] = unit * values
-        return slope
 
     def _slope(
         self,
