@@ -62,25 +62,23 @@ public:
 
     /// `squared`: errors of predictors are squared and none is an outlier, for what is rare.
     RegressionSamples(std::shared_ptr<Regression> regression, bool squared)
-        : low(regression->depth, std::numeric_limits<double>::infinity()),
-          high(regression->depth, -std::numeric_limits<double>::infinity()),
-          x_of(KEPT * low.size()), y_of(KEPT * static_cast<std::size_t>(regression->count)),
-          weight_of(KEPT), valid_of(y_of.size()), head_of(KEPT), block_of(regression->count),
+        : loss(PREDICTORS, regression->count), doubt(PREDICTORS, regression->count),
+          seen(regression->count), spread(regression->count),
+          samples(regression->heads, regression->count), surprises(1),
+          reliability(std::size(LIMITS) + 1, 3), low(regression->depth), high(regression->depth),
+          x(KEPT, regression->depth), y(KEPT, regression->count), weight(KEPT),
+          valid(KEPT, regression->count), head(KEPT), block_of(regression->count),
           regression_(std::move(regression)), squared_(squared), x_(low.size()),
-          y_(block_of.size()), change_(block_of.size()), valid_(block_of.size()),
-          whole_(block_of.size()) {
-        clear_errors();
+          y_(seen.size()), change_(seen.size()), valid_(seen.size()), whole_(seen.size()) {
+        low.fill(std::numeric_limits<double>::infinity());
+        high.fill(-std::numeric_limits<double>::infinity());
     }
 
     void clear_errors() {
-        const auto count = static_cast<std::size_t>(regression_->count);
-        loss.assign(PREDICTORS * count, 0.0);
-        seen.assign(count, 0.0);
-        spread.assign(count, 0.0);
-        doubt.assign(PREDICTORS * count, 0.0);
-        reliability.assign(3 * (std::size(LIMITS) + 1), 0.0);
-        samples.assign(static_cast<std::size_t>(regression_->heads) * count, 0.0);
-        surprises.assign(1, 0.0);
+        for (Block<double>* block :
+             {&loss, &doubt, &seen, &spread, &samples, &surprises, &reliability}) {
+            block->fill(0.0);
+        }
     }
 
     Due learn(int head, const ObservedStep& step, const std::int64_t* inputs,
@@ -98,22 +96,23 @@ public:
 
     const Regression& regression() const { return *regression_; }
 
-    std::vector<double> loss;       ///< [4, T] moving averages of errors by predictor
+    Block<double> loss;       ///< [4, T] moving averages of errors by predictor
     /// [4, T] moving averages of the squared differences between errors and those of the file
-    std::vector<double> doubt;
-    std::vector<double> seen;       ///< [T] samples in them
-    std::vector<double> spread;     ///< [T] mean change
-    std::vector<double> samples;    ///< [H, T] samples of each head
-    std::vector<double> surprises;  ///< [1] fraction of surprises
+    Block<double> doubt;
+    Block<double> seen;       ///< [T] samples in them
+    Block<double> spread;     ///< [T] mean change
+    Block<double> samples;    ///< [H, T] samples of each head
+    Block<double> surprises;  ///< [1] fraction of surprises
     /// [5, 3] by corrected chance of an end: steps, sum of these chances, ends that came.
-    std::vector<double> reliability;
-    std::vector<double> low, high;  ///< [d] ends of the ranges of inputs; infinite at first
-    /// A ring of the newest samples, KEPT rows: inputs [d], errors [T], weight, whether the errors
-    /// are observed [T], and head. Sample k is in row k % KEPT.
-    std::vector<double> x_of, y_of, weight_of;
-    std::vector<std::uint8_t> valid_of;
-    std::vector<std::int64_t> head_of;
-    std::vector<std::int64_t> block_of;  ///< [T] which matrix of sums each target is in: 0 or 1
+    Block<double> reliability;
+    Block<double> low, high;  ///< [d] ends of the ranges of inputs; infinite at first
+    /// A ring of the newest samples: inputs [KEPT, d], errors of the file [KEPT, T] and weights
+    /// [KEPT], whether the errors are observed [KEPT, T], and heads [KEPT]. Sample k is in row
+    /// k % KEPT.
+    Block<double> x, y, weight;
+    Block<std::uint8_t> valid;
+    Block<std::int64_t> head;
+    Block<std::int64_t> block_of;  ///< [T] which matrix of sums each target is in: 0 or 1
     std::int64_t number = 0;        ///< of samples ever kept
     std::int64_t start = 0;         ///< number of samples before the present world
     std::int64_t pending = 0;       ///< newest samples that are not in the sums
@@ -125,7 +124,7 @@ public:
 private:
     void centre_and_half(double* centre, double* half) const;
     bool accept();
-    void keep(int head, double weight);
+    void keep(int of_head, double its_weight);
     Due take(int head, bool moved);
     std::pair<double, bool> account(int head);
     double predict(int head);
@@ -181,16 +180,16 @@ void RegressionSamples::normalise() const {
 }
 
 /// Puts the new sample into the ring, in the place of the oldest one if it is full.
-void RegressionSamples::keep(int head, double weight) {
-    const auto place = static_cast<std::size_t>(number % KEPT);
-    const auto put = [place](auto& ring, const auto& values) {
-        std::copy(values.begin(), values.end(), ring.data() + place * values.size());
+void RegressionSamples::keep(int of_head, double its_weight) {
+    const auto row = static_cast<std::size_t>(number % KEPT);
+    const auto put = [row](auto& ring, const auto& values) {
+        std::copy(values.begin(), values.end(), ring.data() + row * values.size());
     };
-    put(x_of, x_);
-    put(y_of, y_);
-    put(valid_of, valid_);
-    head_of[place] = head;
-    weight_of[place] = weight;
+    put(x, x_);
+    put(y, y_);
+    put(valid, valid_);
+    head[row] = of_head;
+    weight[row] = its_weight;
     ++number;
     ++pending;
     ++since_solved;
@@ -417,22 +416,16 @@ int head_of(const Regression& of, std::int64_t head) {
     return static_cast<int>(head);
 }
 
-template <class... Numbers>
-std::vector<size_t> sizes(Numbers... numbers) {
-    return {static_cast<size_t>(numbers)...};
-}
-
-/// Binds a writable view of numbers. `shape(owner)` is its shape.
-template <class Class, class Number, class Shape>
-void bind_view(nb::class_<Class>& bound, const char* name, std::vector<Number> Class::*numbers,
-               Shape shape, const char* doc) {
+/// Binds a writable view of a block.
+template <class Class, class Number>
+void bind_view(nb::class_<Class>& bound, const char* name, Block<Number> Class::*block) {
     bound.def_prop_ro(
         name,
-        [numbers, shape](nb::pointer_and_handle<Class> self) {
-            const std::vector<size_t> sizes = shape(*self.p);
-            return Array<Number>((self.p->*numbers).data(), sizes.size(), sizes.data(), self.h);
+        [block](nb::pointer_and_handle<Class> self) {
+            Block<Number>& of = self.p->*block;
+            return Array<Number>(of.data(), of.shape.size(), of.shape.data(), self.h);
         },
-        nb::rv_policy::reference, doc);
+        nb::rv_policy::reference);
 }
 
 Array<double> design_matrix(const Regression& of, const In<double, nb::ndim<2>>& x,
@@ -453,8 +446,8 @@ Array<double> design_matrix(const Regression& of, const In<double, nb::ndim<2>>&
 
 void bind_regression(nb::module_& module) {
     nb::class_<Regression> bound(module, "Regression",
-                                 "A regression of the one-step error of the file: H heads (action "
-                                 "schemas), d inputs, T targets, D columns of the linear part.");
+                                 "A regression of the one-step error of the file; see "
+                                 "regression.hpp for its arrays.");
     bound.def(nb::new_([](int heads, int depth, int count) {
              return std::make_shared<Regression>(heads, depth, count);
          }), nb::arg("heads"), nb::arg("depth"), nb::arg("count"))
@@ -484,29 +477,15 @@ void bind_regression(nb::module_& module) {
     bound.attr("SMOOTH") = Regression::SMOOTH;
     bound.attr("FEATURES") = Regression::FEATURES;
     bound.attr("RANGE") = Regression::RANGE;
-    using Of = Regression;
-    bind_view(bound, "linear", &Of::linear,
-              [](const Of& of) { return sizes(of.heads, 3, of.count, 1 + of.depth); },
-              "`[H, 3, T, 1 + d]` weights of a constant and the normalised inputs, by predictor.");
-    bind_view(bound, "amplitude", &Of::amplitude,
-              [](const Of& of) { return sizes(2, of.count, Of::FEATURES); },
-              "`[2, T, FEATURES]` weights of the random features, by predictor.");
-    bind_view(bound, "centre", &Of::centre, [](const Of& of) { return sizes(of.depth); },
-              "`[d]`; normalised inputs are (x - centre) * shrink.");
-    bind_view(bound, "shrink", &Of::shrink, [](const Of& of) { return sizes(of.depth); }, "`[d]`.");
-    bind_view(bound, "frequency", &Of::frequency,
-              [](const Of& of) { return sizes(of.depth, Of::FEATURES); }, "`[d, FEATURES]`.");
-    bind_view(bound, "phase", &Of::phase, [](const Of&) { return sizes(Of::FEATURES); },
-              "`[FEATURES]`.");
-    bind_view(bound, "inverse", &Of::inverse,
-              [](const Of& of) { return sizes(of.columns + Of::SMOOTH, of.columns + Of::SMOOTH); },
-              "`[D + SMOOTH, same]` transposed inverse of the Cholesky factor of the smooth model.");
-    bind_view(bound, "typical", &Of::typical,
-              [](const Of& of) { return sizes(of.heads, of.count); },
-              "`[H, T]` typical error of the predictor in use.");
-    bind_view(bound, "scale", &Of::scale, [](const Of& of) { return sizes(4, of.count); },
-              "`[4, T]` typical error where nothing is known, typical change, and two sums that the "
-              "first is computed from.");
+    bind_view(bound, "linear", &Regression::linear);
+    bind_view(bound, "amplitude", &Regression::amplitude);
+    bind_view(bound, "centre", &Regression::centre);
+    bind_view(bound, "shrink", &Regression::shrink);
+    bind_view(bound, "frequency", &Regression::frequency);
+    bind_view(bound, "phase", &Regression::phase);
+    bind_view(bound, "inverse", &Regression::inverse);
+    bind_view(bound, "typical", &Regression::typical);
+    bind_view(bound, "scale", &Regression::scale);
 }
 
 void require_columns(const Columns& columns, int size, size_t width, const char* what) {
@@ -573,37 +552,21 @@ void bind_regression_samples(nb::module_& module) {
     bound.attr("KEPT") = Of::KEPT;
     bound.attr("PENDING") = Of::PENDING;
     bound.attr("REMEMBERED") = Of::REMEMBERED;
-    const auto inputs = [](const Of& of) { return sizes(of.low.size()); };
-    const auto targets = [](const Of& of) { return sizes(of.seen.size()); };
-    const auto by_predictor = [](const Of& of) { return sizes(PREDICTORS, of.seen.size()); };
-    const auto rows = [](const Of&) { return sizes(Of::KEPT); };
-    const auto rows_of_targets = [](const Of& of) { return sizes(Of::KEPT, of.seen.size()); };
-    bind_view(bound, "loss", &Of::loss, by_predictor,
-              "`[4, T]` moving averages of errors by predictor.");
-    bind_view(bound, "doubt", &Of::doubt, by_predictor,
-              "`[4, T]` moving averages of the squared differences between errors and the file's.");
-    bind_view(bound, "reliability", &Of::reliability,
-              [](const Of& of) { return sizes(of.reliability.size() / 3, 3); },
-              "`[5, 3]` by corrected chance of an end: steps, sum of chances, ends that came.");
-    bind_view(bound, "seen", &Of::seen, targets, "`[T]` samples in them.");
-    bind_view(bound, "spread", &Of::spread, targets, "`[T]` mean change.");
-    bind_view(bound, "samples", &Of::samples,
-              [](const Of& of) { return sizes(of.regression().heads, of.seen.size()); },
-              "`[H, T]` samples of each head.");
-    bind_view(bound, "surprises", &Of::surprises, [](const Of&) { return sizes(1); },
-              "`[1]` fraction of surprises.");
-    bind_view(bound, "low", &Of::low, inputs, "`[d]` lower ends of the ranges of inputs.");
-    bind_view(bound, "high", &Of::high, inputs, "`[d]` upper ends of them.");
-    bind_view(bound, "block_of", &Of::block_of, targets,
-              "`[T]` which matrix of sums each target is in: 0 or 1.");
-    // The newest samples: sample k is in row k % KEPT.
-    bind_view(bound, "x", &Of::x_of, [](const Of& of) { return sizes(Of::KEPT, of.low.size()); },
-              "`[KEPT, d]` inputs.");
-    bind_view(bound, "y", &Of::y_of, rows_of_targets, "`[KEPT, T]` errors of the file.");
-    bind_view(bound, "valid", &Of::valid_of, rows_of_targets,
-              "`[KEPT, T]` whether these are observed: 0 or 1.");
-    bind_view(bound, "head", &Of::head_of, rows, "`[KEPT]`.");
-    bind_view(bound, "weight", &Of::weight_of, rows, "`[KEPT]`.");
+    bind_view(bound, "loss", &Of::loss);
+    bind_view(bound, "doubt", &Of::doubt);
+    bind_view(bound, "reliability", &Of::reliability);
+    bind_view(bound, "seen", &Of::seen);
+    bind_view(bound, "spread", &Of::spread);
+    bind_view(bound, "samples", &Of::samples);
+    bind_view(bound, "surprises", &Of::surprises);
+    bind_view(bound, "low", &Of::low);
+    bind_view(bound, "high", &Of::high);
+    bind_view(bound, "block_of", &Of::block_of);
+    bind_view(bound, "x", &Of::x);
+    bind_view(bound, "y", &Of::y);
+    bind_view(bound, "valid", &Of::valid);
+    bind_view(bound, "head", &Of::head);
+    bind_view(bound, "weight", &Of::weight);
 }
 
 }  // namespace
