@@ -244,9 +244,6 @@ class RegressionSamples:
     def doubt(self) -> NDArray[numpy.float64]: ...
 
     @property
-    def reliability(self) -> NDArray[numpy.float64]: ...
-
-    @property
     def seen(self) -> NDArray[numpy.float64]: ...
 
     @property
