@@ -49,8 +49,8 @@ def command(run: Path, as_json: bool, svg: Path | None) -> None:
     from serp.runs.diagnosis.diagnosis import as_dict, diagnose
 
     diagnosis = diagnose(run)
-    if diagnosis.recorded.notice is not None:
-        say(diagnosis.recorded.notice)
+    if damage := diagnosis.recorded.checkpoint.fallback:
+        say(f"{damage} This diagnosis uses the one before.")
     if as_json:
         print_json(as_dict(diagnosis))
     else:
@@ -63,8 +63,8 @@ def command(run: Path, as_json: bool, svg: Path | None) -> None:
 def _print(console: Console, diagnosis: Diagnosis) -> None:
     recorded, sample = diagnosis.recorded, diagnosis.sample
     file = next(iter(recorded.files.values()), recorded.domain.name)
-    newest = f"{len(recorded.experience):,} of {plural(recorded.env_steps, 'step')}"
-    console.print(f"{recorded.run}: {file} compared with {newest}")
+    newest = f"{len(recorded.adaptation.experience):,} of {plural(recorded.env_steps, 'step')}"
+    console.print(f"{recorded.path}: {file} compared with {newest}")
     if sample.left_out:
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
         console.print(f"{plural(sample.skipped, 'step')} left out because of: {reasons}")
@@ -90,8 +90,9 @@ def _print(console: Console, diagnosis: Diagnosis) -> None:
             for quantity in quantities
         ]
         print_table(console, head, table, right=range(1, 4))
-    console.print(f"\nThe run planned with this model: {recorded.adoption}")
-    _print_worth(console, recorded.adoption.worth)
+    adoption = recorded.adaptation.adoption
+    console.print(f"\nThe run planned with this model: {adoption}")
+    _print_worth(console, adoption.worth)
 
 
 def _print_worth(console: Console, worth: tuple[WorthAdoption, ...]) -> None:

@@ -19,7 +19,7 @@ from serp.ui.root import say
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.runs.diagnosis.diagnosis import Recorded
+    from serp.runs.run_model import RunModel
 
 
 @click.command(
@@ -50,9 +50,9 @@ def command(run: Path, out: Path | None, force: bool) -> None:
     recorded = read_recorded(run)
     if out is not None:
         _refuse_to_replace(recorded, out, force)
-    if recorded.notice is not None:
-        say(recorded.notice)
-    diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.experience))
+    if damage := recorded.checkpoint.fallback:
+        say(f"{damage} This diagnosis uses the one before.")
+    diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.adaptation.experience))
     repaired = repair(recorded.domain, diagnosis.worthwhile)
     console = open_console()
     name = recorded.files.get("domain.pddl", "domain.pddl")
@@ -74,12 +74,12 @@ def command(run: Path, out: Path | None, force: bool) -> None:
         say(f"{changes}, from {steps}; -o FILE.pddl writes the repaired file")
 
 
-def _refuse_to_replace(recorded: Recorded, out: Path, force: bool) -> None:
+def _refuse_to_replace(recorded: RunModel, out: Path, force: bool) -> None:
     """Refuse names of the run's own copies and, without `force`, of files that exist."""
     from serp.model.domain import problem_beside
 
-    if os.path.realpath(out) in {os.path.realpath(recorded.run / n) for n in recorded.files}:
-        raise SerpError(f"{out} belongs to the run; give a name outside {recorded.run}")
+    if os.path.realpath(out) in {os.path.realpath(recorded.path / n) for n in recorded.files}:
+        raise SerpError(f"{out} belongs to the run; give a name outside {recorded.path}")
     if force:
         return
     if os.path.lexists(out):
@@ -91,7 +91,7 @@ def _refuse_to_replace(recorded: Recorded, out: Path, force: bool) -> None:
         )
 
 
-def _write(recorded: Recorded, text: str, out: Path) -> None:
+def _write(recorded: RunModel, text: str, out: Path) -> None:
     """Write the domain file and, where it is not there already, its problem file beside it."""
     from serp._util.files import write_together
     from serp.model.domain import problem_beside
@@ -104,7 +104,7 @@ def _write(recorded: Recorded, text: str, out: Path) -> None:
     say(f"Its problem file is copied to {beside}")
 
 
-def _holds_problem(file: Path, recorded: Recorded) -> bool:
+def _holds_problem(file: Path, recorded: RunModel) -> bool:
     problem = recorded.domain.problem_source
     if problem is None or not file.is_file():
         return False
