@@ -58,9 +58,6 @@ class GroupParameters:
     def __init__(self, regression: Regression | None, head: int) -> None: ...
 
     @property
-    def regression(self) -> Regression | None: ...
-
-    @property
     def head(self) -> int: ...
 
     @property

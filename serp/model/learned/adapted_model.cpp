@@ -319,7 +319,8 @@ public:
     /// The probability of an end in the newest step by `unweighed`, if that is applicable.
     double expected_end() const { return expected_end_; }
 
-    /// See `AdaptedModel::branches_of`; `before` are the flags so far.
+    /// Writes every outcome before events, as `outcomes` does, but flags are 0; `before` are the flags
+    /// so far. Returns how many there are, 0 where there is no result.
     int branch(int action, double* rows, Flags& before) {
         before = file_.flow(action, rows);
         if (!(before & APPLICABLE)) return 0;
@@ -544,13 +545,6 @@ void AdaptedModel::weigh(ObservedStep& step) const {
     step.weighed = (flags & APPLICABLE) && !(flags & UNSAFE);
 }
 
-int AdaptedModel::branches_of(const double* state, int action, double* rows) const {
-    AdaptedStepper stepper(*this);
-    stepper.from(state);
-    Flags before = 0;
-    return stepper.branch(action, rows, before);
-}
-
 // For Python ---------------------------------------------------------------------------------------
 
 namespace {
@@ -558,13 +552,6 @@ namespace {
 using State = In<double, nb::ndim<1>>;
 /// Inputs, targets and shared part of a feature group.
 using Group = std::tuple<std::vector<int>, std::vector<int>, std::shared_ptr<GroupParameters>>;
-
-std::shared_ptr<GroupParameters> parameters_of(std::shared_ptr<Regression> regression, int head) {
-    auto made = std::make_shared<GroupParameters>();
-    made->regression = std::move(regression);
-    made->head = head;
-    return made;
-}
 
 void set_outcomes(GroupParameters& of, std::shared_ptr<OutcomeTable> table) {
     if (table) table->check(of.inputs, of.width, of.schemas);
@@ -601,10 +588,12 @@ const double* checked(const AdaptedModel& model, const State& state, std::int64_
 
 Array<double> branches_of(const AdaptedModel& model, const State& state, std::int64_t action) {
     const std::size_t row = static_cast<std::size_t>(model.fluents()) + 3;
-    const double* from = checked(model, state, action);
     std::vector<double> rows(OUTCOMES * row, 0.0);
+    AdaptedStepper stepper(model);
+    stepper.from(checked(model, state, action));
+    Flags before = 0;
     const auto count = static_cast<std::size_t>(
-        model.branches_of(from, static_cast<int>(action), rows.data()));
+        stepper.branch(static_cast<int>(action), rows.data(), before));
     rows.resize(count * row);
     return array_of(std::move(rows), {count, row});
 }
@@ -656,10 +645,10 @@ bool predicted(const ObservedStep& step, const In<std::int64_t, nb::ndim<1>>& co
 void bind_adapted_model(nb::module_& module) {
     nb::class_<GroupParameters>(module, "GroupParameters",
                                 "What is learned of the feature groups of one key.")
-        .def(nb::new_(&parameters_of), nb::arg("regression").none(), nb::arg("head"))
-        .def_ro("regression", &GroupParameters::regression,
-                nb::sig("def regression(self) -> Regression | None"),
-                "The regression of the residual; None where there are too many inputs to learn.")
+        .def(nb::new_([](std::shared_ptr<Regression> regression, int head) {
+                 return std::make_shared<GroupParameters>(std::move(regression), head);
+             }), nb::arg("regression").none(), nb::arg("head"),
+             "`regression`: that of the residual; None where there are too many inputs to learn.")
         .def_ro("head", &GroupParameters::head, "The head of the action schema in the regression.")
         .def_prop_rw("outcomes", [](const GroupParameters& of) { return of.outcomes; },
                      &set_outcomes, nb::arg("table").none(),
@@ -681,11 +670,8 @@ void bind_adapted_model(nb::module_& module) {
                                     "A model that is adapted to observed transitions.")
         .def(nb::new_(&model_of), nb::arg("written"), nb::arg("others"), nb::arg("flagging"),
              nb::arg("groups"), nb::arg("worth").none() = nb::none(),
-             "`others` `[A, S]` are the ground actions of each schema with the same arguments, -1 for "
-             "none. `flagging` says whether events can make `unsafe` true. `groups` are inputs, "
-             "targets and parameters of the feature groups of every ground action. `worth` is the "
-             "regression of reward and end, with a head for each ground action: inputs are all "
-             "fluents, then reward and end as predicted without it.")
+             "`others` `[A, S]` is that of `same_arguments`; `groups` are inputs, targets and "
+             "parameters of the feature groups of every ground action.")
         .def_prop_ro("active", &AdaptedModel::active, "Whether anything adapted is in use.")
         .def_prop_ro("revised", &AdaptedModel::revised,
                      "Whether parameters in use differ from those written.")

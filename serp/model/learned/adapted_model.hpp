@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "serp/model/learned/file_step.hpp"
@@ -16,8 +17,11 @@ namespace serp {
 /// What is learned of the feature groups of one key, and shared by them. It may change at any time
 /// between decisions.
 struct GroupParameters {
+    GroupParameters(std::shared_ptr<Regression> regression, int head)
+        : regression(std::move(regression)), head(head) {}
+
     std::shared_ptr<Regression> regression;  ///< of the residual; none: too many inputs to learn
-    int head = 0;                            ///< of the action schema in the regression
+    int head;                                ///< of the action schema in the regression
     std::shared_ptr<OutcomeTable> outcomes;  ///< the counts in use, or none
 
     bool counted() const { return outcomes != nullptr; }
@@ -38,16 +42,8 @@ struct FeatureGroup {
     int place = 0;  ///< equal for groups of one regression with the same inputs
 };
 
-/// A transition model that is adapted to observed transitions.
-///
-/// A step applies the file's effects and processes with the parameters in use, adds a residual,
-/// replaces counted fluents by their likeliest outcome, and applies the file's events. The reward is
-/// its expectation over the counted outcomes. UNSAFE is set only where the file as written sets it;
-/// everything else is a risk: the probability that the file's events flag an outcome.
-///
-/// Last, reward and end are corrected, within the range of the data. An end has a chance then. One
-/// that the file foresees remains TERMINAL, unless it is doubtful and the reward is corrected, too:
-/// or else it might be earned again and again. A step that is flagged UNSAFE remains as it is.
+/// A transition model that is adapted to observed transitions; its step is described in
+/// `serp.model.learned.adapted_model.AdaptedModel`.
 class AdaptedModel : public Model {
 public:
     /// `flagging`: whether events can make `unsafe` true. `worth`, if any, is the regression of
@@ -95,10 +91,6 @@ public:
     FileStep written_step() const {
         return FileStep(*written_->program(), written_->theta().data(), written_->dt(), others_);
     }
-
-    /// Writes every outcome before events, as `Stepper::outcomes` does; flags are 0. Returns how many
-    /// there are, 0 where there is no result.
-    int branches_of(const double* state, int action, double* rows) const;
 
     /// Notes in an observed step what is expected of its reward and end. Not thread-safe.
     void weigh(ObservedStep& step) const;
