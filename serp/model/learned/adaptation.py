@@ -14,12 +14,12 @@ from serp._util.saved_state import MOST, Arrays, Saved, nested
 from serp.errors import RunError
 from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.learned.adoption import (
+    AdoptedParameter,
     FluentAdoption,
     ModelAdoption,
     TrackRecord,
     WorthAdoption,
     adoption_of,
-    parameters_in_use,
 )
 from serp.model.learned.outcome_counts import OutcomeCounts
 from serp.model.learned.residual import ResidualRegression, WorthRegression
@@ -239,10 +239,15 @@ class ModelAdaptation:
             return ModelAdoption(adapts=False)
         return ModelAdoption(
             adapts=True,
-            parameters=parameters_in_use(
-                adapted.ground.parameters,
-                self._written.theta.tolist(),
-                adapted.core.parameters.tolist(),
+            parameters=tuple(
+                AdoptedParameter(p.place.line, p.place.text, written, used)
+                for p, written, used in zip(
+                    adapted.ground.parameters,
+                    self._written.theta.tolist(),
+                    adapted.core.parameters.tolist(),
+                    strict=True,
+                )
+                if used != written
             ),
             fluents=() if self._learners is None else self._learners.adoption(),
             worth=() if self._learners is None else self._learners.worth_adoption(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from serp._util.did_you_mean import listed
@@ -59,8 +59,7 @@ class FluentAdoption(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values."""
-        after = {"residual": list(self.residual), "outcomes": list(self.outcomes)}
-        return {**self._asdict(), **after, "adapted": self.adapted}
+        return {**self._asdict(), "adapted": self.adapted}
 
 
 class WorthAdoption(NamedTuple):
@@ -143,17 +142,6 @@ class ModelAdoption(NamedTuple):
         left = [f.fluent for f in self.fluents if not f.adapted]
         said = f"adapted: {'; '.join(parts)}"
         return f"{said}; as written: {listed(left)}" if left else said
-
-
-def parameters_in_use(
-    parameters: Iterable[Any], written: Sequence[float], in_use: Sequence[float]
-) -> tuple[AdoptedParameter, ...]:
-    """Return the `GroundModel.parameters` that have another value than the file writes."""
-    return tuple(
-        AdoptedParameter(p.place.line, p.place.text, written[p.index], in_use[p.index])
-        for p in parameters
-        if in_use[p.index] != written[p.index]
-    )
 
 
 def adoption_of(

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 from serp._util.text import percent, plural
 from serp.errors import RunError
 from serp.model.ground_model import Parameter
-from serp.model.learned.regression_data import RegressionData
 from serp.model.transition_model import Vector
 from serp.pddl.source import Place
 from serp.runs.diagnosis.accuracy import (
@@ -80,15 +79,10 @@ class Diagnosis:
     quantities: tuple[Quantity, ...]
 
     @property
-    def sample(self) -> RegressionData:
-        """The transitions that the file is compared with."""
-        return self.steps.sample
-
-    @property
     def verdict(self) -> str:
         """A sentence on the accuracy of the file one step ahead."""
         quantities = self.quantities
-        if not len(self.sample):
+        if not len(self.steps.sample):
             return "None of these steps can be compared with the file."
         if not quantities:
             return "Nothing changed in these steps, as predicted."
@@ -145,8 +139,8 @@ def make_diagnosis(recorded: RunModel, found: Findings) -> Diagnosis:
     steps = Steps.of(model, recorded.adaptation.experience)
 
     def accuracy(told: Findings) -> tuple[Vector, tuple[Quantity, ...]]:
-        forecast = forecast_with(model, told, steps.sample.states, steps.sample.actions)
-        return forecast.mean, quantities_of(model, steps, forecast)
+        mean, variance = forecast_with(model, told, steps.sample.states, steps.sample.actions)
+        return mean, quantities_of(model, steps, mean, variance)
 
     processes = {process.schema for process in model.ground.processes}
     kept = worthwhile(found, accuracy(found)[1], processes)
@@ -170,8 +164,8 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "files": recorded.files,
         "env_steps": recorded.env_steps,
         "learned_from": recorded.learned_from,
-        "steps": len(diagnosis.sample),
-        "left_out": dict(diagnosis.sample.left_out),
+        "steps": len(diagnosis.steps.sample),
+        "left_out": dict(diagnosis.steps.sample.left_out),
         "verdict": diagnosis.verdict,
         "quantities": [
             _plain(q) | {"error": q.error, "error_left": q.error_left, "unexplained": q.unexplained}

@@ -61,7 +61,7 @@ def command(run: Path, as_json: bool, svg: Path | None) -> None:
 
 
 def _print(console: Console, diagnosis: Diagnosis) -> None:
-    recorded, sample = diagnosis.recorded, diagnosis.sample
+    recorded, sample = diagnosis.recorded, diagnosis.steps.sample
     file = next(iter(recorded.files.values()), recorded.domain.name)
     newest = f"{len(recorded.adaptation.experience):,} of {plural(recorded.env_steps, 'step')}"
     console.print(f"{recorded.path}: {file} compared with {newest}")

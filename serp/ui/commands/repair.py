@@ -56,7 +56,10 @@ def command(run: Path, out: Path | None, force: bool) -> None:
     repaired = repair(recorded.domain, diagnosis.worthwhile)
     console = open_console()
     name = recorded.files.get("domain.pddl", "domain.pddl")
-    steps, changes = plural(len(diagnosis.sample), "step"), plural(len(repaired.changes), "change")
+    steps, changes = (
+        plural(len(diagnosis.steps.sample), "step"),
+        plural(len(repaired.changes), "change"),
+    )
     if repaired.changes:
         new_name = "repaired" if out is None else str(out)
         old = recorded.domain.source.text

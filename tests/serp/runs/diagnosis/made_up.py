@@ -89,7 +89,7 @@ def found(*given):
 
 def predictions_with(model, findings, states, actions):
     """The next states `[N, F]` to be expected with all findings taken into account."""
-    return forecast_with(model, findings, states, actions).mean[:, :-2]
+    return forecast_with(model, findings, states, actions)[0][:, :-2]
 
 
 # Repaired files
