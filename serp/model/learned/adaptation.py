@@ -95,37 +95,29 @@ class GroupLearners:
             "adaptation can learn from; the numbers that they change are predicted as written"
         )
 
-    def adoption(self) -> tuple[FluentAdoption, ...]:
-        """Return what predicts each function and predicate that can change."""
+    def adoption(self) -> tuple[tuple[FluentAdoption, ...], tuple[WorthAdoption, ...]]:
+        """Return what predicts each function and predicate that can change, and reward and end."""
         fluents = self._model.fluents
-        symbols = dict.fromkeys(fluent.symbol for fluent in fluents)
-        residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
-        outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
+        records: dict[str, tuple[list[TrackRecord], list[TrackRecord]]] = {
+            fluent.symbol: ([], []) for fluent in fluents
+        }
         for key, group in self._groups.items():
             schema, counts = key[0], self._counts[key].track_record(key[0])
-            numbers = [fluents[column].symbol for column in group.targets]
-            whole = [self.whole[column] for column in group.targets]
             hindrance = "it can depend on more fluents than the adaptation can learn from"
-            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, hindrance)] * len(numbers)
+            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, hindrance)] * len(group.targets)
             if key[1:] in self._residuals:
                 head = self._model.shared[key].head
                 judged = self._residuals[key[1:]].track_records(schema, head)
-            for symbol, counted, track_record in zip(numbers, whole, judged, strict=True):
-                if counted:
-                    outcomes[symbol].append(counts)
+            for column, residual in zip(group.targets, judged, strict=True):
+                residuals, outcomes = records[fluents[column].symbol]
+                if self.whole[column]:
+                    outcomes.append(counts)
                 else:
-                    residuals[symbol].append(track_record)
+                    residuals.append(residual)
             for column in group.predicates:
-                outcomes[fluents[column].symbol].append(counts)
-        return tuple(
-            adoption_of(symbol, residuals[symbol], outcomes[symbol])
-            for symbol in symbols
-            if residuals[symbol] or outcomes[symbol]
-        )
-
-    def worth_adoption(self) -> tuple[WorthAdoption, ...]:
-        """Return what predicts reward and end; nothing where they cannot be learned."""
-        return () if self._worth is None else self._worth.adoption()
+                records[fluents[column].symbol][1].append(counts)
+        adopted = (adoption_of(symbol, *both) for symbol, both in records.items() if any(both))
+        return tuple(adopted), () if self._worth is None else self._worth.adoption()
 
     def learn(self, step: ObservedStep, action: int) -> None:
         """Learn from an env step of a ground action, unless it holds NaN or huge numbers.
@@ -237,6 +229,7 @@ class ModelAdaptation:
         adapted = self._adapted
         if adapted is None:
             return ModelAdoption(adapts=False)
+        fluents, worth = ((), ()) if self._learners is None else self._learners.adoption()
         return ModelAdoption(
             adapts=True,
             parameters=tuple(
@@ -249,8 +242,8 @@ class ModelAdaptation:
                 )
                 if used != written
             ),
-            fluents=() if self._learners is None else self._learners.adoption(),
-            worth=() if self._learners is None else self._learners.worth_adoption(),
+            fluents=fluents,
+            worth=worth,
         )
 
     def reset_visits(self) -> None:

@@ -174,27 +174,23 @@ class OutcomeCounts:
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("outcome counts", arrays, meta)
-        places, context = (self._positions(saved, name) for name in ("places", "context"))
+        places, context = (
+            saved.array(name, np.int64, (-1,), 0, self._depth - 1).copy()
+            for name in ("places", "context")
+        )
         scores = saved.array("scores", np.float64, self._scores.shape)
         samples, given_up = saved.whole("samples"), saved.truth("given_up")
         strays = saved.whole("strays", 0, samples)
-        table = self._table_of(saved, places, context) if saved.has("codes") else None
+        table = self._table_of(saved, places, context)
         self.places, self._context = places, context
         self._scores[:] = scores
         self.table = table
         self.samples, self._strays, self._given_up = samples, strays, given_up
 
-    def _positions(self, saved: Saved, name: str) -> NDArray[np.int64]:
-        positions = saved.array(name, np.int64, (-1,), 0, self._depth - 1)
-        if (np.diff(positions) <= 0).any():
-            raise saved.wrong(f"{name} are not in order")
-        return positions.copy()
-
     def _table_of(
         self, saved: Saved, places: NDArray[np.int64], context: NDArray[np.int64]
-    ) -> OutcomeTable:
-        """Return a new table with the saved counts."""
-        table = OutcomeTable(places, context)
+    ) -> OutcomeTable | None:
+        """Return a new table with the saved counts; None where there are none."""
         bounds: dict[str, tuple[float, ...]] = {
             "schemas": (_CHANGE, self._schemas - 1),
             "changes": (),
@@ -208,6 +204,9 @@ class OutcomeCounts:
         }
         ranks = {"changes": 2, "sets": 2, "counts": 2, "evidence": 2}
         try:
+            table = OutcomeTable(places, context)
+            if not saved.has("codes"):
+                return None
             table.restore(
                 **{
                     name: saved.array(name, np.float64, (-1,) * ranks.get(name, 1), *bound)
