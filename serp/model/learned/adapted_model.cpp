@@ -470,7 +470,7 @@ private:
                 Worth& expected) {
         const OutcomeTable& table = *group.shared->outcomes;
         double different = 0.0;
-        for (int kind = 0; kind < table.kinds(); ++kind) {
+        for (int kind = 0; kind < table.kinds; ++kind) {
             const double p = outcomes_.probabilities[kind];
             if (kind == most || p <= 0.0) continue;
             std::copy(usual_.begin(), usual_.end(), other_.begin());
@@ -494,11 +494,11 @@ private:
         for (int source = 0; source < before; ++source) {
             double* old = rows + source * row;
             const double left = old[width + 2];
-            if (count + table.kinds() - 1 > OUTCOMES) {  // no room: the likeliest one alone
+            if (count + table.kinds - 1 > OUTCOMES) {  // no room: the likeliest one alone
                 table.put(best, group.inputs, outcomes_, old);
                 continue;
             }
-            for (int kind = 1; kind < table.kinds(); ++kind) {
+            for (int kind = 1; kind < table.kinds; ++kind) {
                 const double chance = left * outcomes_.probabilities[kind];
                 if (chance < RARE) continue;
                 double* created = rows + count * row;

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._core import GroupParameters, ObservedStep, OutcomeTable
-from serp._util.saved_state import MOST, Saved
+from serp._util.saved_state import MOST, Arrays, Saved
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
 from serp.model.learned.adoption import BETTER, TrackRecord
 from serp.model.learned.feature_groups import FeatureGroup, Key, rate_of
@@ -89,11 +89,10 @@ class OutcomeCounts:
 
     def explanations(self) -> tuple[NDArray[np.bool_], Vector]:
         """Return sets of outcomes `[S, K]`, and how often each explained an observation `[S]`."""
-        assert self.table is not None
-        contents = self.table.contents()
-        members, number = contents["sets"].T
-        kinds = range(len(contents["schemas"]))
-        return np.stack([members.astype(np.int64) >> k & 1 for k in kinds], axis=1) == 1, number
+        table = self.table
+        assert table is not None
+        members = table.members[: table.sets, None] >> np.arange(table.kinds) & 1
+        return members == 1, table.numbers[: table.sets]
 
     def outcomes(self) -> tuple[Vector, NDArray[np.int64], Vector]:
         """Return the K outcomes: probabilities over all contexts, schemas and changes.
@@ -101,11 +100,10 @@ class OutcomeCounts:
         The probabilities are `[K]`; `[K]` are positions of action schemas, -1 for the file's
         prediction (the first) and for a change; changes are `[K, places]`.
         """
-        assert self.table is not None
-        contents = self.table.contents()
-        counts = contents["counts"][0, : len(contents["schemas"])]
-        shares = counts / max(1.0, contents["totals"][0])
-        return shares, contents["schemas"].astype(np.int64), contents["changes"]
+        table = self.table
+        assert table is not None
+        shares = table.counts[0, : table.kinds] / max(1.0, table.totals[0])
+        return shares, table.schemas[: table.kinds], table.changes[: table.kinds]
 
     def learn(
         self, inputs: NDArray[np.int64], step: ObservedStep, whole: NDArray[np.bool_]
@@ -158,18 +156,21 @@ class OutcomeCounts:
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        arrays: dict[str, NDArray[Any]] = {
+        arrays = {
             "places": self.places.copy(),
             "context": self._context.copy(),
             "scores": self._scores.copy(),
         }
-        if self.table is not None:
-            arrays |= self.table.contents()
-        return arrays, {
+        meta: dict[str, Any] = {
             "samples": self.samples,
             "strays": self._strays,
             "given_up": self._given_up,
         }
+        if self.table is not None:
+            sizes = {name: getattr(self.table, name) for name in _SIZES}
+            arrays |= {k: array.copy() for k, array in _arrays(self.table, **sizes).items()}
+            meta |= sizes
+        return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
@@ -181,41 +182,33 @@ class OutcomeCounts:
         scores = saved.array("scores", np.float64, self._scores.shape)
         samples, given_up = saved.whole("samples"), saved.truth("given_up")
         strays = saved.whole("strays", 0, samples)
-        table = self._table_of(saved, places, context)
-        self.places, self._context = places, context
-        self._scores[:] = scores
-        self.table = table
-        self.samples, self._strays, self._given_up = samples, strays, given_up
-
-    def _table_of(
-        self, saved: Saved, places: NDArray[np.int64], context: NDArray[np.int64]
-    ) -> OutcomeTable | None:
-        """Return a new table with the saved counts; None where there are none."""
-        bounds: dict[str, tuple[float, ...]] = {
-            "schemas": (_CHANGE, self._schemas - 1),
-            "changes": (),
-            # Probabilities are counts divided by totals, and shares of evidence and trust.
-            "trust": (_LEAST, MOST),
-            "sets": (0.0, MOST),
-            "codes": (0.0, MOST - 1),
-            "counts": (0.0, MOST),
-            "totals": (0.0, MOST),
-            "evidence": (_LEAST,),
-        }
-        ranks = {"changes": 2, "sets": 2, "counts": 2, "evidence": 2}
         try:
             table = OutcomeTable(places, context)
-            if not saved.has("codes"):
-                return None
-            table.restore(
-                **{
-                    name: saved.array(name, np.float64, (-1,) * ranks.get(name, 1), *bound)
-                    for name, bound in bounds.items()
-                }
-            )
+            if saved.has("kinds"):
+                sizes = {name: saved.whole(name) for name in _SIZES}
+                bounds = {**_BOUNDS, "schemas": (_CHANGE, self._schemas - 1)}
+                for name, own in _arrays(table, **sizes).items():
+                    own[:] = saved.array(name, own.dtype, own.shape, *bounds.get(name, (0.0, MOST)))
+                table.restore(**sizes)
         except ValueError as error:
             raise saved.wrong(str(error)) from None
-        return table
+        self.places, self._context = places, context
+        self._scores[:] = scores
+        self.table = table if saved.has("kinds") else None
+        self.samples, self._strays, self._given_up = samples, strays, given_up
+
+
+_SIZES: Final = "kinds", "sets", "rows"
+# Probabilities are counts divided by totals, and shares of evidence and trust.
+_BOUNDS: Final = {"changes": (), "trust": (_LEAST, MOST), "evidence": (_LEAST,)}
+"""Least and largest values of the arrays of a table, of others 0 and `MOST`."""
+
+
+def _arrays(table: OutcomeTable, kinds: int, sets: int, rows: int) -> Arrays:
+    """Return views of so much of the arrays of a table, by their names in a checkpoint."""
+    used = {"schemas": kinds, "changes": kinds, "trust": None, "members": sets, "numbers": sets,
+            "codes": rows, "counts": rows, "totals": rows, "evidence": rows}  # fmt: skip
+    return {name: getattr(table, name)[:size] for name, size in used.items()}
 
 
 Mask = NDArray[np.bool_]

@@ -6,13 +6,13 @@
 // predicates and whole numbers.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <unordered_map>
 #include <vector>
 
 #include "serp/model/flags.hpp"
 #include "serp/model/learned/file_step.hpp"
+#include "serp/model/learned/regression.hpp"
 
 namespace serp {
 
@@ -58,39 +58,15 @@ public:
     /// Probability that an observation is taken to have had at least; least trust in an expert.
     static constexpr double LEAST = 1e-6;
 
-    /// Counts over all states (row 0), or in one context.
-    struct Row {
-        double code = 0.0;                                   ///< hash of the context, below 2^53
-        std::array<double, KINDS> counts{};
-        double total = 0.0;
-        std::array<double, EXPERTS> evidence{1.0, 1.0, 1.0, 1.0};
-    };
-
-    /// Outcomes that explained observations together, as bits; and how many observations.
-    struct OutcomeSet {
-        int members = 0;
-        double number = 0.0;
-    };
-
-    /// All that is learned; `changes` is [kinds, columns].
-    struct Contents {
-        std::vector<int> schemas;
-        std::vector<double> changes;
-        std::array<double, EXPERTS> trust{1.0, 1.0, 1.0, 1.0};
-        std::vector<OutcomeSet> sets;
-        std::vector<Row> rows;
-    };
-
     /// An empty table for the counted fluents, and those of a context: positions within the inputs,
     /// in ascending order. Throws std::invalid_argument where they are not.
     OutcomeTable(std::vector<int> places, std::vector<int> context);
 
-    int kinds() const { return static_cast<int>(contents_.schemas.size()); }
     int columns() const { return static_cast<int>(places_.size()); }
 
     /// Throws std::invalid_argument where the table does not fit inputs in states of F fluents, or
     /// has outcomes of unknown schemas. Predictions and `count` rely on it.
-    void check(const std::vector<int>& inputs, int width, int schemas) const;
+    void check(const std::vector<int>& inputs, int width, int known_schemas) const;
 
     /// Computes the probabilities of the outcomes of a step, no two of which predict the same, and
     /// returns the likeliest; `put` applies one.
@@ -113,10 +89,22 @@ public:
     /// Returns a table with the same outcomes, "nothing changes" among them, and no counts.
     OutcomeTable emptied() const;
 
-    const Contents& contents() const { return contents_; }
+    /// Uses so many outcomes, sets and rows of the arrays below. Throws std::invalid_argument where
+    /// their numbers do not fit each other.
+    void restore(int new_kinds, int new_sets, int new_rows);
 
-    /// Replaces the contents. Throws std::invalid_argument where they do not fit the table.
-    void restore(Contents contents);
+    int kinds = 1, sets = 0, rows = 1;     ///< outcomes, sets of these and rows of counts in use
+    Block<std::int64_t> schemas{KINDS};    ///< [KINDS] whose effect an outcome is, or CHANGE
+    Block<double> changes;                 ///< [KINDS, columns]
+    Block<double> trust{EXPERTS};          ///< [EXPERTS]
+    /// [SETS] outcomes that explained observations together, as bits; and of how many observations.
+    Block<std::int64_t> members{SETS};
+    Block<double> numbers{SETS};
+    /// [ROWS] hash of the context, below 2^53; row 0 counts over all states.
+    Block<double> codes{ROWS};
+    Block<double> counts{ROWS, KINDS};     ///< [ROWS, KINDS]
+    Block<double> totals{ROWS};            ///< [ROWS] their sums
+    Block<double> evidence{ROWS, EXPERTS}; ///< [ROWS, EXPERTS]
 
 private:
     const double* values_of(const OutcomeRoom& room, int kind) const;
@@ -139,11 +127,10 @@ private:
     double score(const OutcomeRoom& room) const;
     void add(int row, OutcomeRoom& room);
     void add_share(int row, int kind, double share);
-    void count_set(int members);
+    void count_set(int of_set);
     void share_sets();
 
     std::vector<int> places_, context_;
-    Contents contents_;
     std::unordered_map<std::int64_t, int> row_of_code_;
 };
 

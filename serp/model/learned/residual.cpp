@@ -13,6 +13,7 @@
 #include "serp/_util/arrays.hpp"
 #include "serp/_util/checks.hpp"
 #include "serp/model/learned/adapted_model.hpp"
+#include "serp/model/learned/block_view.hpp"
 #include "serp/model/learned/regression.hpp"
 
 namespace serp {
@@ -402,18 +403,6 @@ void require_size(size_t size, int expected, const char* what) {
 int head_of(const Regression& of, std::int64_t head) {
     require(0 <= head && head < of.heads, "there is no such head");
     return static_cast<int>(head);
-}
-
-/// Binds a writable view of a block.
-template <class Class, class Number>
-void bind_view(nb::class_<Class>& bound, const char* name, Block<Number> Class::*block) {
-    bound.def_prop_ro(
-        name,
-        [block](nb::pointer_and_handle<Class> self) {
-            Block<Number>& of = self.p->*block;
-            return Array<Number>(of.data(), of.shape.size(), of.shape.data(), self.h);
-        },
-        nb::rv_policy::reference);
 }
 
 Array<double> design_matrix(const Regression& of, const In<double, nb::ndim<2>>& x,

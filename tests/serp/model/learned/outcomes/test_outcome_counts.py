@@ -179,12 +179,12 @@ def test_damaged_counts_are_refused():
         ("codes", np.full_like(codes, codes[0])),
         ("totals", np.zeros_like(totals)),
         ("totals", -totals),
-        ("schemas", np.zeros(13)),
-        ("schemas", np.full(2, 2.0)),
+        ("schemas", np.zeros(13, np.int64)),
+        ("schemas", np.full(2, 2)),
         ("schemas", np.full(2, 0.5)),
         ("changes", np.zeros((13, 1))),
-        ("sets", np.full((3, 2), 2.0**20)),
-        ("sets", np.ones((65, 2))),
+        ("members", np.full(3, 2**20)),
+        ("members", np.ones(65, np.int64)),
         ("evidence", np.zeros((len(codes), 4))),
         ("trust", np.zeros(4)),
         ("places", np.array([10**9])),
@@ -192,5 +192,10 @@ def test_damaged_counts_are_refused():
     ):
         with pytest.raises(RunError, match="damaged"):
             adaptation_of(model).load_state_dict({**arrays, f"{prefix}{name}": damaged}, meta)
+    part = meta[prefix.removesuffix(".")]
+    for name, number in (("kinds", 13), ("kinds", 0), ("sets", 65), ("rows", 2049), ("rows", -1)):
+        with pytest.raises(RunError, match="damaged"):
+            damaged = {**meta, prefix.removesuffix("."): {**part, name: number}}
+            adaptation_of(model).load_state_dict(arrays, damaged)
     with pytest.raises(RunError):
         adaptation_of(model).load_state_dict({}, meta)
