@@ -224,8 +224,6 @@ class RegressionSamples:
 
     NOTHING: int = 0
 
-    FIT: int = 1
-
     FORGET: int = 2
 
     KEPT: int = 4096

@@ -15,7 +15,7 @@ struct SameArguments {
 
     int actions() const { return schemas > 0 ? static_cast<int>(action.size()) / schemas : 0; }
     /// -1, too, for a schema that the model does not have: a table may have counted those of another.
-    int of(int ground_action, int schema) const {
+    int of(int ground_action, std::int64_t schema) const {
         if (schema < 0 || schema >= schemas) return -1;
         return action[static_cast<std::size_t>(ground_action) * schemas + schema];
     }

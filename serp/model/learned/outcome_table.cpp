@@ -157,7 +157,8 @@ const double* OutcomeTable::values_of(const OutcomeRoom& room, int kind) const {
 }
 
 /// Writes what an outcome of a schema predicts to the room; returns whether it is possible.
-bool OutcomeTable::predict(const OutcomeStep& step, int kind, int schema, OutcomeRoom& room) const {
+bool OutcomeTable::predict(const OutcomeStep& step, int kind, std::int64_t schema,
+                           OutcomeRoom& room) const {
     double* values = room.values.data() + kind * columns();
     if (kind == 0 || schema == CHANGE) {
         const double* change = changes.data() + kind * columns();
@@ -206,7 +207,7 @@ int OutcomeTable::likeliest(const OutcomeStep& step, OutcomeRoom& room) const {
     double left = 0.0;
     for (int kind = 0; kind < kinds; ++kind) {
         const bool usual = kind == 0 || probabilities[kind] >= RARE;
-        if (!usual || !predict(step, kind, static_cast<int>(schemas[kind]), room)) probabilities[kind] = 0.0;
+        if (!usual || !predict(step, kind, schemas[kind], room)) probabilities[kind] = 0.0;
         left += probabilities[kind];
     }
     if (left <= RARE) probabilities[0] = left = 1.0;
@@ -248,7 +249,7 @@ int OutcomeTable::fit_all(const OutcomeStep& step, const ObservedStep& seen,
     for (int kind = 0; kind < kinds; ++kind) {
         room.fits[kind] = Fit::IMPOSSIBLE;
         room.ends[kind] = false;
-        if (predict(step, kind, static_cast<int>(schemas[kind]), room)) {
+        if (predict(step, kind, schemas[kind], room)) {
             compare(step, seen, kind, room);
             exact += room.fits[kind] == Fit::FITS;
             ending += room.ends[kind];

@@ -116,7 +116,7 @@ private:
     void refine(int row, double* probabilities) const;
     void weigh_experts(int row, const OutcomeRoom& room);
 
-    bool predict(const OutcomeStep& step, int kind, int schema, OutcomeRoom& room) const;
+    bool predict(const OutcomeStep& step, int kind, std::int64_t schema, OutcomeRoom& room) const;
     bool alike(const OutcomeRoom& room, int kind, int other) const;
     void merge(OutcomeRoom& room) const;
 

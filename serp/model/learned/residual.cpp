@@ -520,9 +520,8 @@ void bind_regression_samples(nb::module_& module) {
         .def_rw("outliers", &Of::outliers, "Successive outliers.")
         .def_rw("alarms", &Of::alarms, "Successive samples by which the world may have changed.")
         .def_rw("of_episode", &Of::of_episode, "Samples since the episode began.");
-    for (const auto& [name, value] : {std::pair{"NOTHING", NOTHING}, {"FIT", FIT}, {"FORGET", FORGET}}) {
-        bound.attr(name) = static_cast<int>(value);
-    }
+    bound.attr("NOTHING") = static_cast<int>(NOTHING);
+    bound.attr("FORGET") = static_cast<int>(FORGET);
     bound.attr("KEPT") = Of::KEPT;
     bound.attr("PENDING") = Of::PENDING;
     bound.attr("REMEMBERED") = Of::REMEMBERED;

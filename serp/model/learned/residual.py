@@ -150,9 +150,9 @@ class ResidualRegression:
 
     def _update(self, due: int) -> None:
         """Do what is due after the newest sample."""
-        samples, block_of = self._samples, self._samples.block_of
         if due == RegressionSamples.NOTHING:
             return
+        samples, block_of = self._samples, self._samples.block_of
         if due == RegressionSamples.FORGET:
             self._forget()
         valid = samples.valid[(samples.number - 1) % RegressionSamples.KEPT] == 1
