@@ -66,7 +66,6 @@ class GroupLearners:
         """Forget everything."""
         seed = np.random.SeedSequence(self._seed.entropy, spawn_key=self._seed.spawn_key)
         self.whole = np.ones(len(self._numeric), dtype=np.bool_)
-        self._wholes = len(self.whole)
         schemas = len({action.schema for action in self._model.actions})
         self._counts = {key: OutcomeCounts(group, schemas) for key, group in self._groups.items()}
         regressions = self._model.regressions
@@ -130,26 +129,24 @@ class GroupLearners:
                 residual.begin_episode()
         if not step.usable:
             return
-        if not step.over:
-            self._share_wholeness(step.count_whole(self.whole, self._numeric))
+        if not step.over and step.note_fractions(self.whole, self._numeric):
+            self._share_wholeness()
         if self._worth is not None:
             self._worth.learn_worth(action, step, self._rewarded)
         for key, inputs, targets in self._columns[action]:
             counts = self._counts[key]
             if not counts.learn(inputs, step, self.whole):
                 self.whole[targets] = False
-                self._share_wholeness(int(np.count_nonzero(self.whole)))
+                self._share_wholeness()
             shared = self._model.shared[key]
             counts.publish(shared)
             if key[1:] in self._residuals and not step.over:
                 self._residuals[key[1:]].learn(shared.head, step, inputs, targets, self.whole)
 
-    def _share_wholeness(self, wholes: int) -> None:
+    def _share_wholeness(self) -> None:
         """Treat a function as whole-numbered only if it is so for all objects."""
-        if wholes != self._wholes:
-            for columns in self._alike:
-                self.whole[columns] = self.whole[columns].all()
-            self._wholes = int(np.count_nonzero(self.whole))
+        for columns in self._alike:
+            self.whole[columns] = self.whole[columns].all()
 
     @property
     def parts(self) -> dict[str, ResidualRegression | OutcomeCounts]:
@@ -162,7 +159,6 @@ class GroupLearners:
     def restore(self, whole: NDArray[np.bool_]) -> None:
         """Restore which fluents have always been whole numbers `[F]`, after the parts."""
         self.whole[:] = whole
-        self._wholes = int(np.count_nonzero(whole))
         for key, counts in self._counts.items():
             counts.publish(self._model.shared[key])
 
@@ -218,7 +214,8 @@ class ModelAdaptation:
         adapted = self._adapted
         if action >= 0:
             self._learn(state, action, next_state, over, reward)
-        if self._estimation is not None and self._estimation.due(self.experience.seen):
+        seen = self.experience.seen
+        if self._estimation is not None and seen >= 32 and seen & (seen - 1) == 0:
             self._estimate_parameters()
         if adapted is not None:
             adapted.revision = 0 if adapted.as_written else self._revision

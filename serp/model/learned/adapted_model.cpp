@@ -259,7 +259,10 @@ public:
         // same flags in both steps, but events may not.
         Flags flagged = revised ? UNSAFE & written_.step(action, other_.data()) : 0;
         Flags flags = file_.flow(action, out);
-        if (known && !revised) flagged = UNSAFE & settled_as_written(flags, out);
+        if (known && !revised) {
+            std::copy(out, out + width_ + 1, other_.data());
+            flagged = UNSAFE & (flags & APPLICABLE ? file_.settle(flags, other_.data()) : flags);
+        }
         double risk = 0.0;
         if (flags & APPLICABLE) {
             correct(action, out);
@@ -410,13 +413,6 @@ private:
             }
         }
         if (corrected && !finite(out, width_)) file_.flow(action, out);
-    }
-
-    /// Returns the flags of a step of the file alone, of which `flowed` [F + 1] is the flow.
-    Flags settled_as_written(Flags flags, const double* flowed) {
-        if (!(flags & APPLICABLE)) return flags;
-        std::copy(flowed, flowed + width_ + 1, other_.data());
-        return file_.settle(flags, other_.data());
     }
 
     /// Applies the likeliest outcome of each group to `out` [F], the state after effects, processes
@@ -616,19 +612,20 @@ std::unique_ptr<ObservedStep> observe(const AdaptedModel& model, const State& st
     return step;
 }
 
-/// Notes in `whole` [F] which numbers are not whole; returns how many fluents are.
-int count_whole(const ObservedStep& step, const Out<bool, nb::ndim<1>>& whole,
+/// Notes in `whole` [F] which numbers are not whole; returns whether there are new ones.
+bool note_fractions(const ObservedStep& step, const Out<bool, nb::ndim<1>>& whole,
                 const In<bool, nb::ndim<1>>& numeric) {
     require(whole.size() == step.state.size() && numeric.size() == whole.size(),
             "there is one truth for each fluent");
-    int count = 0;
+    bool found = false;
     for (std::size_t i = 0; i < whole.size(); ++i) {
         const double number = step.next_state[i];
-        bool& all = whole.data()[i];
-        all = all && (!numeric.data()[i] || number == std::floor(number));
-        count += all;
+        if (whole.data()[i] && numeric.data()[i] && !(number == std::floor(number))) {
+            whole.data()[i] = false;
+            found = true;
+        }
     }
-    return count;
+    return found;
 }
 
 bool predicted(const ObservedStep& step, const In<std::int64_t, nb::ndim<1>>& columns) {
@@ -661,8 +658,8 @@ void bind_adapted_model(nb::module_& module) {
         .def_ro("over", &ObservedStep::over, "Whether it ended the episode.")
         .def_prop_ro("usable", &ObservedStep::usable,
                      "Whether its numbers are small enough to learn from.")
-        .def("count_whole", &count_whole, nb::arg("whole").noconvert(), nb::arg("numeric"),
-             "Note in `whole` `[F]` which numbers are not whole; return how many fluents are.")
+        .def("note_fractions", &note_fractions, nb::arg("whole").noconvert(), nb::arg("numeric"),
+             "Note in `whole` `[F]` which numbers are not whole; return whether there are new ones.")
         .def("predicted", &predicted, nb::arg("columns"),
              "Return whether the file predicted these fluents of the next state.");
 

@@ -94,7 +94,7 @@ class AdaptedModel(TransitionModel):
 
         Learned parts are dropped: they are valid only for their own parameters and period.
         """
-        return self._written.replace(theta=theta, dt=dt)
+        return self.written.replace(theta=theta, dt=dt)
 
     def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
         """Return which precondition failed, or which effects, rates and events took part.
@@ -105,19 +105,16 @@ class AdaptedModel(TransitionModel):
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
         flags = UNSAFE if self.as_written else self.transition(values, action)[1]
         if flags & UNSAFE:
-            return self._written.passages(state, action)
-        likeliest = None
-        for branch in self._branches(np.array(values), action):
-            trace = self._trace_with(values, action, branch)
-            likeliest = likeliest or trace
-            if risk_of(flags) == 0.0 or trace[1] & UNSAFE:
-                return trace
-        return likeliest or self._trace_with(values, action, None)
-
-    def _branches(self, state: Vector, action: int) -> Vector:
-        """Return the outcomes `[n, F + 1]` before events, with the reward, the likeliest first."""
-        rows = self.core.branches_of(state, action)
-        return rows[np.argsort(-rows[:, -1], kind="stable"), :-2]
+            return self.written.passages(state, action)
+        # Outcomes before events; without any, the trace says why there is no step.
+        rows = self.core.branches_of(np.array(values), action)
+        likeliest_first = np.argsort(-rows[:, -1], kind="stable")
+        branches: list[Vector | None] = [*rows[likeliest_first, :-2]]
+        traces = (self._trace_with(values, action, branch) for branch in branches or [None])
+        likeliest = next(traces)
+        if risk_of(flags) == 0.0 or likeliest[1] & UNSAFE:
+            return likeliest
+        return next((trace for trace in traces if trace[1] & UNSAFE), likeliest)
 
     def _trace_with(
         self, state: list[float], action: int, branch: Vector | None

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from serp._util.did_you_mean import listed
 from serp._util.text import percent, plural
-
-BETTER: Final = 0.95
-"""Fraction of the error of the file below which a learned part replaces it; for residuals see
-`serp.model.learned.residual.choose`."""
 
 
 class TrackRecord(NamedTuple):

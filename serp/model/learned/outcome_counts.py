@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from serp._core import GroupParameters, ObservedStep, OutcomeTable
 from serp._util.saved_state import MOST, Arrays, Saved
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
-from serp.model.learned.adoption import BETTER, TrackRecord
+from serp.model.learned.adoption import TrackRecord
 from serp.model.learned.feature_groups import FeatureGroup, Key, rate_of
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.transition_model import TransitionModel, Vector
 
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step
-_MIN_SAMPLES: Final = 5
+_MIN_SAMPLES, _BETTER = 5, 0.95
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
-is smaller than `BETTER` times the file's."""
+is smaller than this fraction of the file's."""
 _CHANGE: Final = -1
 """In place of an action schema: the outcome is a change."""
 _LEAST: Final = 1e-6
@@ -65,7 +65,7 @@ class OutcomeCounts:
             self.table is not None
             and not self._given_up
             and self.samples >= _MIN_SAMPLES
-            and bool(self._scores[1] < BETTER * self._scores[0])
+            and bool(self._scores[1] < _BETTER * self._scores[0])
         )
 
     def publish(self, shared: GroupParameters) -> None:

@@ -404,11 +404,6 @@ class ParameterEstimation:
         for dependency in parameter_dependencies(written.ground):
             self._owned.setdefault(dependency.symbol, []).append(dependency.parameter.index)
 
-    @staticmethod
-    def due(seen: int) -> bool:
-        """Return whether an estimate is due after `seen` env steps: at 32, 64, 128 and so on."""
-        return seen >= 32 and seen & (seen - 1) == 0
-
     def reconsider(self, experience: TransitionMemory, theta: Vector) -> Vector:
         """Return the parameters to use from now on, instead of `theta` `[P]`."""
         newest = slice(-4_000, None)

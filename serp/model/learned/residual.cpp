@@ -85,12 +85,6 @@ public:
     bool solution_due() const;
     void normalise() const;
 
-    /// Two standard errors of the difference between the mean errors of a predictor and of the file.
-    double doubt_of(std::int64_t kind, int t) const {
-        const double number = std::min(seen[t] / 3.0 + 1.0, 1.0 / (1.0 - MEMORY));
-        return 2.0 * std::sqrt(doubt[kind * regression_->count + t] / number);
-    }
-
     const Regression& regression() const { return *regression_; }
 
     Block<double> loss;       ///< [4, T] moving averages of errors by predictor
@@ -377,8 +371,12 @@ void RegressionSamples::choose() {
             const double factor = in_use || (squared_ && chosen[t] != FILE_ALONE) ? 1.0 : BETTER;
             const double fine = squared_ || chosen[t] == FILE_ALONE ? 0.0 : 0.01 * spread[t];
             const double own = loss[kind * of.count + t];
-            const bool doubted = squared_ && chosen[t] == FILE_ALONE && !in_use;
-            if (own + (doubted ? doubt_of(kind, t) : 0.0) < factor * least - fine) {
+            double doubted = 0.0;  // two standard errors of the difference to the file's mean error
+            if (squared_ && chosen[t] == FILE_ALONE && !in_use) {
+                const double steps = std::min(seen[t] / 3.0 + 1.0, 1.0 / (1.0 - MEMORY));
+                doubted = 2.0 * std::sqrt(doubt[kind * of.count + t] / steps);
+            }
+            if (own + doubted < factor * least - fine) {
                 chosen[t] = kind;
                 least = own;
             }

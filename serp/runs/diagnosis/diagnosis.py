@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from serp._util.text import percent, plural
 from serp.errors import RunError
@@ -42,7 +42,8 @@ def read_recorded(run: Path) -> RunModel:
     return recorded
 
 
-class Remark(NamedTuple):
+@dataclass(frozen=True)
+class Remark:
     """A finding in words.
 
     Attributes:
@@ -187,6 +188,4 @@ def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         fields = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
         return {"kind": type(value).__name__, **fields} if "cost" in fields else fields
-    if isinstance(value, Remark):
-        return {name: _plain(field) for name, field in value._asdict().items()}
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
