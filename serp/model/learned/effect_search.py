@@ -345,11 +345,6 @@ class EffectFit:
         estimates = self.fit.theta[self._written :].tolist()
         return dict(zip(self.added, estimates, strict=True))
 
-    @property
-    def symbols(self) -> set[str]:
-        """The functions whose changes are fitted."""
-        return set(function_columns(self.ground))
-
     def reads(self, symbol: str) -> set[str]:
         """Return the functions that are changed by actions and read by processes of a symbol."""
         fluents = self.ground.fluents
@@ -435,7 +430,7 @@ def fit_jointly(model: TransitionModel, data: RegressionData) -> EffectFit:
 
 def _sweep(fit: EffectFit, refused: Sequence[AddedEffect]) -> EffectFit:
     """Search every function once."""
-    pending = fit.symbols
+    pending = set(function_columns(fit.ground))
     while pending:
         # The functions that a process reads must be right before effects are added to it.
         ready = {s for s in pending if not fit.reads(s) & pending - {s}} or set(pending)

@@ -1,26 +1,12 @@
 // A regression of the one-step error of the file, and what its weights predict.
 #pragma once
 
-#include <algorithm>
-#include <cstddef>
 #include <cstdint>
 #include <vector>
 
+#include "serp/_util/arrays.hpp"
+
 namespace serp {
-
-/// Numbers of a fixed shape, row after row; Python sees them as an array that it may write to.
-template <class Number>
-struct Block : std::vector<Number> {
-    /// All numbers are 0.
-    template <class... Sizes>
-    explicit Block(Sizes... sizes)
-        : std::vector<Number>((std::size_t{1} * ... * static_cast<std::size_t>(sizes))),
-          shape{static_cast<std::size_t>(sizes)...} {}
-
-    void fill(Number number) { std::fill(this->begin(), this->end(), number); }
-
-    const std::vector<std::size_t> shape;
-};
 
 /// The predictor of a fluent: the file alone, or the file with a linear model, one with the
 /// smoothest random features, or one with all of them.

@@ -13,7 +13,6 @@
 #include "serp/_util/arrays.hpp"
 #include "serp/_util/checks.hpp"
 #include "serp/model/learned/adapted_model.hpp"
-#include "serp/model/learned/block_view.hpp"
 #include "serp/model/learned/regression.hpp"
 
 namespace serp {
