@@ -117,11 +117,3 @@ WEIGHTS: Final = (
 def learnable(depth: int, heads: int) -> bool:
     """Return whether a regression has few enough inputs to learn from."""
     return depth <= _MAX_INPUTS and (1 + heads) * (1 + depth) <= _MAX_COLUMNS
-
-
-def rate_of(samples: float, memory: float) -> float:
-    """Return the weight of the next sample; `memory` is that of the past in the long run.
-
-    The n-th sample initially has the weight 3 / (2 + n), so that early samples soon lose weight.
-    """
-    return max(1.0 - memory, 3.0 / (3.0 + samples))

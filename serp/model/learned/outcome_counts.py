@@ -18,11 +18,10 @@ from serp._core import GroupParameters, ObservedStep, OutcomeTable
 from serp._util.saved_state import MOST, Arrays, Saved
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
 from serp.model.learned.adoption import TrackRecord
-from serp.model.learned.feature_groups import FeatureGroup, Key, rate_of
+from serp.model.learned.feature_groups import FeatureGroup, Key
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.transition_model import TransitionModel, Vector
 
-_MEMORY: Final = 0.995  # weight of the past in the scores, per step
 _MIN_SAMPLES, _BETTER = 5, 0.95
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
 is smaller than this fraction of the file's."""
@@ -54,7 +53,6 @@ class OutcomeCounts:
         self._bits = np.array(group.predicate_inputs, dtype=np.int64)
         self.table: OutcomeTable | None = None
         self.places = self._context = np.zeros(0, dtype=np.int64)
-        self._scores = np.zeros(2)
         self.samples = self._strays = 0
         self._given_up = False
 
@@ -65,7 +63,7 @@ class OutcomeCounts:
             self.table is not None
             and not self._given_up
             and self.samples >= _MIN_SAMPLES
-            and bool(self._scores[1] < _BETTER * self._scores[0])
+            and bool(self.table.scores[1] < _BETTER * self.table.scores[0])
         )
 
     def publish(self, shared: GroupParameters) -> None:
@@ -76,7 +74,7 @@ class OutcomeCounts:
 
     def track_record(self, schema: str) -> TrackRecord:
         """Return what is known of the counts, after actions of a schema."""
-        written, learned = self._scores.tolist()
+        written, learned = (0.0, 0.0) if self.table is None else self.table.scores.tolist()
         hindrance = "too many different outcomes to count" if self._given_up else ""
         return TrackRecord(schema, self.used, self.samples, written, learned, hindrance)
 
@@ -117,7 +115,7 @@ class OutcomeCounts:
         if step.over:
             if self.table is not None:
                 self.samples += 1
-                self._count(inputs, step)
+                self.table.count(step, inputs, self.samples - 1)
             return True
         if self._given_up:
             return False
@@ -135,7 +133,7 @@ class OutcomeCounts:
             self.table = OutcomeTable(self.places, self._context)
             # All samples so far were as in the file.
             self.table.start(self.samples - 1)
-        if not self._count(inputs, step):
+        if not self.table.count(step, inputs, self.samples - 1):
             self._strays += 1
             if self.samples >= 50 and self._strays > 0.2 * self.samples:
                 # Without the numbers, the predicates may have few outcomes.
@@ -144,14 +142,9 @@ class OutcomeCounts:
                 return False
         return True
 
-    def _count(self, inputs: NDArray[np.int64], step: ObservedStep) -> bool:
-        assert self.table is not None
-        return self.table.count(step, inputs, self._scores, rate_of(self.samples - 1, _MEMORY))
-
     def _begin(self, places: NDArray[np.int64]) -> None:
         self.places = places
         self.table = None
-        self._scores[:] = 0.0
         self.samples = self._strays = 0
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
@@ -159,7 +152,6 @@ class OutcomeCounts:
         arrays = {
             "places": self.places.copy(),
             "context": self._context.copy(),
-            "scores": self._scores.copy(),
         }
         meta: dict[str, Any] = {
             "samples": self.samples,
@@ -179,7 +171,6 @@ class OutcomeCounts:
             saved.array(name, np.int64, (-1,), 0, self._depth - 1).copy()
             for name in ("places", "context")
         )
-        scores = saved.array("scores", np.float64, self._scores.shape)
         samples, given_up = saved.whole("samples"), saved.truth("given_up")
         strays = saved.whole("strays", 0, samples)
         try:
@@ -193,21 +184,22 @@ class OutcomeCounts:
         except ValueError as error:
             raise saved.wrong(str(error)) from None
         self.places, self._context = places, context
-        self._scores[:] = scores
         self.table = table if saved.has("kinds") else None
         self.samples, self._strays, self._given_up = samples, strays, given_up
 
 
 _SIZES: Final = "kinds", "sets", "rows"
 # Probabilities are counts divided by totals, and shares of evidence and trust.
-_BOUNDS: Final = {"changes": (), "trust": (_LEAST, MOST), "evidence": (_LEAST,)}
+_BOUNDS: Final = {"scores": (), "changes": (), "trust": (_LEAST, MOST), "evidence": (_LEAST,)}
 """Least and largest values of the arrays of a table, of others 0 and `MOST`."""
 
 
 def _arrays(table: OutcomeTable, kinds: int, sets: int, rows: int) -> Arrays:
     """Return views of so much of the arrays of a table, by their names in a checkpoint."""
-    used = {"schemas": kinds, "changes": kinds, "trust": None, "members": sets, "numbers": sets,
-            "codes": rows, "counts": rows, "totals": rows, "evidence": rows}  # fmt: skip
+    used = {
+        "scores": None, "trust": None, "schemas": kinds, "changes": kinds, "members": sets,
+        "numbers": sets, "codes": rows, "counts": rows, "totals": rows, "evidence": rows,
+    }  # fmt: skip
     return {name: getattr(table, name)[:size] for name, size in used.items()}
 
 

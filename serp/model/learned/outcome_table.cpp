@@ -18,7 +18,7 @@ namespace {
 
 /// Samples that the counts over all contexts are worth, of the experts that count in a context.
 constexpr std::array PRIORS{0.1, 1.0, 10.0};
-/// Weight of the past in the evidence for an expert, per sample.
+/// Weight of the past in the scores and in the evidence for an expert, per sample.
 constexpr double MEMORY = 0.995;
 /// Counts of a context are halved beyond this total.
 constexpr double MOST = 2000.0;
@@ -384,8 +384,8 @@ void OutcomeTable::share_sets() {
     }
 }
 
-bool OutcomeTable::count(ObservedStep& seen, const std::vector<int>& inputs, double* losses,
-                         double rate, OutcomeRoom& room) {
+bool OutcomeTable::count(ObservedStep& seen, const std::vector<int>& inputs, double samples,
+                         OutcomeRoom& room) {
     const OutcomeStep step{seen.file, seen.action, inputs, seen.state.data(), seen.flowed.data()};
     step.file.from(step.state);
     const int fitting = fit_all(step, seen, room);
@@ -395,8 +395,10 @@ bool OutcomeTable::count(ObservedStep& seen, const std::vector<int>& inputs, dou
     refine(row, room.probabilities.data());
     if (fitting > 0 || !seen.over) {
         const double own = score(room);
-        losses[0] += rate * ((room.fits[0] == Fit::FITS ? 0.0 : 2.0) - losses[0]);
-        losses[1] += rate * (own - losses[1]);
+        // The n-th sample initially has the weight 3 / (2 + n), so that early ones soon lose weight.
+        const double rate = std::max(1.0 - MEMORY, 3.0 / (3.0 + samples));
+        scores[0] += rate * ((room.fits[0] == Fit::FITS ? 0.0 : 2.0) - scores[0]);
+        scores[1] += rate * (own - scores[1]);
     }
     if (fitting == 0) {
         if (find_new(step, seen, room) == 0) return seen.over;
@@ -463,12 +465,12 @@ std::vector<int> integers(const Positions& numbers) {
 }
 
 bool count(OutcomeTable& table, ObservedStep& step, const Positions& inputs,
-           const Out<double, nb::shape<2>>& losses, double rate) {
+           double samples) {
     const int width = step.file.width();
     const std::vector<int> columns = integers(inputs);
     table.check(columns, width, step.file.others().schemas);
     OutcomeRoom room(width);
-    return table.count(step, columns, losses.data(), rate, room);
+    return table.count(step, columns, samples, room);
 }
 
 }  // namespace
@@ -486,9 +488,8 @@ void bind_outcome_counts(nb::module_& module) {
             },
             nb::arg("places"), nb::arg("context"),
             "Counted fluents, and those of a context: positions within the inputs.")
-        .def("count", &count, nb::arg("step"), nb::arg("inputs"), nb::arg("losses").noconvert(),
-             nb::arg("rate"),
-             "Update the losses `[2]` of the file and of the counts, and then count a sample.\n\n"
+        .def("count", &count, nb::arg("step"), nb::arg("inputs"), nb::arg("samples"),
+             "Update the scores, and then count a sample; there were so many `samples`.\n\n"
              "Returns False where the sample is no outcome, and there is no room for another.")
         .def("start", &Of::start, nb::arg("samples"),
              "Count samples that were as in the file, before all others.")
@@ -499,6 +500,7 @@ void bind_outcome_counts(nb::module_& module) {
         .def_ro("kinds", &Of::kinds, "Number of outcomes.")
         .def_ro("sets", &Of::sets, "Number of sets of outcomes.")
         .def_ro("rows", &Of::rows, "Number of rows of counts.");
+    bind_view(bound, "scores", &Of::scores);
     bind_view(bound, "schemas", &Of::schemas);
     bind_view(bound, "changes", &Of::changes);
     bind_view(bound, "trust", &Of::trust);

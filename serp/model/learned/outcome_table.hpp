@@ -75,12 +75,10 @@ public:
     /// Sets the counted fluents in `out` [F] as an outcome predicts, after `likeliest`.
     void put(int kind, const std::vector<int>& inputs, const OutcomeRoom& room, double* out) const;
 
-    /// Updates the losses with a new sample, and then counts it.
+    /// Updates the scores with a new sample, of which there were so many, and then counts it.
     ///
-    /// `losses` [2] are moving averages of the Brier scores (Monthly Weather Review 78, 1950) of
-    /// the file and of the counts, `rate` the weight of this sample in them. Returns false where it
-    /// is no outcome, and there is no room for another.
-    bool count(ObservedStep& seen, const std::vector<int>& inputs, double* losses, double rate,
+    /// Returns false where it is no outcome, and there is no room for another.
+    bool count(ObservedStep& seen, const std::vector<int>& inputs, double samples,
                OutcomeRoom& room);
 
     /// Counts samples that were as in the file, before all others.
@@ -93,6 +91,9 @@ public:
     /// their numbers do not fit each other.
     void restore(int new_kinds, int new_sets, int new_rows);
 
+    /// [2] moving averages of the Brier scores (Monthly Weather Review 78, 1950) of the file and of
+    /// the counts.
+    Block<double> scores{2};
     int kinds = 1, sets = 0, rows = 1;     ///< outcomes, sets of these and rows of counts in use
     Block<std::int64_t> schemas{KINDS};    ///< [KINDS] whose effect an outcome is, or CHANGE
     Block<double> changes;                 ///< [KINDS, columns]
