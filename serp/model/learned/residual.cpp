@@ -500,7 +500,8 @@ void bind_regression_samples(nb::module_& module) {
         .def("clear_errors", &Of::clear_errors, "Forget the errors of the predictors.")
         .def("learn", &learn, nb::arg("head"), nb::arg("step"), nb::arg("inputs"),
              nb::arg("targets"), nb::arg("whole"),
-             "Learn from a step; return what is due: NOTHING, FIT or FORGET.")
+             "Learn from a step. Returns NOTHING, FORGET after a lasting change of the world, or else "
+             "that sums or weights are due for an update. After an update, `choose` must be called.")
         .def("learn_worth", &learn_worth, nb::arg("head"), nb::arg("step"), nb::arg("rewarded"),
              "Learn reward, if `rewarded`, and end of a step by a head; returns what `learn` does.")
         .def("choose", &Of::choose, "Choose the predictor of each target, after `learn`.")
