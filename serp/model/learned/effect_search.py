@@ -331,19 +331,13 @@ class EffectFit:
         theta = np.array([parameter.value for parameter in self.ground.parameters])
         if before is not None:
             theta[: self._written] = before.fit.theta[: self._written]
-            found = before.coefficients
+            found = dict(zip(before.added, before.fit.theta[self._written :], strict=True))
             theta[self._written :] = [found.get(effect, 0.0) for effect in self.added]
         self.fit: ParameterFit = ParameterEstimator(self._whole, data).estimate(theta)
 
     def with_effects(self, added: Sequence[AddedEffect]) -> EffectFit:
         """Return the fit of the same model with other effects."""
         return EffectFit(self._model, self.lifted, self._data, added, self)
-
-    @property
-    def coefficients(self) -> dict[AddedEffect, float]:
-        """The estimates of the added effects."""
-        estimates = self.fit.theta[self._written :].tolist()
-        return dict(zip(self.added, estimates, strict=True))
 
     def reads(self, symbol: str) -> set[str]:
         """Return the functions that are changed by actions and read by processes of a symbol."""

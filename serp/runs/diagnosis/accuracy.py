@@ -56,13 +56,12 @@ def forecast_with(
     theta = model.theta.copy()
     for finding in findings.parameters:
         theta[finding.parameter.index] = finding.estimate
+    terms = [(missing, term) for missing in findings.missing for term in missing.terms]
     added = [
-        (AddedEffect(m.schema, _lifted(m.fluent), tuple(map(_lifted, t.fluents))), t.coefficient)
-        for m in findings.missing
-        for t in m.terms
+        AddedEffect(m.schema, _lifted(m.fluent), tuple(map(_lifted, t.fluents))) for m, t in terms
     ]
-    ground = with_effects(lifted, [effect for effect, _ in added])
-    theta = np.concatenate((theta, [coefficient for _, coefficient in added]))
+    ground = with_effects(lifted, added)
+    theta = np.concatenate((theta, [term.coefficient for _, term in terms]))
     patched = TransitionModel(ground, dt=model.dt, theta=theta)
     mean = predicted_steps(patched, states, actions)
     variance = np.zeros(mean.shape)
