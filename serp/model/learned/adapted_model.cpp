@@ -670,8 +670,6 @@ void bind_adapted_model(nb::module_& module) {
              "`others` `[A, S]` is that of `same_arguments`; `groups` are inputs, targets and "
              "parameters of the feature groups of every ground action.")
         .def_prop_ro("active", &AdaptedModel::active, "Whether anything adapted is in use.")
-        .def_prop_ro("revised", &AdaptedModel::revised,
-                     "Whether parameters in use differ from those written.")
         .def_prop_ro(
             "parameters",
             [](const AdaptedModel& model) {

@@ -55,7 +55,8 @@ class FluentAdoption(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values."""
-        return {**self._asdict(), "adapted": self.adapted}
+        after = {"residual": list(self.residual), "outcomes": list(self.outcomes)}
+        return {**self._asdict(), **after, "adapted": self.adapted}
 
 
 class WorthAdoption(NamedTuple):
