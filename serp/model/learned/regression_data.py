@@ -154,11 +154,6 @@ class RegressionData:
     positions: NDArray[np.intp]
     left_out: Mapping[str, int]
 
-    @property
-    def skipped(self) -> int:
-        """Number of transitions left out."""
-        return sum(self.left_out.values())
-
     def __len__(self) -> int:
         return len(self.actions)
 

@@ -67,7 +67,8 @@ def _print(console: Console, diagnosis: Diagnosis) -> None:
     console.print(f"{recorded.path}: {file} compared with {newest}")
     if sample.left_out:
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
-        console.print(f"{plural(sample.skipped, 'step')} left out because of: {reasons}")
+        skipped = plural(sum(sample.left_out.values()), "step")
+        console.print(f"{skipped} left out because of: {reasons}")
     if recorded.learned_from == "environment":
         console.print("Rewards are compared with those of the environment.")
     console.print(diagnosis.verdict)
