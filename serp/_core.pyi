@@ -236,6 +236,9 @@ class RegressionSamples:
     def doubt(self) -> NDArray[numpy.float64]: ...
 
     @property
+    def reliability(self) -> NDArray[numpy.float64]: ...
+
+    @property
     def seen(self) -> NDArray[numpy.float64]: ...
 
     @property

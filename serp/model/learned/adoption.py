@@ -59,6 +59,14 @@ class FluentAdoption(NamedTuple):
         return {**self._asdict(), **after, "adapted": self.adapted}
 
 
+class Reliability(NamedTuple):
+    """Steps with similar predicted chances of an end: their mean, and the fraction that ended."""
+
+    steps: int
+    chance: float
+    ended: float
+
+
 class WorthAdoption(NamedTuple):
     """What predicts the reward or the end of a step.
 
@@ -71,6 +79,7 @@ class WorthAdoption(NamedTuple):
         steps: Steps that it was judged by.
         written: Error by the rules of the file.
         in_use: Error of what is in use.
+        reliability: For ends: predicted chances, and how often an end came.
     """
 
     name: str
@@ -78,6 +87,11 @@ class WorthAdoption(NamedTuple):
     steps: int
     written: float
     in_use: float
+    reliability: tuple[Reliability, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {**self._asdict(), "reliability": [each._asdict() for each in self.reliability]}
 
 
 class AdoptedParameter(NamedTuple):
@@ -118,7 +132,7 @@ class ModelAdoption(NamedTuple):
             "sentence": str(self),
             "parameters": [parameter._asdict() for parameter in self.parameters],
             "fluents": [fluent.as_dict() for fluent in self.fluents],
-            "worth": [each._asdict() for each in self.worth],
+            "worth": [each.as_dict() for each in self.worth],
         }
 
     def __str__(self) -> str:

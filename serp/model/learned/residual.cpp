@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <stdexcept>
@@ -34,6 +35,8 @@ constexpr double BETTER = 0.95;
 constexpr int PREDICTORS = FULL + 1;
 /// Samples before which reward and end are not corrected: ends are rare.
 constexpr double ENOUGH = 100.0;
+/// Limits between the predicted chances of an end that are compared with how often it came.
+constexpr double LIMITS[] = {0.05, 0.2, 0.5, 0.8};
 /// An input is an outlier so many half ranges from the middle of its range.
 constexpr double FAR = 8.0, EXTREME = 100.0;
 /// After more successive outliers the environment is assumed to have changed.
@@ -61,8 +64,8 @@ public:
     RegressionSamples(std::shared_ptr<Regression> regression, bool squared)
         : loss(PREDICTORS, regression->count), doubt(PREDICTORS, regression->count),
           seen(regression->count), spread(regression->count),
-          samples(regression->heads, regression->count), surprises(1), low(regression->depth),
-          high(regression->depth),
+          samples(regression->heads, regression->count), surprises(1),
+          reliability(std::size(LIMITS) + 1, 3), low(regression->depth), high(regression->depth),
           x(KEPT, regression->depth), y(KEPT, regression->count), weight(KEPT),
           valid(KEPT, regression->count), head(KEPT), block_of(regression->count),
           regression_(std::move(regression)), squared_(squared), x_(low.size()),
@@ -72,7 +75,8 @@ public:
     }
 
     void clear_errors() {
-        for (Block<double>* block : {&loss, &doubt, &seen, &spread, &samples, &surprises}) {
+        for (Block<double>* block :
+             {&loss, &doubt, &seen, &spread, &samples, &surprises, &reliability}) {
             block->fill(0.0);
         }
     }
@@ -93,6 +97,8 @@ public:
     Block<double> spread;     ///< [T] mean change
     Block<double> samples;    ///< [H, T] samples of each head
     Block<double> surprises;  ///< [1] fraction of surprises
+    /// [5, 3] by corrected chance of an end: steps, sum of these chances, ends that came.
+    Block<double> reliability;
     Block<double> low, high;  ///< [d] ends of the ranges of inputs; infinite at first
     /// A ring of the newest samples: inputs [KEPT, d], errors of the file [KEPT, T] and weights
     /// [KEPT], whether the errors are observed [KEPT, T], and heads [KEPT]. Sample k is in row
@@ -236,6 +242,12 @@ Due RegressionSamples::learn_worth(int head, const ObservedStep& step, bool rewa
     }
     if (!accept()) return NOTHING;
     const Due due = take(head, moved);
+    if (const std::int64_t kind = regression_->predictors()[1]; kind != FILE_ALONE) {
+        const double chance = std::clamp(seen[1] - errors_[2 * kind + 1], 0.0, 1.0);
+        const auto place = std::upper_bound(std::begin(LIMITS), std::end(LIMITS), chance);
+        double* of = reliability.data() + 3 * (place - std::begin(LIMITS));
+        of[0] += 1.0, of[1] += chance, of[2] += seen[1];
+    }
     if (due == NOTHING) choose();
     return due;
 }
@@ -525,6 +537,7 @@ void bind_regression_samples(nb::module_& module) {
     bound.attr("REMEMBERED") = Of::REMEMBERED;
     bind_view(bound, "loss", &Of::loss);
     bind_view(bound, "doubt", &Of::doubt);
+    bind_view(bound, "reliability", &Of::reliability);
     bind_view(bound, "seen", &Of::seen);
     bind_view(bound, "spread", &Of::spread);
     bind_view(bound, "samples", &Of::samples);

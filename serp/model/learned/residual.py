@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from serp._core import ObservedStep, Regression, RegressionSamples
 from serp._util.saved_state import LARGEST, MOST, Arrays, Saved
 from serp.model.learned import feature_groups as r
-from serp.model.learned.adoption import TrackRecord, WorthAdoption
+from serp.model.learned.adoption import Reliability, TrackRecord, WorthAdoption
 from serp.model.transition_model import Vector
 from serp.pddl.syntax import REWARD, TERMINAL
 
@@ -272,13 +272,14 @@ class ResidualRegression:
     _BOUNDS: Final[Mapping[str, tuple[float | None, float]]] = {
         "seen": (0, MOST), "samples": (0, MOST), "surprises": (0.0, 1.0),
         "loss": (0.0, np.inf), "doubt": (0.0, np.inf), "spread": (0.0, np.inf),
-        "low": (-np.inf, np.inf), "high": (-np.inf, np.inf),
+        "reliability": (0.0, MOST), "low": (-np.inf, np.inf), "high": (-np.inf, np.inf),
         "block_of": (0, 1), "y": (None, LARGEST),  # NaN where not valid
         "valid": (0, 1), "weight": (0.0, 1.0),
     }  # fmt: skip
     """Least and largest values; other numbers are finite."""
     _OF_SAMPLES: Final = (
-        "loss", "doubt", "seen", "spread", "samples", "surprises", "low", "high", "block_of",
+        "loss", "doubt", "seen", "spread", "samples", "surprises", "reliability", "low", "high",
+        "block_of",
     )  # fmt: skip
     _ROWS: Final = "x", "y", "valid", "head", "weight"
     _COUNTS: Final = (
@@ -346,6 +347,11 @@ class WorthRegression(ResidualRegression):
     def adoption(self) -> tuple[WorthAdoption, ...]:
         """Return what predicts reward and end, as far as they were observed."""
         p, samples = self._parameters, self._samples
+        bins = tuple(
+            Reliability(int(steps), chances / steps, ended / steps)
+            for steps, chances, ended in samples.reliability.tolist()
+            if steps
+        )
         return tuple(
             WorthAdoption(
                 name,
@@ -353,6 +359,7 @@ class WorthRegression(ResidualRegression):
                 steps=int(samples.seen[t]),
                 written=float(samples.loss[r.FILE, t]),
                 in_use=float(samples.loss[p.kinds[t], t]),
+                reliability=bins if name == TERMINAL else (),
             )
             for t, name in enumerate((REWARD, TERMINAL))
             if samples.seen[t]

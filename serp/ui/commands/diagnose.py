@@ -109,3 +109,10 @@ def _print_worth(console: Console, worth: tuple[WorthAdoption, ...]) -> None:
         errors = each.written, each.in_use
         rows.append((name, *(readable(error if ends else error**0.5) for error in errors)))
     print_table(console, head, rows, right=[1, 2])
+    rows = [
+        (percent(of.chance), percent(of.ended), f"{of.steps:,}")
+        for each in told
+        for of in each.reliability
+    ]
+    if rows:
+        print_table(console, ("chance of an end", "ended", "steps"), rows, right=range(3))

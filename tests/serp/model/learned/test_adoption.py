@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from serp.model.learned.adoption import ModelAdoption, WorthAdoption
+from serp.model.learned.adoption import ModelAdoption, Reliability, WorthAdoption
 from serp.ui.commands import diagnose
 from tests.serp.model.learned.worlds import GRID, PLANE, adaptation
 
@@ -68,16 +68,21 @@ def test_a_model_that_does_not_adapt_says_so():
 
 
 def test_corrections_of_reward_and_end_are_printed_with_their_errors(capsys):
+    bins = (Reliability(90, 0.01, 0.0), Reliability(10, 0.5, 0.4))
     worth = (
-        WorthAdoption("reward", True, 100, 4.0, 0.25),
-        WorthAdoption("terminal", True, 100, 0.3, 0.04),
+        WorthAdoption("reward", True, 100, 4.0, 0.25, ()),
+        WorthAdoption("terminal", True, 100, 0.3, 0.04, bins),
     )
     diagnose._print_worth(Console(width=100), worth)
     printed = capsys.readouterr().out
-    for row in (("square error", "2", "0.5"), ("Brier score", "0.3", "0.04")):
+    for row in (
+        ("square error", "2", "0.5"),
+        ("Brier score", "0.3", "0.04"),
+        ("50 %", "40 %", "10"),
+    ):
         assert re.search(r" +".join(map(re.escape, row)), printed), printed
     diagnose._print_worth(Console(), tuple(each._replace(corrected=False) for each in worth))
     assert capsys.readouterr().out == ""
     in_use = ModelAdoption(adapts=True, worth=worth)
-    assert in_use.in_use and in_use.as_dict()["worth"][1]["in_use"] == 0.04
+    assert in_use.in_use and in_use.as_dict()["worth"][1]["reliability"][1]["ended"] == 0.4
     assert str(in_use) == "adapted: correction for `(reward)`, `(terminal)`"

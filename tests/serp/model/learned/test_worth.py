@@ -65,6 +65,9 @@ def test_reward_and_end_are_those_that_came():
     assert (reward.name, end.name) == ("reward", "terminal")
     assert reward.corrected and end.corrected and "(terminal)" in str(of.adoption)
     assert end.in_use < 0.7 * end.written
+    assert sum(each.steps for each in end.reliability) > 1_000
+    for each in end.reliability:
+        assert each.steps < 100 or each.ended == pytest.approx(each.chance, abs=0.1)
 
 
 def test_where_the_file_is_right_it_predicts_alone_to_the_bit():
