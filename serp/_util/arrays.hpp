@@ -4,6 +4,8 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <initializer_list>
 #include <utility>
@@ -37,6 +39,32 @@ template <class T>
 Array<T> view_of(T* numbers, std::initializer_list<size_t> shape, nb::handle owner,
                  std::initializer_list<std::int64_t> strides = {}) {
     return Array<T>(numbers, shape, owner, strides);
+}
+
+/// Numbers of a fixed shape, row after row; Python sees them as an array that it may write to.
+template <class Number>
+struct Block : std::vector<Number> {
+    /// All numbers are 0.
+    template <class... Sizes>
+    explicit Block(Sizes... sizes)
+        : std::vector<Number>((std::size_t{1} * ... * static_cast<std::size_t>(sizes))),
+          shape{static_cast<std::size_t>(sizes)...} {}
+
+    void fill(Number number) { std::fill(this->begin(), this->end(), number); }
+
+    const std::vector<std::size_t> shape;
+};
+
+/// Binds a writable view of a block.
+template <class Class, class Number>
+void bind_view(nb::class_<Class>& bound, const char* name, Block<Number> Class::*block) {
+    bound.def_prop_ro(
+        name,
+        [block](nb::pointer_and_handle<Class> self) {
+            Block<Number>& of = self.p->*block;
+            return Array<Number>(of.data(), of.shape.size(), of.shape.data(), self.h);
+        },
+        nb::rv_policy::reference);
 }
 
 /// Returns a copy of an array as a vector.

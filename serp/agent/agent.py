@@ -23,7 +23,6 @@ from serp.agent.veto import NoVeto, VetoPolicy
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.learned.adaptation import ModelAdaptation
-from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE
 from serp.settings import Settings
@@ -131,8 +130,8 @@ class Agent:
             discount=settings.planner.discount,
         )
         self._random = np.random.default_rng(random_seed)
-        self._waiting: dict[int, list[tuple[Vector, int, Vector, int, float]]] = {}
-        """Episode → steps that the model has not learned from, in the order of the episodes."""
+        self._waiting: dict[int, list[tuple[tuple[Vector, int, Vector, bool, float], bool]]] = {}
+        """Episode → steps to learn from, and whether each is the last; in order of the episodes."""
 
     @property
     def strategy(self) -> Strategy:
@@ -234,18 +233,17 @@ class Agent:
                 "domain file. From now on vetoes use only its prediction of the next step. Check "
                 "the effects of its actions."
             )
-        ending = OVER if step.terminated else CUT_OFF if step.truncated else GOES_ON
         # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward
         self.adaptation.visit(step.ground)
         self._waiting.setdefault(episode, []).append(
-            (step.state, step.ground, step.next_state, ending, reward)
+            ((step.state, step.ground, step.next_state, step.terminated, reward), step.last)
         )
         while self._waiting:
             first, steps = next(iter(self._waiting.items()))
-            for observed in steps:
+            for observed, _ in steps:
                 self.adaptation.observe(*observed)
-            if steps and steps[-1][3] != GOES_ON:
+            if steps and steps[-1][1]:
                 del self._waiting[first]
             else:
                 steps.clear()
@@ -257,7 +255,6 @@ class Agent:
         This is for a single environment whose episode is not gone on with.
         """
         self.arbiter.vetoes.cut_off()
-        self.adaptation.experience.cut_off()
         self._waiting.clear()
 
     def remember(self, step: StepRecord, following: Decision | None) -> None:

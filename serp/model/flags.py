@@ -49,11 +49,6 @@ def going_on(flags: int) -> float:
     return 1.0 - (flags >> END_SHIFT & END_MASK) / END_MASK
 
 
-def ends_of(flags: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the probability that the task ends, for each entry of an array of flags."""
-    return np.where(flags & TERMINAL, 1.0, (flags >> END_SHIFT & END_MASK) / END_MASK)
-
-
 def joined(flags: int, further: int) -> int:
     """Return the flags of two consecutive steps, without chances of ends: bits and joint risk."""
     bits = (flags | further) & 0xFF

@@ -83,7 +83,8 @@ class TransitionModel(StateSpace):
         # Made when they are first used, and shared by all copies that `replace` makes.
         self._compiled = functools.cache(lambda: _core.Program(*instruction_table(ground)))
         self._traced = functools.cache(functools.partial(TracedStep, ground))
-        self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
+        valued = ground.goal_parameter is not None and ground.metric is not None
+        self._goal_value = GoalValue(ground) if valued else None
         self.initial_state: Vector | None = None
         if ground.initial is not None:
             self.initial_state = np.array(ground.initial, dtype=np.float64)

@@ -94,6 +94,21 @@ class RunModel:
         return adaptation
 
     @property
+    def files(self) -> dict[str, str]:
+        """Name of each copy of a domain file in the folder → name of the original file."""
+        return {str(k): str(v) for k, v in self.folder.metadata["domain_files"].items()}
+
+    @property
+    def env_steps(self) -> int:
+        """Env steps of the run until the newest checkpoint."""
+        return Saved("run", self.checkpoint.arrays, self.checkpoint.meta).whole("env_steps")
+
+    @property
+    def learned_from(self) -> str:
+        """The reward that the learner of the run uses: `domain`, `environment` or `sum`."""
+        return str(self.folder.metadata["config"].get("learned_from", ""))
+
+    @property
     def saved_planner(self) -> tuple[Mapping[str, NDArray[Any]], Any]:
         """What the newest checkpoint has of the planner, for its `load_state_dict`."""
         return self._agent.part("planner")

@@ -105,7 +105,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "residual-and-counts": ["adaptation.mode=parameters"],
     "residual": [(f"{RESIDUAL}.learn", lambda *given: False)],
     "counts": [("model.learned.outcome_counts:OutcomeCounts.used", always(False))],
-    "random-features": [("model.learned.residual_fit:_FEATURES_FROM", np.inf)],
+    "random-features": [("model.learned.residual:_FEATURES_FROM", np.inf)],
     "change-test": [(f"{RESIDUAL}._forget", lambda self: None)],
     "leverage": [(f"{FAR}.cell_graph:UNKNOWN", np.inf),
                  (f"{ADAPTED}:AdaptedModel.uncertainty",

@@ -17,9 +17,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.flags import APPLICABLE, ends_of
+from serp.model.flags import APPLICABLE, TERMINAL, going_on
 from serp.model.learned.adaptation import ModelAdaptation
-from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER, TransitionMemory
+from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.runs.run_model import RunModel
 from serp.settings import AdaptationSettings
@@ -36,17 +36,17 @@ def replayed(
     Steps that are not applicable by the file are left out.
     """
     adaptation = ModelAdaptation(model, settings, np.random.SeedSequence(0))
-    endings = np.where(memory.over, OVER, np.where(memory.ended, CUT_OFF, GOES_ON))
     states, actions, rewards = memory.states, memory.actions, memory.rewards
+    over = memory.over.tolist()
     next_states, seen, predicted = memory.next_states, list[Vector](), list[Vector]()
     for k, action in enumerate(actions.tolist()):
         if action >= 0:
             both = [core.step(states[k], action) for core in (model.core, adaptation.model.core)]
-            ends = ends_of(np.array([flags for _, flags in both]))
+            ends = [1.0 if flags & TERMINAL else 1.0 - going_on(flags) for _, flags in both]
             if all(flags & APPLICABLE for _, flags in both):
-                seen.append(np.array([rewards[k], endings[k] == OVER]))
+                seen.append(np.array([rewards[k], over[k]]))
                 predicted.append(np.column_stack(([out[-1] for out, _ in both], ends)))
-        adaptation.observe(states[k], action, next_states[k], int(endings[k]), float(rewards[k]))
+        adaptation.observe(states[k], action, next_states[k], over[k], float(rewards[k]))
     return np.array(seen), np.array(predicted)
 
 

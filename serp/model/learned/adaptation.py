@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._core import ObservedStep
-from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
+from serp._util.saved_state import MOST, Arrays, Saved, nested
+from serp.errors import RunError
 from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.learned.adoption import (
+    AdoptedParameter,
     FluentAdoption,
     ModelAdoption,
     TrackRecord,
     WorthAdoption,
     adoption_of,
-    parameters_in_use,
 )
-from serp.model.learned.feature_groups import Key
 from serp.model.learned.outcome_counts import OutcomeCounts
 from serp.model.learned.residual import ResidualRegression, WorthRegression
-from serp.model.learned.transitions import OVER, TransitionMemory
+from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 
@@ -39,6 +39,9 @@ class GroupLearners:
 
     Each fluent has its own predictor: the one that has predicted new samples best, which may be the
     file. So have the end, and the reward if `rewards` and the file gives any.
+
+    Attributes:
+        whole: `[F]` whether each fluent has always been a whole number.
     """
 
     def __init__(
@@ -62,8 +65,7 @@ class GroupLearners:
     def reset(self) -> None:
         """Forget everything."""
         seed = np.random.SeedSequence(self._seed.entropy, spawn_key=self._seed.spawn_key)
-        self._whole = np.ones(len(self._numeric), dtype=np.bool_)
-        self._wholes = len(self._whole)
+        self.whole = np.ones(len(self._numeric), dtype=np.bool_)
         schemas = len({action.schema for action in self._model.actions})
         self._counts = {key: OutcomeCounts(group, schemas) for key, group in self._groups.items()}
         regressions = self._model.regressions
@@ -92,37 +94,29 @@ class GroupLearners:
             "adaptation can learn from; the numbers that they change are predicted as written"
         )
 
-    def adoption(self) -> tuple[FluentAdoption, ...]:
-        """Return what predicts each function and predicate that can change."""
+    def adoption(self) -> tuple[tuple[FluentAdoption, ...], tuple[WorthAdoption, ...]]:
+        """Return what predicts each function and predicate that can change, and reward and end."""
         fluents = self._model.fluents
-        symbols = dict.fromkeys(fluent.symbol for fluent in fluents)
-        residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
-        outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
+        records: dict[str, tuple[list[TrackRecord], list[TrackRecord]]] = {
+            fluent.symbol: ([], []) for fluent in fluents
+        }
         for key, group in self._groups.items():
             schema, counts = key[0], self._counts[key].track_record(key[0])
-            numbers = [fluents[column].symbol for column in group.targets]
-            whole = [self._whole[column] for column in group.targets]
             hindrance = "it can depend on more fluents than the adaptation can learn from"
-            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, hindrance)] * len(numbers)
+            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, hindrance)] * len(group.targets)
             if key[1:] in self._residuals:
                 head = self._model.shared[key].head
                 judged = self._residuals[key[1:]].track_records(schema, head)
-            for symbol, counted, track_record in zip(numbers, whole, judged, strict=True):
-                if counted:
-                    outcomes[symbol].append(counts)
+            for column, residual in zip(group.targets, judged, strict=True):
+                residuals, outcomes = records[fluents[column].symbol]
+                if self.whole[column]:
+                    outcomes.append(counts)
                 else:
-                    residuals[symbol].append(track_record)
+                    residuals.append(residual)
             for column in group.predicates:
-                outcomes[fluents[column].symbol].append(counts)
-        return tuple(
-            adoption_of(symbol, residuals[symbol], outcomes[symbol])
-            for symbol in symbols
-            if residuals[symbol] or outcomes[symbol]
-        )
-
-    def worth_adoption(self) -> tuple[WorthAdoption, ...]:
-        """Return what predicts reward and end; nothing where they cannot be learned."""
-        return () if self._worth is None else self._worth.adoption()
+                records[fluents[column].symbol][1].append(counts)
+        adopted = (adoption_of(symbol, *both) for symbol, both in records.items() if any(both))
+        return tuple(adopted), () if self._worth is None else self._worth.adoption()
 
     def learn(self, step: ObservedStep, action: int) -> None:
         """Learn from an env step of a ground action, unless it holds NaN or huge numbers.
@@ -135,60 +129,38 @@ class GroupLearners:
                 residual.begin_episode()
         if not step.usable:
             return
-        if not step.over:
-            self._share_wholeness(step.count_whole(self._whole, self._numeric))
+        if not step.over and step.note_fractions(self.whole, self._numeric):
+            self._share_wholeness()
         if self._worth is not None:
             self._worth.learn_worth(action, step, self._rewarded)
         for key, inputs, targets in self._columns[action]:
-            if not self._counts[key].learn(inputs, step, self._whole):
-                self._whole[targets] = False
-                self._share_wholeness(int(np.count_nonzero(self._whole)))
-            self._publish(key)
+            counts = self._counts[key]
+            if not counts.learn(inputs, step, self.whole):
+                self.whole[targets] = False
+                self._share_wholeness()
+            shared = self._model.shared[key]
+            counts.publish(shared)
             if key[1:] in self._residuals and not step.over:
-                head = self._model.shared[key].head
-                self._residuals[key[1:]].learn(head, step, inputs, targets, self._whole)
+                self._residuals[key[1:]].learn(shared.head, step, inputs, targets, self.whole)
 
-    def _share_wholeness(self, wholes: int) -> None:
+    def _share_wholeness(self) -> None:
         """Treat a function as whole-numbered only if it is so for all objects."""
-        if wholes != self._wholes:
-            for columns in self._alike:
-                self._whole[columns] = self._whole[columns].all()
-            self._wholes = int(np.count_nonzero(self._whole))
+        for columns in self._alike:
+            self.whole[columns] = self.whole[columns].all()
 
-    def _publish(self, *keys: Key) -> None:
-        """Let the model use the outcome counts of some keys, or stop using them."""
-        for key in keys:
-            counts, shared = self._counts[key], self._model.shared[key]
-            table = counts.table if counts.used else None
-            if table is not shared.outcomes:
-                shared.outcomes = table
+    @property
+    def parts(self) -> dict[str, ResidualRegression | OutcomeCounts]:
+        """Residuals and counts with the names that they are saved under."""
+        parts = {f"residual{k}": each for k, each in enumerate(self._residuals.values())}
+        counts = {f"outcome_counts{k}": each for k, each in enumerate(self._counts.values())}
+        worth = {} if self._worth is None else {"worth": self._worth}
+        return {**parts, **worth, **counts}
 
-    def state_dict(self) -> tuple[Arrays, Meta]:
-        """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        arrays: Arrays = {"whole": self._whole.copy()}
-        meta: Meta = {}
-        for name, part in self._parts():
-            own, meta[name] = part.state_dict()
-            arrays |= nested(name, own)
-        return arrays, meta
-
-    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned, after the model; `RunError` if it does not fit."""
-        saved = Saved("adaptation", arrays, meta)
-        self._whole[:] = saved.array("whole", np.bool_, self._whole.shape)
-        self._wholes = int(np.count_nonzero(self._whole))
-        for name, part in self._parts():
-            part.load_state_dict(*saved.part(name))
-        self._publish(*self._counts)
-
-    def _parts(self) -> list[tuple[str, ResidualRegression | OutcomeCounts]]:
-        """Return residuals and counts with the names that they are saved under."""
-        residuals = self._residuals.values()
-        return [
-            *((f"residual{k}", residual) for k, residual in enumerate(residuals)),
-            *([] if self._worth is None else [("worth", self._worth)]),
-            *((f"outcome_counts{k}", counts) for k, counts in enumerate(self._counts.values())),
-        ]
+    def restore(self, whole: NDArray[np.bool_]) -> None:
+        """Restore which fluents have always been whole numbers `[F]`, after the parts."""
+        self.whole[:] = whole
+        for key, counts in self._counts.items():
+            counts.publish(self._model.shared[key])
 
 
 class ModelAdaptation:
@@ -232,17 +204,18 @@ class ModelAdaptation:
             self.visits[self._alike[action]] += 1
 
     def observe(
-        self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
+        self, state: Vector, action: int, next_state: Vector, over: bool, reward: float = 0.0
     ) -> None:
         """Record an env step and learn from it; the arguments are those of `TransitionMemory.add`.
 
         `next_state` is that before any reset, the reward in the unit of the file's rewards.
         """
-        self.experience.add(state, action, next_state, ending, reward)
+        self.experience.add(state, action, next_state, over, reward)
         adapted = self._adapted
-        if action >= 0 and adapted is not None and self._learners is not None:
-            self._learn(adapted, state, action, next_state, ending == OVER, reward)
-        if self._estimation is not None and self._estimation.due(self.experience.seen):
+        if action >= 0:
+            self._learn(state, action, next_state, over, reward)
+        seen = self.experience.seen
+        if self._estimation is not None and seen >= 32 and seen & (seen - 1) == 0:
             self._estimate_parameters()
         if adapted is not None:
             adapted.revision = 0 if adapted.as_written else self._revision
@@ -253,15 +226,21 @@ class ModelAdaptation:
         adapted = self._adapted
         if adapted is None:
             return ModelAdoption(adapts=False)
+        fluents, worth = ((), ()) if self._learners is None else self._learners.adoption()
         return ModelAdoption(
             adapts=True,
-            parameters=parameters_in_use(
-                adapted.ground.parameters,
-                self._written.theta.tolist(),
-                adapted.core.parameters.tolist(),
+            parameters=tuple(
+                AdoptedParameter(p.place.line, p.place.text, written, used)
+                for p, written, used in zip(
+                    adapted.ground.parameters,
+                    self._written.theta.tolist(),
+                    adapted.core.parameters.tolist(),
+                    strict=True,
+                )
+                if used != written
             ),
-            fluents=() if self._learners is None else self._learners.adoption(),
-            worth=() if self._learners is None else self._learners.worth_adoption(),
+            fluents=fluents,
+            worth=worth,
         )
 
     def reset_visits(self) -> None:
@@ -269,13 +248,12 @@ class ModelAdaptation:
         self.visits[:] = 0
 
     def _learn(
-        self, adapted: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool,
-        reward: float,
-    ) -> None:  # fmt: skip
-        assert self._learners is not None
-        step = adapted.core.observe(state, action, next_state, over, reward)
-        if step is not None:
-            self._learners.learn(step, action)
+        self, state: Vector, action: int, next_state: Vector, over: bool, reward: float
+    ) -> None:
+        if self._adapted is not None and self._learners is not None:
+            step = self._adapted.core.observe(state, action, next_state, bool(over), reward)
+            if step is not None:
+                self._learners.learn(step, action)
 
     @property
     def _revision(self) -> int:
@@ -298,35 +276,49 @@ class ModelAdaptation:
         actions, over = self.experience.actions, self.experience.over
         rewards = self.experience.rewards
         for k in _newest_of_each(actions, 500):
-            row = states[k], int(actions[k]), next_states[k], bool(over[k]), float(rewards[k])
-            self._learn(adapted, *row)
+            self._learn(states[k], int(actions[k]), next_states[k], over[k], float(rewards[k]))
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        arrays: Arrays = {"visits": self.visits.copy()}
+        arrays: Arrays = {"visits": self.visits.copy(), "written": self._written.theta.copy()}
         meta: Meta = {}
+        if self._adapted is not None:
+            arrays["parameters"] = self._adapted.core.parameters
+        if self._learners is not None:
+            arrays["whole"] = self._learners.whole.copy()
         for name, part in self._parts().items():
             own, meta[name] = part.state_dict()
             arrays |= nested(name, own)
-        if self._adapted is not None:
-            arrays |= nested("model", self._adapted.contents())
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
+        """Restore what `state_dict` returned; a `RunError` refuses what does not fit.
+
+        It does not fit a model of another shape or with other written parameters: its steps would
+        be flagged by what another file says.
+        """
+        if not np.array_equal(arrays.get("written", ()), self._written.theta):
+            raise RunError(
+                "the saved adaptation belongs to another domain file; continue with the one it "
+                "was learned with"
+            )
         saved = Saved("adaptation", arrays, meta)
         self.visits[:] = saved.array("visits", np.int64, self.visits.shape, 0, MOST)
         if self._adapted is not None:
-            self._adapted.restore(part_of(arrays, "model"))
+            shape = self._written.theta.shape
+            self._adapted.core.adopt(saved.array("parameters", np.float64, shape))
         for name, part in self._parts().items():
             part.load_state_dict(*saved.part(name))
+        if self._learners is not None:
+            whole = self._learners.whole
+            self._learners.restore(saved.array("whole", whole.dtype, whole.shape))
         if self._adapted is not None and not self._adapted.as_written:
             self._adapted.revision = self._revision
 
     def _parts(self) -> dict[str, Any]:
         """Return the saved parts by name."""
-        parts = {"experience": self.experience, "learners": self._learners}
-        return {name: part for name, part in parts.items() if part is not None}
+        learned = {} if self._learners is None else self._learners.parts
+        return {"experience": self.experience, **learned}
 
 
 def _alike_actions(model: AdaptedModel) -> list[list[int]]:

@@ -91,30 +91,23 @@ void AdaptedModel::place_groups() {
 
 bool AdaptedModel::branches() const {
     return std::any_of(shared_.begin(), shared_.end(),
-                       [](const auto& shared) { return shared->outcomes != nullptr; });
+                       [](const auto& shared) { return shared->counted(); });
 }
 
 bool AdaptedModel::active() const {
     return revised_ || worth() || std::any_of(shared_.begin(), shared_.end(), [](const auto& shared) {
-               const Regression* regression = shared->regression.get();
-               return shared->outcomes != nullptr ||
-                      (regression != nullptr && regression->most() != FILE_ALONE);
+               return shared->counted() || shared->corrected();
            });
 }
 
 bool AdaptedModel::counted(int action) const {
-    const std::vector<FeatureGroup>& groups = groups_[action];
-    return std::any_of(groups.begin(), groups.end(), [](const FeatureGroup& group) {
-        return group.shared->outcomes != nullptr;
-    });
+    return std::any_of(groups_[action].begin(), groups_[action].end(),
+                       [](const FeatureGroup& group) { return group.shared->counted(); });
 }
 
 bool AdaptedModel::corrected(int action) const {
-    const std::vector<FeatureGroup>& groups = groups_[action];
-    return std::any_of(groups.begin(), groups.end(), [](const FeatureGroup& group) {
-        const Regression* regression = group.shared->regression.get();
-        return regression != nullptr && regression->most() != FILE_ALONE;
-    });
+    return std::any_of(groups_[action].begin(), groups_[action].end(),
+                       [](const FeatureGroup& group) { return group.shared->corrected(); });
 }
 
 void AdaptedModel::adopt(const std::vector<double>& parameters) {
@@ -266,7 +259,10 @@ public:
         // same flags in both steps, but events may not.
         Flags flagged = revised ? UNSAFE & written_.step(action, other_.data()) : 0;
         Flags flags = file_.flow(action, out);
-        if (known && !revised) flagged = UNSAFE & settled_as_written(flags, out);
+        if (known && !revised) {
+            std::copy(out, out + width_ + 1, other_.data());
+            flagged = UNSAFE & (flags & APPLICABLE ? file_.settle(flags, other_.data()) : flags);
+        }
         double risk = 0.0;
         if (flags & APPLICABLE) {
             correct(action, out);
@@ -326,7 +322,8 @@ public:
     /// The probability of an end in the newest step by `unweighed`, if that is applicable.
     double expected_end() const { return expected_end_; }
 
-    /// See `AdaptedModel::branches_of`; `before` are the flags so far.
+    /// Writes every outcome before events, as `outcomes` does, but flags are 0; `before` are the flags
+    /// so far. Returns how many there are, 0 where there is no result.
     int branch(int action, double* rows, Flags& before) {
         before = file_.flow(action, rows);
         if (!(before & APPLICABLE)) return 0;
@@ -336,7 +333,7 @@ public:
         std::copy(rows, rows + width_, flowed_.data());
         int count = 1;
         for (const FeatureGroup& group : model_.groups(action)) {
-            if (group.shared->outcomes) count = split(group, action, rows, count);
+            if (group.shared->counted()) count = split(group, action, rows, count);
         }
         return count;
     }
@@ -410,20 +407,12 @@ private:
     void correct(int action, double* out) {
         bool corrected = false;
         for (const FeatureGroup& group : model_.groups(action)) {
-            const Regression* regression = group.shared->regression.get();
-            if (regression != nullptr && regression->most() != FILE_ALONE) {
+            if (group.shared->corrected()) {
                 residual(group).add(group.shared->head, group.targets, out);
                 corrected = true;
             }
         }
         if (corrected && !finite(out, width_)) file_.flow(action, out);
-    }
-
-    /// Returns the flags of a step of the file alone, of which `flowed` [F + 1] is the flow.
-    Flags settled_as_written(Flags flags, const double* flowed) {
-        if (!(flags & APPLICABLE)) return flags;
-        std::copy(flowed, flowed + width_ + 1, other_.data());
-        return file_.settle(flags, other_.data());
     }
 
     /// Applies the likeliest outcome of each group to `out` [F], the state after effects, processes
@@ -432,7 +421,7 @@ private:
         int counted = 0, which = 0;
         std::copy(out, out + width_, flowed_.data());
         for (const FeatureGroup& group : model_.groups(action)) {
-            if (!group.shared->outcomes) continue;
+            if (!group.shared->counted()) continue;
             ++counted;
             which = likeliest(group, action);
             if (which > 0) group.shared->outcomes->put(which, group.inputs, outcomes_, out);
@@ -441,8 +430,8 @@ private:
     }
 
     int likeliest(const FeatureGroup& group, int action) {
-        return group.shared->outcomes->likeliest(file_, action, group.inputs, state_,
-                                                 flowed_.data(), outcomes_);
+        const OutcomeStep step{file_, action, group.inputs, state_, flowed_.data()};
+        return group.shared->outcomes->likeliest(step, outcomes_);
     }
 
     /// Applies the likeliest outcomes and then events; the reward is expected over all outcomes.
@@ -461,7 +450,7 @@ private:
         const Worth usual = expected;
         double alike = 1.0;
         for (const FeatureGroup& group : model_.groups(action)) {
-            if (!group.shared->outcomes) continue;
+            if (!group.shared->counted()) continue;
             // What the room holds is its own, if no other group has counts.
             const int most = counted > 1 ? likeliest(group, action) : last;
             alike *= std::max(0.0, 1.0 - vary(group, most, flow_flags, unsafe, usual, expected));
@@ -477,7 +466,7 @@ private:
                 Worth& expected) {
         const OutcomeTable& table = *group.shared->outcomes;
         double different = 0.0;
-        for (int kind = 0; kind < table.kinds(); ++kind) {
+        for (int kind = 0; kind < table.kinds; ++kind) {
             const double p = outcomes_.probabilities[kind];
             if (kind == most || p <= 0.0) continue;
             std::copy(usual_.begin(), usual_.end(), other_.begin());
@@ -501,11 +490,11 @@ private:
         for (int source = 0; source < before; ++source) {
             double* old = rows + source * row;
             const double left = old[width + 2];
-            if (count + table.kinds() - 1 > OUTCOMES) {  // no room: the likeliest one alone
+            if (count + table.kinds - 1 > OUTCOMES) {  // no room: the likeliest one alone
                 table.put(best, group.inputs, outcomes_, old);
                 continue;
             }
-            for (int kind = 1; kind < table.kinds(); ++kind) {
+            for (int kind = 1; kind < table.kinds; ++kind) {
                 const double chance = left * outcomes_.probabilities[kind];
                 if (chance < RARE) continue;
                 double* created = rows + count * row;
@@ -552,13 +541,6 @@ void AdaptedModel::weigh(ObservedStep& step) const {
     step.weighed = (flags & APPLICABLE) && !(flags & UNSAFE);
 }
 
-int AdaptedModel::branches_of(const double* state, int action, double* rows) const {
-    AdaptedStepper stepper(*this);
-    stepper.from(state);
-    Flags before = 0;
-    return stepper.branch(action, rows, before);
-}
-
 // For Python ---------------------------------------------------------------------------------------
 
 namespace {
@@ -566,13 +548,6 @@ namespace {
 using State = In<double, nb::ndim<1>>;
 /// Inputs, targets and shared part of a feature group.
 using Group = std::tuple<std::vector<int>, std::vector<int>, std::shared_ptr<GroupParameters>>;
-
-std::shared_ptr<GroupParameters> parameters_of(std::shared_ptr<Regression> regression, int head) {
-    auto made = std::make_shared<GroupParameters>();
-    made->regression = std::move(regression);
-    made->head = head;
-    return made;
-}
 
 void set_outcomes(GroupParameters& of, std::shared_ptr<OutcomeTable> table) {
     if (table) table->check(of.inputs, of.width, of.schemas);
@@ -586,8 +561,6 @@ std::shared_ptr<AdaptedModel> model_of(std::shared_ptr<WrittenModel> written,
     SameArguments same;
     same.schemas = static_cast<int>(others.shape(1));
     for (std::size_t k = 0; k < others.size(); ++k) {
-        require(-1 <= others.data()[k] && others.data()[k] < written->actions(),
-                "there is no such other action");
         same.action.push_back(static_cast<int>(others.data()[k]));
     }
     std::vector<std::vector<FeatureGroup>> of_actions;
@@ -611,10 +584,12 @@ const double* checked(const AdaptedModel& model, const State& state, std::int64_
 
 Array<double> branches_of(const AdaptedModel& model, const State& state, std::int64_t action) {
     const std::size_t row = static_cast<std::size_t>(model.fluents()) + 3;
-    const double* from = checked(model, state, action);
     std::vector<double> rows(OUTCOMES * row, 0.0);
+    AdaptedStepper stepper(model);
+    stepper.from(checked(model, state, action));
+    Flags before = 0;
     const auto count = static_cast<std::size_t>(
-        model.branches_of(from, static_cast<int>(action), rows.data()));
+        stepper.branch(static_cast<int>(action), rows.data(), before));
     rows.resize(count * row);
     return array_of(std::move(rows), {count, row});
 }
@@ -637,19 +612,20 @@ std::unique_ptr<ObservedStep> observe(const AdaptedModel& model, const State& st
     return step;
 }
 
-/// Notes in `whole` [F] which numbers are not whole; returns how many fluents are.
-int count_whole(const ObservedStep& step, const Out<bool, nb::ndim<1>>& whole,
+/// Notes in `whole` [F] which numbers are not whole; returns whether there are new ones.
+bool note_fractions(const ObservedStep& step, const Out<bool, nb::ndim<1>>& whole,
                 const In<bool, nb::ndim<1>>& numeric) {
     require(whole.size() == step.state.size() && numeric.size() == whole.size(),
             "there is one truth for each fluent");
-    int count = 0;
+    bool found = false;
     for (std::size_t i = 0; i < whole.size(); ++i) {
         const double number = step.next_state[i];
-        bool& all = whole.data()[i];
-        all = all && (!numeric.data()[i] || number == std::floor(number));
-        count += all;
+        if (whole.data()[i] && numeric.data()[i] && !(number == std::floor(number))) {
+            whole.data()[i] = false;
+            found = true;
+        }
     }
-    return count;
+    return found;
 }
 
 bool predicted(const ObservedStep& step, const In<std::int64_t, nb::ndim<1>>& columns) {
@@ -666,10 +642,10 @@ bool predicted(const ObservedStep& step, const In<std::int64_t, nb::ndim<1>>& co
 void bind_adapted_model(nb::module_& module) {
     nb::class_<GroupParameters>(module, "GroupParameters",
                                 "What is learned of the feature groups of one key.")
-        .def(nb::new_(&parameters_of), nb::arg("regression").none(), nb::arg("head"))
-        .def_ro("regression", &GroupParameters::regression,
-                nb::sig("def regression(self) -> Regression | None"),
-                "The regression of the residual; None where there are too many inputs to learn.")
+        .def(nb::new_([](std::shared_ptr<Regression> regression, int head) {
+                 return std::make_shared<GroupParameters>(std::move(regression), head);
+             }), nb::arg("regression").none(), nb::arg("head"),
+             "`regression`: that of the residual; None where there are too many inputs to learn.")
         .def_ro("head", &GroupParameters::head, "The head of the action schema in the regression.")
         .def_prop_rw("outcomes", [](const GroupParameters& of) { return of.outcomes; },
                      &set_outcomes, nb::arg("table").none(),
@@ -682,8 +658,8 @@ void bind_adapted_model(nb::module_& module) {
         .def_ro("over", &ObservedStep::over, "Whether it ended the episode.")
         .def_prop_ro("usable", &ObservedStep::usable,
                      "Whether its numbers are small enough to learn from.")
-        .def("count_whole", &count_whole, nb::arg("whole").noconvert(), nb::arg("numeric"),
-             "Note in `whole` `[F]` which numbers are not whole; return how many fluents are.")
+        .def("note_fractions", &note_fractions, nb::arg("whole").noconvert(), nb::arg("numeric"),
+             "Note in `whole` `[F]` which numbers are not whole; return whether there are new ones.")
         .def("predicted", &predicted, nb::arg("columns"),
              "Return whether the file predicted these fluents of the next state.");
 
@@ -691,14 +667,9 @@ void bind_adapted_model(nb::module_& module) {
                                     "A model that is adapted to observed transitions.")
         .def(nb::new_(&model_of), nb::arg("written"), nb::arg("others"), nb::arg("flagging"),
              nb::arg("groups"), nb::arg("worth").none() = nb::none(),
-             "`others` `[A, S]` are the ground actions of each schema with the same arguments, -1 for "
-             "none. `flagging` says whether events can make `unsafe` true. `groups` are inputs, "
-             "targets and parameters of the feature groups of every ground action. `worth` is the "
-             "regression of reward and end, with a head for each ground action: inputs are all "
-             "fluents, then reward and end as predicted without it.")
+             "`others` `[A, S]` is that of `same_arguments`; `groups` are inputs, targets and "
+             "parameters of the feature groups of every ground action.")
         .def_prop_ro("active", &AdaptedModel::active, "Whether anything adapted is in use.")
-        .def_prop_ro("revised", &AdaptedModel::revised,
-                     "Whether parameters in use differ from those written.")
         .def_prop_ro(
             "parameters",
             [](const AdaptedModel& model) {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "serp/model/learned/file_step.hpp"
@@ -16,9 +17,16 @@ namespace serp {
 /// What is learned of the feature groups of one key, and shared by them. It may change at any time
 /// between decisions.
 struct GroupParameters {
+    GroupParameters(std::shared_ptr<Regression> regression, int head)
+        : regression(std::move(regression)), head(head) {}
+
     std::shared_ptr<Regression> regression;  ///< of the residual; none: too many inputs to learn
-    int head = 0;                            ///< of the action schema in the regression
+    int head;                                ///< of the action schema in the regression
     std::shared_ptr<OutcomeTable> outcomes;  ///< the counts in use, or none
+
+    bool counted() const { return outcomes != nullptr; }
+    /// Whether the residual is in use.
+    bool corrected() const { return regression && regression->most() != FILE_ALONE; }
 
     // What the outcomes must fit, see `OutcomeTable::check`.
     std::vector<int> inputs;
@@ -34,37 +42,8 @@ struct FeatureGroup {
     int place = 0;  ///< equal for groups of one regression with the same inputs
 };
 
-/// Numbers of at least this size are not learned from; sums of their squares would overflow.
-inline constexpr double HUGE_NUMBER = 1e60;
-
-/// An observed transition, beside what the file says of it.
-struct ObservedStep {
-    FileStep file;
-    int action;
-    bool over;                               ///< whether it ended the episode
-    double reward;                           ///< NaN where it is not to be learned
-    std::vector<double> state, next_state;   ///< [F]
-    std::vector<double> flowed, settled{};   ///< [F + 1] after effects and processes; after events
-    Flags flags = 0;                         ///< of `flowed`
-    /// Reward and end as the model predicts them without its `worth`, and whether that is used here.
-    double expected_reward = 0.0, expected_end = 0.0;
-    bool weighed = false;
-
-    /// Whether its numbers are small enough to learn from. After the end of an episode the next
-    /// state need not be what the file says, so it does not matter then.
-    bool usable() const;
-};
-
-/// A transition model that is adapted to observed transitions.
-///
-/// A step applies the file's effects and processes with the parameters in use, adds a residual,
-/// replaces counted fluents by their likeliest outcome, and applies the file's events. The reward is
-/// its expectation over the counted outcomes. UNSAFE is set only where the file as written sets it;
-/// everything else is a risk: the probability that the file's events flag an outcome.
-///
-/// Last, reward and end are corrected, within the range of the data. An end has a chance then. One
-/// that the file foresees remains TERMINAL, unless it is doubtful and the reward is corrected, too:
-/// or else it might be earned again and again. A step that is flagged UNSAFE remains as it is.
+/// A transition model that is adapted to observed transitions; its step is described in
+/// `serp.model.learned.adapted_model.AdaptedModel`.
 class AdaptedModel : public Model {
 public:
     /// `flagging`: whether events can make `unsafe` true. `worth`, if any, is the regression of
@@ -112,10 +91,6 @@ public:
     FileStep written_step() const {
         return FileStep(*written_->program(), written_->theta().data(), written_->dt(), others_);
     }
-
-    /// Writes every outcome before events, as `Stepper::outcomes` does; flags are 0. Returns how many
-    /// there are, 0 where there is no result.
-    int branches_of(const double* state, int action, double* rows) const;
 
     /// Notes in an observed step what is expected of its reward and end. Not thread-safe.
     void weigh(ObservedStep& step) const;

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from serp import _core
-from serp._util.saved_state import Arrays, Saved, nested, part_of
-from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground_model import UNSAFE_TARGET, GroundSchema
 from serp.model.learned.feature_groups import (
     FeatureGroup,
     Key,
-    contents_of,
     feature_groups_of,
     learnable,
-    restore_regression,
 )
 from serp.model.traced_step import Passage
 from serp.model.transition_model import TransitionModel, Vector
@@ -99,7 +94,7 @@ class AdaptedModel(TransitionModel):
 
         Learned parts are dropped: they are valid only for their own parameters and period.
         """
-        return self._written.replace(theta=theta, dt=dt)
+        return self.written.replace(theta=theta, dt=dt)
 
     def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
         """Return which precondition failed, or which effects, rates and events took part.
@@ -110,19 +105,16 @@ class AdaptedModel(TransitionModel):
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
         flags = UNSAFE if self.as_written else self.transition(values, action)[1]
         if flags & UNSAFE:
-            return self._written.passages(state, action)
-        likeliest = None
-        for branch in self._branches(np.array(values), action):
-            trace = self._trace_with(values, action, branch)
-            likeliest = likeliest or trace
-            if risk_of(flags) == 0.0 or trace[1] & UNSAFE:
-                return trace
-        return likeliest or self._trace_with(values, action, None)
-
-    def _branches(self, state: Vector, action: int) -> Vector:
-        """Return the outcomes `[n, F + 1]` before events, with the reward, the likeliest first."""
-        rows = self.core.branches_of(state, action)
-        return rows[np.argsort(-rows[:, -1], kind="stable"), :-2]
+            return self.written.passages(state, action)
+        # Outcomes before events; without any, the trace says why there is no step.
+        rows = self.core.branches_of(np.array(values), action)
+        likeliest_first = np.argsort(-rows[:, -1], kind="stable")
+        branches: list[Vector | None] = [*rows[likeliest_first, :-2]]
+        traces = (self._trace_with(values, action, branch) for branch in branches or [None])
+        likeliest = next(traces)
+        if risk_of(flags) == 0.0 or likeliest[1] & UNSAFE:
+            return likeliest
+        return next((trace for trace in traces if trace[1] & UNSAFE), likeliest)
 
     def _trace_with(
         self, state: list[float], action: int, branch: Vector | None
@@ -136,39 +128,6 @@ class AdaptedModel(TransitionModel):
         theta = self.core.parameters.tolist()
         _, flags, passages = self.traced(state, action, theta=theta, amend=amend)
         return passages, flags
-
-    def contents(self) -> Arrays:
-        """Return what is in use, without the counts of outcomes."""
-        arrays: Arrays = {"written": self.theta.copy(), "parameters": self.core.parameters}
-        for name, regression in self._learned().items():
-            arrays |= nested(name, contents_of(regression))
-        return arrays
-
-    def _learned(self) -> dict[str, _core.Regression]:
-        """Return all regressions with the names that they are saved under."""
-        learned = {f"regression{k}": each for k, each in enumerate(self.regressions.values())}
-        return learned if self.worth is None else {**learned, "worth": self.worth}
-
-    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Use what `contents` returned; the owner of the counts of outcomes restores these.
-
-        Raises:
-            RunError: It belongs to a model of another shape or with other parameters, or is
-                damaged.
-        """
-        if not np.array_equal(arrays.get("written", ()), self.theta):
-            raise RunError(
-                "the saved adaptation belongs to another domain file; continue with the one it "
-                "was learned with"
-            )
-        parameters = Saved("adaptation", arrays, {}).array(
-            "parameters", np.float64, self.theta.shape
-        )
-        for name, regression in self._learned().items():
-            restore_regression(regression, part_of(arrays, name))
-        for shared in self.shared.values():
-            shared.outcomes = None
-        self.core.adopt(parameters)
 
 
 def _parameters_of(

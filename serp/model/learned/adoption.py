@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from serp._util.did_you_mean import listed
 from serp._util.text import percent, plural
-
-BETTER: Final = 0.95
-"""Fraction of the error of the file below which a learned part replaces it; for residuals see
-`serp.model.learned.residual.choose`."""
 
 
 class TrackRecord(NamedTuple):
@@ -157,17 +153,6 @@ class ModelAdoption(NamedTuple):
         left = [f.fluent for f in self.fluents if not f.adapted]
         said = f"adapted: {'; '.join(parts)}"
         return f"{said}; as written: {listed(left)}" if left else said
-
-
-def parameters_in_use(
-    parameters: Iterable[Any], written: Sequence[float], in_use: Sequence[float]
-) -> tuple[AdoptedParameter, ...]:
-    """Return the `GroundModel.parameters` that have another value than the file writes."""
-    return tuple(
-        AdoptedParameter(p.place.line, p.place.text, written[p.index], in_use[p.index])
-        for p in parameters
-        if in_use[p.index] != written[p.index]
-    )
 
 
 def adoption_of(

@@ -8,6 +8,7 @@ such.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 from collections.abc import Sequence
@@ -326,32 +327,17 @@ class EffectFit:
         self.added = tuple(added)
         self.ground = with_effects(lifted, self.added)
         self._whole = TransitionModel(self.ground, dt=model.dt)
-        self._estimator = ParameterEstimator(self._whole, lifted, self.added)
         self._written = len(model.ground.parameters)
-        theta = self._estimator.written.copy()
-        if before is None:
-            self._kept = self._estimator.flow.undisturbed(data, theta)
-        else:  # an added effect with coefficient 0 changes nothing
-            self._kept = before._kept
+        theta = np.array([parameter.value for parameter in self.ground.parameters])
+        if before is not None:
             theta[: self._written] = before.fit.theta[: self._written]
-            found = before.coefficients
+            found = dict(zip(before.added, before.fit.theta[self._written :], strict=True))
             theta[self._written :] = [found.get(effect, 0.0) for effect in self.added]
-        self.fit: ParameterFit = self._estimator.estimate(data, theta, self._kept)
+        self.fit: ParameterFit = ParameterEstimator(self._whole, data).estimate(theta)
 
     def with_effects(self, added: Sequence[AddedEffect]) -> EffectFit:
         """Return the fit of the same model with other effects."""
         return EffectFit(self._model, self.lifted, self._data, added, self)
-
-    @property
-    def coefficients(self) -> dict[AddedEffect, float]:
-        """The estimates of the added effects."""
-        estimates = self.fit.theta[self._written :].tolist()
-        return dict(zip(self.added, estimates, strict=True))
-
-    @property
-    def symbols(self) -> set[str]:
-        """The functions whose changes are fitted."""
-        return set(function_columns(self.ground))
 
     def reads(self, symbol: str) -> set[str]:
         """Return the functions that are changed by actions and read by processes of a symbol."""
@@ -367,7 +353,9 @@ class EffectFit:
 
     def search(self, symbols: set[str], refused: Sequence[AddedEffect]) -> list[AddedEffect]:
         """Return further effects that improve the fit, for some functions."""
-        after = self._estimator.after_actions(self._data, self.fit.theta)
+        actions = dataclasses.replace(self.ground, processes=(), events=(), goal=None, metric=None)
+        model = TransitionModel(actions, dt=self._model.dt, theta=self.fit.theta)
+        after = predictions(model, self._data.states, self._data.actions)
         whole = whole_symbols(function_columns(self.ground), self._data)
         found: list[AddedEffect] = []
         for symbol in self.fit.rows:
@@ -436,7 +424,7 @@ def fit_jointly(model: TransitionModel, data: RegressionData) -> EffectFit:
 
 def _sweep(fit: EffectFit, refused: Sequence[AddedEffect]) -> EffectFit:
     """Search every function once."""
-    pending = fit.symbols
+    pending = set(function_columns(fit.ground))
     while pending:
         # The functions that a process reads must be right before effects are added to it.
         ready = {s for s in pending if not fit.reads(s) & pending - {s}} or set(pending)

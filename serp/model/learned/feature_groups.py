@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final
 
 from serp._core import Regression
-from serp._util.saved_state import Arrays, Saved
 from serp.model.ground_model import Fluent, GroundModel, GroundSchema
 
 Key = tuple[str, ...]
@@ -112,44 +108,12 @@ FILE, LINEAR, CURVED, FULL = range(4)
 """The predictor of a fluent: the file alone, or the file with a linear model, one with the
 smoothest random features, or one with all of them."""
 
-_WEIGHTS: Final = (
+WEIGHTS: Final = (
     "linear", "amplitude", "centre", "shrink", "frequency", "phase", "inverse", "typical", "scale",
 )  # fmt: skip
-
-
-def contents_of(regression: Regression) -> Arrays:
-    """Return what `restore_regression` restores exactly."""
-    arrays: Arrays = {name: getattr(regression, name).copy() for name in _WEIGHTS}
-    arrays["sizes"] = np.array([regression.features, regression.known])
-    return arrays | {"kinds": regression.kinds}
-
-
-def restore_regression(regression: Regression, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Restore what `contents_of` returned; a `RunError` refuses what does not fit."""
-    saved = Saved("adaptation", arrays, {})
-    features, known = saved.array("sizes", np.int64, (2,)).tolist()
-    kinds = saved.array("kinds", np.int64, regression.kinds.shape, FILE, FULL)
-    shapes = {name: getattr(regression, name).shape for name in _WEIGHTS}
-    weights = {name: saved.array(name, np.float64, shape) for name, shape in shapes.items()}
-    if (
-        features not in range(0, FEATURES + 1, SMOOTH)
-        or known not in (0, regression.columns, regression.columns + SMOOTH)
-        or (known > regression.columns and not features)
-    ):
-        raise saved.wrong("random features or known columns are out of range")
-    regression.kinds, regression.features, regression.known = kinds, features, known
-    for name, values in weights.items():
-        getattr(regression, name)[:] = values
+"""Arrays of a regression."""
 
 
 def learnable(depth: int, heads: int) -> bool:
     """Return whether a regression has few enough inputs to learn from."""
     return depth <= _MAX_INPUTS and (1 + heads) * (1 + depth) <= _MAX_COLUMNS
-
-
-def rate_of(samples: float, memory: float) -> float:
-    """Return the weight of the next sample; `memory` is that of the past in the long run.
-
-    The n-th sample initially has the weight 3 / (2 + n), so that early samples soon lose weight.
-    """
-    return max(1.0 - memory, 3.0 / (3.0 + samples))

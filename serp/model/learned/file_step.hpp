@@ -1,4 +1,4 @@
-// The step of the file with the parameters in use, as the learned parts of a model see it.
+// The step of the file with the parameters in use, and observed ones, as the learned parts see them.
 #pragma once
 
 #include <cstddef>
@@ -15,8 +15,8 @@ struct SameArguments {
 
     int actions() const { return schemas > 0 ? static_cast<int>(action.size()) / schemas : 0; }
     /// -1, too, for a schema that the model does not have: a table may have counted those of another.
-    int of(int ground_action, int schema) const {
-        if (schema >= schemas) return -1;
+    int of(int ground_action, std::int64_t schema) const {
+        if (schema < 0 || schema >= schemas) return -1;
         return action[static_cast<std::size_t>(ground_action) * schemas + schema];
     }
 };
@@ -49,6 +49,27 @@ private:
     const Program* program_;
     const SameArguments* others_;
     std::vector<double> frame_;
+};
+
+/// Numbers of at least this size are not learned from; sums of their squares would overflow.
+inline constexpr double HUGE_NUMBER = 1e60;
+
+/// An observed transition, beside what the file says of it.
+struct ObservedStep {
+    FileStep file;
+    int action;
+    bool over;                               ///< whether it ended the episode
+    double reward;                           ///< NaN where it is not to be learned
+    std::vector<double> state, next_state;   ///< [F]
+    std::vector<double> flowed, settled{};   ///< [F + 1] after effects and processes; after events
+    Flags flags = 0;                         ///< of `flowed`
+    /// Reward and end as the model predicts them without its `worth`, and whether that is used here.
+    double expected_reward = 0.0, expected_end = 0.0;
+    bool weighed = false;
+
+    /// Whether its numbers are small enough to learn from. After the end of an episode the next
+    /// state need not be what the file says, so it does not matter then.
+    bool usable() const;
 };
 
 }  // namespace serp

@@ -14,18 +14,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._core import ObservedStep, OutcomeTable
-from serp._util.saved_state import MOST, Saved
+from serp._core import GroupParameters, ObservedStep, OutcomeTable
+from serp._util.saved_state import MOST, Arrays, Saved
 from serp.model.learned.adapted_model import AdaptedModel, same_arguments
-from serp.model.learned.adoption import BETTER, TrackRecord
-from serp.model.learned.feature_groups import FeatureGroup, Key, rate_of
+from serp.model.learned.adoption import TrackRecord
+from serp.model.learned.feature_groups import FeatureGroup, Key
 from serp.model.learned.regression_data import predicted_steps
 from serp.model.transition_model import TransitionModel, Vector
 
-_MEMORY: Final = 0.995  # weight of the past in the scores, per step
-_MIN_SAMPLES: Final = 5
+_MIN_SAMPLES, _BETTER = 5, 0.95
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
-is smaller than `BETTER` times the file's."""
+is smaller than this fraction of the file's."""
 _CHANGE: Final = -1
 """In place of an action schema: the outcome is a change."""
 _LEAST: Final = 1e-6
@@ -54,7 +53,6 @@ class OutcomeCounts:
         self._bits = np.array(group.predicate_inputs, dtype=np.int64)
         self.table: OutcomeTable | None = None
         self.places = self._context = np.zeros(0, dtype=np.int64)
-        self._scores = np.zeros(2)
         self.samples = self._strays = 0
         self._given_up = False
 
@@ -65,12 +63,18 @@ class OutcomeCounts:
             self.table is not None
             and not self._given_up
             and self.samples >= _MIN_SAMPLES
-            and bool(self._scores[1] < BETTER * self._scores[0])
+            and bool(self.table.scores[1] < _BETTER * self.table.scores[0])
         )
+
+    def publish(self, shared: GroupParameters) -> None:
+        """Let the model use the counts, or stop using them."""
+        table = self.table if self.used else None
+        if table is not shared.outcomes:
+            shared.outcomes = table
 
     def track_record(self, schema: str) -> TrackRecord:
         """Return what is known of the counts, after actions of a schema."""
-        written, learned = self._scores.tolist()
+        written, learned = (0.0, 0.0) if self.table is None else self.table.scores.tolist()
         hindrance = "too many different outcomes to count" if self._given_up else ""
         return TrackRecord(schema, self.used, self.samples, written, learned, hindrance)
 
@@ -83,11 +87,10 @@ class OutcomeCounts:
 
     def explanations(self) -> tuple[NDArray[np.bool_], Vector]:
         """Return sets of outcomes `[S, K]`, and how often each explained an observation `[S]`."""
-        assert self.table is not None
-        contents = self.table.contents()
-        members, number = contents["sets"].T
-        kinds = range(len(contents["schemas"]))
-        return np.stack([members.astype(np.int64) >> k & 1 for k in kinds], axis=1) == 1, number
+        table = self.table
+        assert table is not None
+        members = table.members[: table.sets, None] >> np.arange(table.kinds) & 1
+        return members == 1, table.numbers[: table.sets]
 
     def outcomes(self) -> tuple[Vector, NDArray[np.int64], Vector]:
         """Return the K outcomes: probabilities over all contexts, schemas and changes.
@@ -95,11 +98,10 @@ class OutcomeCounts:
         The probabilities are `[K]`; `[K]` are positions of action schemas, -1 for the file's
         prediction (the first) and for a change; changes are `[K, places]`.
         """
-        assert self.table is not None
-        contents = self.table.contents()
-        counts = contents["counts"][0, : len(contents["schemas"])]
-        shares = counts / max(1.0, contents["totals"][0])
-        return shares, contents["schemas"].astype(np.int64), contents["changes"]
+        table = self.table
+        assert table is not None
+        shares = table.counts[0, : table.kinds] / max(1.0, table.totals[0])
+        return shares, table.schemas[: table.kinds], table.changes[: table.kinds]
 
     def learn(
         self, inputs: NDArray[np.int64], step: ObservedStep, whole: NDArray[np.bool_]
@@ -113,7 +115,7 @@ class OutcomeCounts:
         if step.over:
             if self.table is not None:
                 self.samples += 1
-                self._count(inputs, step)
+                self.table.count(step, inputs, self.samples - 1)
             return True
         if self._given_up:
             return False
@@ -131,7 +133,7 @@ class OutcomeCounts:
             self.table = OutcomeTable(self.places, self._context)
             # All samples so far were as in the file.
             self.table.start(self.samples - 1)
-        if not self._count(inputs, step):
+        if not self.table.count(step, inputs, self.samples - 1):
             self._strays += 1
             if self.samples >= 50 and self._strays > 0.2 * self.samples:
                 # Without the numbers, the predicates may have few outcomes.
@@ -140,77 +142,65 @@ class OutcomeCounts:
                 return False
         return True
 
-    def _count(self, inputs: NDArray[np.int64], step: ObservedStep) -> bool:
-        assert self.table is not None
-        return self.table.count(step, inputs, self._scores, rate_of(self.samples - 1, _MEMORY))
-
     def _begin(self, places: NDArray[np.int64]) -> None:
         self.places = places
         self.table = None
-        self._scores[:] = 0.0
         self.samples = self._strays = 0
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        arrays: dict[str, NDArray[Any]] = {
+        arrays = {
             "places": self.places.copy(),
             "context": self._context.copy(),
-            "scores": self._scores.copy(),
         }
-        if self.table is not None:
-            arrays |= self.table.contents()
-        return arrays, {
+        meta: dict[str, Any] = {
             "samples": self.samples,
             "strays": self._strays,
             "given_up": self._given_up,
         }
+        if self.table is not None:
+            sizes = {name: getattr(self.table, name) for name in _SIZES}
+            arrays |= {k: array.copy() for k, array in _arrays(self.table, **sizes).items()}
+            meta |= sizes
+        return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("outcome counts", arrays, meta)
-        places, context = (self._positions(saved, name) for name in ("places", "context"))
-        scores = saved.array("scores", np.float64, self._scores.shape)
+        places, context = (
+            saved.array(name, np.int64, (-1,), 0, self._depth - 1).copy()
+            for name in ("places", "context")
+        )
         samples, given_up = saved.whole("samples"), saved.truth("given_up")
         strays = saved.whole("strays", 0, samples)
-        table = self._table_of(saved, places, context) if saved.has("codes") else None
-        self.places, self._context = places, context
-        self._scores[:] = scores
-        self.table = table
-        self.samples, self._strays, self._given_up = samples, strays, given_up
-
-    def _positions(self, saved: Saved, name: str) -> NDArray[np.int64]:
-        positions = saved.array(name, np.int64, (-1,), 0, self._depth - 1)
-        if (np.diff(positions) <= 0).any():
-            raise saved.wrong(f"{name} are not in order")
-        return positions.copy()
-
-    def _table_of(
-        self, saved: Saved, places: NDArray[np.int64], context: NDArray[np.int64]
-    ) -> OutcomeTable:
-        """Return a new table with the saved counts."""
-        table = OutcomeTable(places, context)
-        bounds: dict[str, tuple[float, ...]] = {
-            "schemas": (_CHANGE, self._schemas - 1),
-            "changes": (),
-            # Probabilities are counts divided by totals, and shares of evidence and trust.
-            "trust": (_LEAST, MOST),
-            "sets": (0.0, MOST),
-            "codes": (0.0, MOST - 1),
-            "counts": (0.0, MOST),
-            "totals": (0.0, MOST),
-            "evidence": (_LEAST,),
-        }
-        ranks = {"changes": 2, "sets": 2, "counts": 2, "evidence": 2}
         try:
-            table.restore(
-                **{
-                    name: saved.array(name, np.float64, (-1,) * ranks.get(name, 1), *bound)
-                    for name, bound in bounds.items()
-                }
-            )
+            table = OutcomeTable(places, context)
+            if saved.has("kinds"):
+                sizes = {name: saved.whole(name) for name in _SIZES}
+                bounds = {**_BOUNDS, "schemas": (_CHANGE, self._schemas - 1)}
+                for name, own in _arrays(table, **sizes).items():
+                    own[:] = saved.array(name, own.dtype, own.shape, *bounds.get(name, (0.0, MOST)))
+                table.restore(**sizes)
         except ValueError as error:
             raise saved.wrong(str(error)) from None
-        return table
+        self.places, self._context = places, context
+        self.table = table if saved.has("kinds") else None
+        self.samples, self._strays, self._given_up = samples, strays, given_up
+
+
+_SIZES: Final = "kinds", "sets", "rows"
+# Probabilities are counts divided by totals, and shares of evidence and trust.
+_BOUNDS: Final = {"scores": (), "changes": (), "trust": (_LEAST, MOST), "evidence": (_LEAST,)}
+"""Least and largest values of the arrays of a table, of others 0 and `MOST`."""
+
+
+def _arrays(table: OutcomeTable, kinds: int, sets: int, rows: int) -> Arrays:
+    """Return views of so much of the arrays of a table, by their names in a checkpoint."""
+    used = {
+        "scores": None, "trust": None, "schemas": kinds, "changes": kinds, "members": sets,
+        "numbers": sets, "codes": rows, "counts": rows, "totals": rows, "evidence": rows,
+    }  # fmt: skip
+    return {name: getattr(table, name)[:size] for name, size in used.items()}
 
 
 Mask = NDArray[np.bool_]

@@ -1,23 +1,24 @@
 #include "serp/model/learned/outcome_table.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdlib>
 #include <functional>
 #include <limits>
 #include <stdexcept>
 #include <utility>
 
+#include "serp/_util/arrays.hpp"
 #include "serp/_util/checks.hpp"
 
 namespace serp {
 
 namespace {
 
-using Experts = std::array<double, OutcomeTable::EXPERTS>;
-
 /// Samples that the counts over all contexts are worth, of the experts that count in a context.
 constexpr std::array PRIORS{0.1, 1.0, 10.0};
-/// Weight of the past in the evidence for an expert, per sample.
+/// Weight of the past in the scores and in the evidence for an expert, per sample.
 constexpr double MEMORY = 0.995;
 /// Counts of a context are halved beyond this total.
 constexpr double MOST = 2000.0;
@@ -41,22 +42,23 @@ bool ascending(const std::vector<int>& positions) {
 }  // namespace
 
 OutcomeTable::OutcomeTable(std::vector<int> places, std::vector<int> context)
-    : places_(std::move(places)), context_(std::move(context)) {
+    : changes(KINDS, places.size()), places_(std::move(places)), context_(std::move(context)) {
     require(ascending(places_) && ascending(context_), "positions are not in ascending order");
-    contents_.schemas = {CHANGE};
-    contents_.changes.assign(places_.size(), 0.0);
-    contents_.rows.resize(1);
+    schemas[0] = CHANGE;
+    trust.fill(1.0);
+    evidence.fill(1.0);
 }
 
-void OutcomeTable::check(const std::vector<int>& inputs, int width, int schemas) const {
+void OutcomeTable::check(const std::vector<int>& inputs, int width, int known_schemas) const {
     const int depth = static_cast<int>(inputs.size());
     require((places_.empty() || places_.back() < depth) &&
                 (context_.empty() || context_.back() < depth),
             "counted fluents lie beyond the inputs");
     require(columns() <= width, "more counted fluents than fluents");
     for (const int column : inputs) require(0 <= column && column < width, "inputs of no fluent");
-    for (const int schema : contents_.schemas) {
-        require(CHANGE <= schema && schema < schemas, "outcomes of unknown action schemas");
+    for (int kind = 0; kind < kinds; ++kind) {
+        require(CHANGE <= schemas[kind] && schemas[kind] < known_schemas,
+                "outcomes of unknown action schemas");
     }
 }
 
@@ -81,39 +83,36 @@ int OutcomeTable::row_of(const std::vector<int>& inputs, const double* state) co
 /// Returns `row_of` a context, after adding a row for an unknown one while there is room.
 int OutcomeTable::find_or_enter(const std::vector<int>& inputs, const double* state) {
     const int row = row_of(inputs, state);
-    const int rows = static_cast<int>(contents_.rows.size());
     if (row != 0 || rows == ROWS) return row;
-    contents_.rows.emplace_back().code = code_of(inputs, state);
-    row_of_code_.emplace(static_cast<std::int64_t>(contents_.rows.back().code), rows);
-    return rows;
+    codes[rows] = code_of(inputs, state);
+    row_of_code_.emplace(static_cast<std::int64_t>(codes[rows]), rows);
+    return rows++;
 }
 
 // Probabilities -----------------------------------------------------------------------------------
 
 /// Computes the probability of each outcome over all contexts; the file's before any sample.
 void OutcomeTable::fill_broadest(double* probabilities) const {
-    const Row& all = contents_.rows[0];
-    for (int kind = 0; kind < kinds(); ++kind) {
-        probabilities[kind] = all.total > 0.0 ? all.counts[kind] / all.total : 0.0;
+    for (int kind = 0; kind < kinds; ++kind) {
+        probabilities[kind] = totals[0] > 0.0 ? counts[kind] / totals[0] : 0.0;
     }
-    if (all.total <= 0.0) probabilities[0] = 1.0;
+    if (totals[0] <= 0.0) probabilities[0] = 1.0;
 }
 
 /// Turns the probabilities over all contexts into those of a row; row 0 has the same.
 void OutcomeTable::refine(int row, double* probabilities) const {
     if (row == 0) return;
-    const Row& own = contents_.rows[row];
-    const Experts& trust = contents_.trust;
-    double weights = trust[EXPERTS - 1] * own.evidence[EXPERTS - 1];
+    const double *own = &counts[row * KINDS], *believed = &evidence[row * EXPERTS];
+    double weights = trust[EXPERTS - 1] * believed[EXPERTS - 1];
     double counted = 0.0, broader = weights;
     for (std::size_t e = 0; e < PRIORS.size(); ++e) {
-        const double weight = trust[e] * own.evidence[e];
+        const double weight = trust[e] * believed[e];
         weights += weight;
-        counted += weight / (own.total + PRIORS[e]);
-        broader += weight * PRIORS[e] / (own.total + PRIORS[e]);
+        counted += weight / (totals[row] + PRIORS[e]);
+        broader += weight * PRIORS[e] / (totals[row] + PRIORS[e]);
     }
-    for (int kind = 0; kind < kinds(); ++kind) {
-        const double mixed = counted * own.counts[kind] + broader * probabilities[kind];
+    for (int kind = 0; kind < kinds; ++kind) {
+        const double mixed = counted * own[kind] + broader * probabilities[kind];
         probabilities[kind] = mixed / weights;
     }
 }
@@ -122,16 +121,16 @@ void OutcomeTable::refine(int row, double* probabilities) const {
 /// fit; the probabilities in the room are those over all contexts.
 void OutcomeTable::weigh_experts(int row, const OutcomeRoom& room) {
     if (row == 0) return;
-    Row& own = contents_.rows[row];
-    Experts& trust = contents_.trust;
+    const double* own = &counts[row * KINDS];
+    double* believed = &evidence[row * EXPERTS];
     double fitting = 0.0, possible = 0.0, told = 0.0, known = 0.0;
-    for (int kind = 0; kind < kinds(); ++kind) {
+    for (int kind = 0; kind < kinds; ++kind) {
         if (room.fits[kind] == Fit::IMPOSSIBLE) continue;
         possible += room.probabilities[kind];
-        known += own.counts[kind];
+        known += own[kind];
         if (room.fits[kind] == Fit::FITS) {
             fitting += room.probabilities[kind];
-            told += own.counts[kind];
+            told += own[kind];
         }
     }
     if (possible <= 0.0) return;
@@ -140,16 +139,16 @@ void OutcomeTable::weigh_experts(int row, const OutcomeRoom& room) {
     for (std::size_t e = 0; e < EXPERTS; ++e) {
         double predicted = fitting;
         if (e < PRIORS.size()) predicted = (told + PRIORS[e] * fitting) / (known + PRIORS[e]);
-        own.evidence[e] = std::pow(own.evidence[e], MEMORY) * std::max(LEAST, predicted);
-        most = std::max(most, own.evidence[e]);
+        believed[e] = std::pow(believed[e], MEMORY) * std::max(LEAST, predicted);
+        most = std::max(most, believed[e]);
     }
     for (std::size_t e = 0; e < EXPERTS; ++e) {
-        own.evidence[e] = std::max(LEAST, own.evidence[e] / most);
-        total += trust[e] * own.evidence[e];
+        believed[e] = std::max(LEAST, believed[e] / most);
+        total += trust[e] * believed[e];
     }
     for (std::size_t e = 0; e < EXPERTS; ++e) {
-        const double believed = trust[e] * own.evidence[e] / total;
-        trust[e] = std::max(LEAST, MEMORY * trust[e] + believed);
+        const double share = trust[e] * believed[e] / total;
+        trust[e] = std::max(LEAST, MEMORY * trust[e] + share);
     }
 }
 
@@ -160,21 +159,20 @@ const double* OutcomeTable::values_of(const OutcomeRoom& room, int kind) const {
 }
 
 /// Writes what an outcome of a schema predicts to the room; returns whether it is possible.
-bool OutcomeTable::predict(FileStep& file, int action, int kind, int schema,
-                           const std::vector<int>& inputs, const double* state,
-                           const double* flowed, OutcomeRoom& room) const {
+bool OutcomeTable::predict(const OutcomeStep& step, int kind, std::int64_t schema,
+                           OutcomeRoom& room) const {
     double* values = room.values.data() + kind * columns();
     if (kind == 0 || schema == CHANGE) {
-        const double* changes = contents_.changes.data() + kind * columns();
+        const double* change = changes.data() + kind * columns();
         for (int k = 0; k < columns(); ++k) {
-            const int column = inputs[places_[k]];
-            values[k] = kind == 0 ? flowed[column] : state[column] + changes[k];
+            const int column = step.inputs[places_[k]];
+            values[k] = kind == 0 ? step.flowed[column] : step.state[column] + change[k];
         }
         return true;
     }
-    const int other = file.others().of(action, schema);
-    if (other < 0 || !(file.flow(other, room.step.data()) & APPLICABLE)) return false;
-    for (int k = 0; k < columns(); ++k) values[k] = room.step[inputs[places_[k]]];
+    const int other = step.file.others().of(step.action, schema);
+    if (other < 0 || !(step.file.flow(other, room.step.data()) & APPLICABLE)) return false;
+    for (int k = 0; k < columns(); ++k) values[k] = room.step[step.inputs[places_[k]]];
     return true;
 }
 
@@ -193,7 +191,7 @@ bool OutcomeTable::alike(const OutcomeRoom& room, int kind, int other) const {
 /// Gives the probability of outcomes that predict the same to the first of them.
 void OutcomeTable::merge(OutcomeRoom& room) const {
     std::vector<double>& probabilities = room.probabilities;
-    for (int kind = 1; kind < kinds(); ++kind) {
+    for (int kind = 1; kind < kinds; ++kind) {
         for (int other = 0; other < kind; ++other) {
             const bool both = probabilities[kind] > 0.0 && probabilities[other] > 0.0;
             if (both && alike(room, kind, other)) {
@@ -204,24 +202,20 @@ void OutcomeTable::merge(OutcomeRoom& room) const {
     }
 }
 
-int OutcomeTable::likeliest(FileStep& file, int action, const std::vector<int>& inputs,
-                            const double* state, const double* flowed, OutcomeRoom& room) const {
+int OutcomeTable::likeliest(const OutcomeStep& step, OutcomeRoom& room) const {
     std::vector<double>& probabilities = room.probabilities;
     fill_broadest(probabilities.data());
-    refine(row_of(inputs, state), probabilities.data());
+    refine(row_of(step.inputs, step.state), probabilities.data());
     double left = 0.0;
-    for (int kind = 0; kind < kinds(); ++kind) {
+    for (int kind = 0; kind < kinds; ++kind) {
         const bool usual = kind == 0 || probabilities[kind] >= RARE;
-        if (!usual || !predict(file, action, kind, contents_.schemas[kind], inputs, state, flowed,
-                               room)) {
-            probabilities[kind] = 0.0;
-        }
+        if (!usual || !predict(step, kind, schemas[kind], room)) probabilities[kind] = 0.0;
         left += probabilities[kind];
     }
     if (left <= RARE) probabilities[0] = left = 1.0;
     merge(room);
     int best = 0;
-    for (int kind = 0; kind < kinds(); ++kind) {
+    for (int kind = 0; kind < kinds; ++kind) {
         probabilities[kind] /= left;
         if (probabilities[kind] > probabilities[best]) best = kind;
     }
@@ -232,16 +226,16 @@ int OutcomeTable::likeliest(FileStep& file, int action, const std::vector<int>& 
 
 /// Writes how an outcome that the room has a prediction of fits, after events; and whether it is an
 /// end.
-void OutcomeTable::compare(FileStep& file, int kind, const std::vector<int>& inputs,
-                           const ObservedTransition& seen, OutcomeRoom& room) const {
-    double* out = room.step.data();
-    std::copy(seen.flowed, seen.flowed + file.width() + 1, out);
-    put(kind, inputs, room, out);
-    const Flags settled = file.settle(seen.flags, out);
+void OutcomeTable::compare(const OutcomeStep& step, const ObservedStep& seen, int kind,
+                           OutcomeRoom& room) const {
+    std::vector<double>& out = room.step;
+    out = seen.flowed;
+    put(kind, step.inputs, room, out.data());
+    const Flags settled = step.file.settle(seen.flags, out.data());
     room.ends[kind] = (settled & APPLICABLE) && (settled & TERMINAL);
     bool same = (settled & APPLICABLE) && (room.ends[kind] || !seen.over);
     for (int k = 0; k < columns() && same; ++k) {
-        const int column = inputs[places_[k]];
+        const int column = step.inputs[places_[k]];
         same = out[column] == seen.next_state[column];
     }
     room.fits[kind] = same ? Fit::FITS : Fit::POSSIBLE;
@@ -251,67 +245,61 @@ void OutcomeTable::compare(FileStep& file, int kind, const std::vector<int>& inp
 ///
 /// After the end of an episode, a state need not be what the file says: an end is explained by the
 /// outcomes that end the episode, and by those of them that predict the state, if any do.
-int OutcomeTable::fit_all(FileStep& file, const std::vector<int>& inputs,
-                          const ObservedTransition& seen, OutcomeRoom& room) const {
+int OutcomeTable::fit_all(const OutcomeStep& step, const ObservedStep& seen,
+                          OutcomeRoom& room) const {
     int exact = 0, ending = 0;
-    for (int kind = 0; kind < kinds(); ++kind) {
+    for (int kind = 0; kind < kinds; ++kind) {
         room.fits[kind] = Fit::IMPOSSIBLE;
         room.ends[kind] = false;
-        if (predict(file, seen.action, kind, contents_.schemas[kind], inputs, seen.state,
-                    seen.flowed, room)) {
-            compare(file, kind, inputs, seen, room);
+        if (predict(step, kind, schemas[kind], room)) {
+            compare(step, seen, kind, room);
             exact += room.fits[kind] == Fit::FITS;
             ending += room.ends[kind];
         }
     }
     if (exact > 0 || !seen.over) return exact;
-    for (int kind = 0; kind < kinds(); ++kind) {
+    for (int kind = 0; kind < kinds; ++kind) {
         if (room.ends[kind]) room.fits[kind] = Fit::FITS;
     }
     return ending;
 }
 
 /// Adds outcomes that explain an observation, those of other actions first; returns the number.
-int OutcomeTable::find_new(FileStep& file, const std::vector<int>& inputs,
-                           const ObservedTransition& seen, OutcomeRoom& room) {
-    std::vector<int>& schemas = contents_.schemas;
-    std::vector<double>& changes = contents_.changes;
-    const int before = kinds();
-    for (int schema = 0; schema < file.others().schemas && kinds() < KINDS; ++schema) {
-        const int kind = kinds();
-        if (std::find(schemas.begin() + 1, schemas.end(), schema) != schemas.end() ||
-            !predict(file, seen.action, kind, schema, inputs, seen.state, seen.flowed, room)) {
+int OutcomeTable::find_new(const OutcomeStep& step, const ObservedStep& seen, OutcomeRoom& room) {
+    const int before = kinds;
+    for (int schema = 0; schema < step.file.others().schemas && kinds < KINDS; ++schema) {
+        if (std::find(&schemas[1], &schemas[kinds], schema) != &schemas[kinds] ||
+            !predict(step, kinds, schema, room)) {
             continue;
         }
-        compare(file, kind, inputs, seen, room);
-        if (room.fits[kind] == Fit::FITS) {
-            schemas.push_back(schema);
-            changes.resize(changes.size() + columns(), 0.0);
-        }
+        compare(step, seen, kinds, room);
+        if (room.fits[kinds] == Fit::FITS) schemas[kinds++] = schema;
     }
-    if (kinds() == before && before < KINDS && !seen.over) {
+    if (kinds == before && before < KINDS && !seen.over) {
         room.fits[before] = Fit::FITS;
-        schemas.push_back(CHANGE);
-        for (const int place : places_) {
-            changes.push_back(seen.next_state[inputs[place]] - seen.state[inputs[place]]);
+        schemas[kinds] = CHANGE;
+        for (int k = 0; k < columns(); ++k) {
+            const int column = step.inputs[places_[k]];
+            changes[kinds * columns() + k] = seen.next_state[column] - seen.state[column];
         }
+        ++kinds;
     }
-    return kinds() - before;
+    return kinds - before;
 }
 
 /// Returns the Brier score of the probabilities, of outcomes told apart by what they predict.
 double OutcomeTable::score(const OutcomeRoom& room) const {
     const std::vector<double>& probabilities = room.probabilities;
     double score = 1.0, right = 0.0, left = 0.0;
-    for (int kind = 0; kind < kinds(); ++kind) {
+    for (int kind = 0; kind < kinds; ++kind) {
         if (room.fits[kind] != Fit::IMPOSSIBLE) left += probabilities[kind];
     }
     if (left <= 0.0) return 2.0;
-    for (int kind = 0; kind < kinds(); ++kind) {
+    for (int kind = 0; kind < kinds; ++kind) {
         if (room.fits[kind] == Fit::IMPOSSIBLE) continue;
         const double p = probabilities[kind] / left;
         if (room.fits[kind] == Fit::FITS) right += p;
-        for (int other = 0; other < kinds(); ++other) {
+        for (int other = 0; other < kinds; ++other) {
             if (room.fits[other] != Fit::IMPOSSIBLE && alike(room, kind, other)) {
                 score += p * probabilities[other] / left;
             }
@@ -324,13 +312,13 @@ double OutcomeTable::score(const OutcomeRoom& room) const {
 void OutcomeTable::add(int row, OutcomeRoom& room) {
     double total = 0.0;
     int members = 0;
-    for (int kind = 0; kind < kinds(); ++kind) {
+    for (int kind = 0; kind < kinds; ++kind) {
         if (room.fits[kind] != Fit::FITS) continue;
         room.probabilities[kind] += LEAST;
         total += room.probabilities[kind];
         members |= 1 << kind;
     }
-    for (int kind = 0; kind < kinds() && row > 0; ++kind) {
+    for (int kind = 0; kind < kinds && row > 0; ++kind) {
         if (members >> kind & 1) add_share(row, kind, room.probabilities[kind] / total);
     }
     count_set(members);
@@ -339,29 +327,28 @@ void OutcomeTable::add(int row, OutcomeRoom& room) {
 
 /// Counts a part of a sample; to follow an environment that drifts, many counts are halved.
 void OutcomeTable::add_share(int row, int kind, double share) {
-    Row& own = contents_.rows[row];
-    own.counts[kind] += share;
-    own.total += share;
-    if (own.total > MOST) {
-        for (double& count : own.counts) count *= 0.5;
-        own.total *= 0.5;
+    double* own = &counts[row * KINDS];
+    own[kind] += share;
+    totals[row] += share;
+    if (totals[row] > MOST) {
+        for (int other = 0; other < KINDS; ++other) own[other] *= 0.5;
+        totals[row] *= 0.5;
     }
 }
 
 /// Counts an observation that a set of outcomes explains, given as bits.
-void OutcomeTable::count_set(int members) {
-    std::vector<OutcomeSet>& sets = contents_.sets;
-    auto place = std::find_if(sets.begin(), sets.end(),
-                              [members](const OutcomeSet& set) { return set.members == members; });
-    if (place == sets.end() && sets.size() < SETS) {
-        place = sets.insert(place, {members, 0.0});
-    } else if (place == sets.end()) {
-        place = std::min_element(
-            sets.begin(), sets.end(),
-            [](const OutcomeSet& one, const OutcomeSet& two) { return one.number < two.number; });
-        *place = {members, 0.0};
+void OutcomeTable::count_set(int of_set) {
+    auto place = std::find(members.begin(), members.begin() + sets, of_set) - members.begin();
+    if (place == sets) {
+        if (sets < SETS) {
+            ++sets;
+        } else {
+            place = std::min_element(numbers.begin(), numbers.end()) - numbers.begin();
+        }
+        members[place] = of_set;
+        numbers[place] = 0.0;
     }
-    place->number += 1.0;
+    numbers[place] += 1.0;
 }
 
 /// Divides all sets among their outcomes, over all contexts.
@@ -369,104 +356,160 @@ void OutcomeTable::count_set(int members) {
 /// The division is that of the greatest likelihood, by expectation-maximisation (Dempster, Laird &
 /// Rubin, Journal of the Royal Statistical Society B 39, 1977).
 void OutcomeTable::share_sets() {
-    Row& all = contents_.rows[0];
-    const double half = all.total >= MOST ? 0.5 : 1.0;
-    all.total = 0.0;
-    for (OutcomeSet& set : contents_.sets) {
-        set.number *= half;
-        all.total += set.number;
+    const double half = totals[0] >= MOST ? 0.5 : 1.0;
+    totals[0] = 0.0;
+    for (int set = 0; set < sets; ++set) {
+        numbers[set] *= half;
+        totals[0] += numbers[set];
     }
     for (int iteration = 0; iteration < ITERATIONS; ++iteration) {
         std::array<double, KINDS> shares{};
-        for (const OutcomeSet& set : contents_.sets) {
+        for (int set = 0; set < sets; ++set) {
             int size = 0;
             double within = 0.0;
-            for (int kind = 0; kind < kinds(); ++kind) {
-                if (set.members >> kind & 1) {
-                    within += all.counts[kind];
+            for (int kind = 0; kind < kinds; ++kind) {
+                if (members[set] >> kind & 1) {
+                    within += counts[kind];
                     ++size;
                 }
             }
-            for (int kind = 0; kind < kinds(); ++kind) {
-                if (set.members >> kind & 1) {
-                    const double share = within > 0.0 ? all.counts[kind] / within : 1.0 / size;
-                    shares[kind] += share * set.number;
+            for (int kind = 0; kind < kinds; ++kind) {
+                if (members[set] >> kind & 1) {
+                    const double share = within > 0.0 ? counts[kind] / within : 1.0 / size;
+                    shares[kind] += share * numbers[set];
                 }
             }
         }
-        std::copy_n(shares.begin(), kinds(), all.counts.begin());
+        std::copy_n(shares.begin(), kinds, counts.begin());
     }
 }
 
-bool OutcomeTable::count(FileStep& file, const std::vector<int>& inputs,
-                         const ObservedTransition& seen, double* losses, double rate,
+bool OutcomeTable::count(ObservedStep& seen, const std::vector<int>& inputs, double samples,
                          OutcomeRoom& room) {
-    file.from(seen.state);
-    const int fitting = fit_all(file, inputs, seen, room);
-    const int row = find_or_enter(inputs, seen.state), before = kinds();
+    const OutcomeStep step{seen.file, seen.action, inputs, seen.state.data(), seen.flowed.data()};
+    step.file.from(step.state);
+    const int fitting = fit_all(step, seen, room);
+    const int row = find_or_enter(inputs, step.state), before = kinds;
     fill_broadest(room.probabilities.data());
     if (fitting > 0) weigh_experts(row, room);
     refine(row, room.probabilities.data());
     if (fitting > 0 || !seen.over) {
         const double own = score(room);
-        losses[0] += rate * ((room.fits[0] == Fit::FITS ? 0.0 : 2.0) - losses[0]);
-        losses[1] += rate * (own - losses[1]);
+        // The n-th sample initially has the weight 3 / (2 + n), so that early ones soon lose weight.
+        const double rate = std::max(1.0 - MEMORY, 3.0 / (3.0 + samples));
+        scores[0] += rate * ((room.fits[0] == Fit::FITS ? 0.0 : 2.0) - scores[0]);
+        scores[1] += rate * (own - scores[1]);
     }
     if (fitting == 0) {
-        if (find_new(file, inputs, seen, room) == 0) return seen.over;
-        std::fill(room.probabilities.begin() + before, room.probabilities.begin() + kinds(), 1.0);
+        if (find_new(step, seen, room) == 0) return seen.over;
+        std::fill(room.probabilities.begin() + before, room.probabilities.begin() + kinds, 1.0);
     }
     add(row, room);
     return true;
 }
 
 void OutcomeTable::start(double samples) {
-    contents_.sets = {{1, samples}};
-    contents_.rows[0].counts[0] = contents_.rows[0].total = samples;
+    sets = 1;
+    members[0] = 1;
+    numbers[0] = counts[0] = totals[0] = samples;
 }
 
 // Contents ----------------------------------------------------------------------------------------
 
 OutcomeTable OutcomeTable::emptied() const {
     OutcomeTable table(places_, context_);
-    table.contents_.schemas = contents_.schemas;
-    table.contents_.changes = contents_.changes;
-    bool nothing = kinds() == KINDS;
-    for (int kind = 1; kind < kinds(); ++kind) {
-        const double* changes = contents_.changes.data() + kind * columns();
-        nothing = nothing || (contents_.schemas[kind] == CHANGE &&
-                              std::count(changes, changes + columns(), 0.0) == columns());
+    std::copy_n(schemas.begin(), kinds, table.schemas.begin());
+    std::copy_n(changes.begin(), kinds * columns(), table.changes.begin());
+    table.kinds = kinds;
+    bool nothing = kinds == KINDS;
+    for (int kind = 1; kind < kinds; ++kind) {
+        const double* change = changes.data() + kind * columns();
+        nothing = nothing || (schemas[kind] == CHANGE &&
+                              std::count(change, change + columns(), 0.0) == columns());
     }
-    if (!nothing) {
-        table.contents_.schemas.push_back(CHANGE);
-        table.contents_.changes.resize(table.contents_.changes.size() + columns(), 0.0);
-    }
+    if (!nothing) table.schemas[table.kinds++] = CHANGE;
     return table;
 }
 
-void OutcomeTable::restore(Contents contents) {
-    const std::size_t kinds = contents.schemas.size(), rows = contents.rows.size();
-    require(1 <= kinds && kinds <= KINDS, "there are no outcomes, or too many");
-    require(contents.changes.size() == kinds * places_.size(), "changes are not of the outcomes");
-    require(*std::min_element(contents.schemas.begin(), contents.schemas.end()) >= CHANGE,
-            "outcomes are of unknown schemas");
-    require(1 <= contents.sets.size() && contents.sets.size() <= SETS,
-            "there are no sets, or too many");
-    for (const OutcomeSet& set : contents.sets) {
-        require(1 <= set.members && set.members < 1 << kinds, "sets are of unknown outcomes");
+void OutcomeTable::restore(int new_kinds, int new_sets, int new_rows) {
+    require(1 <= new_kinds && new_kinds <= KINDS, "there are no outcomes, or too many");
+    require(1 <= new_sets && new_sets <= SETS, "there are no sets, or too many");
+    require(1 <= new_rows && new_rows <= ROWS, "there are no codes, or too many");
+    for (int set = 0; set < new_sets; ++set) {
+        require(1 <= members[set] && members[set] < 1 << new_kinds, "sets are of unknown outcomes");
     }
-    require(1 <= rows && rows <= ROWS, "there are no codes, or too many");
-    require(contents.rows[0].total > 0.0, "totals are of no sample");
-    std::unordered_map<std::int64_t, int> row_of_code;
-    for (std::size_t row = 0; row < rows; ++row) {
-        const double code = contents.rows[row].code;
+    require(totals[0] > 0.0, "totals are of no sample");
+    row_of_code_.clear();
+    for (int row = 1; row < new_rows; ++row) {
+        const double code = codes[row];
         require(0.0 <= code && code < CODES && code == std::floor(code),
                 "codes are not whole numbers");
-        const bool entered = row == 0 || row_of_code.emplace(whole(code), row).second;
-        require(entered, "codes are not distinct");
+        require(row_of_code_.emplace(whole(code), row).second, "codes are not distinct");
     }
-    contents_ = std::move(contents);
-    row_of_code_ = std::move(row_of_code);
+    kinds = new_kinds, sets = new_sets, rows = new_rows;
+}
+
+// For Python ---------------------------------------------------------------------------------------
+
+namespace {
+
+using Positions = In<std::int64_t, nb::ndim<1>>;
+
+std::vector<int> integers(const Positions& numbers) {
+    std::vector<int> result;
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        require(std::abs(numbers.data()[i]) <= 1 << 30, "there are numbers that are too large");
+        result.push_back(static_cast<int>(numbers.data()[i]));
+    }
+    return result;
+}
+
+bool count(OutcomeTable& table, ObservedStep& step, const Positions& inputs,
+           double samples) {
+    const int width = step.file.width();
+    const std::vector<int> columns = integers(inputs);
+    table.check(columns, width, step.file.others().schemas);
+    OutcomeRoom room(width);
+    return table.count(step, columns, samples, room);
+}
+
+}  // namespace
+
+void bind_outcome_counts(nb::module_& module) {
+    using Of = OutcomeTable;
+    nb::class_<Of> bound(module, "OutcomeTable",
+                         "Counts of the outcomes of the ground actions that share the key of a "
+                         "feature group.");
+    bound
+        .def(
+            "__init__",
+            [](Of* table, const Positions& places, const Positions& context) {
+                new (table) Of(integers(places), integers(context));
+            },
+            nb::arg("places"), nb::arg("context"),
+            "Counted fluents, and those of a context: positions within the inputs.")
+        .def("count", &count, nb::arg("step"), nb::arg("inputs"), nb::arg("samples"),
+             "Update the scores, and then count a sample; there were so many `samples`.\n\n"
+             "Returns False where the sample is no outcome, and there is no room for another.")
+        .def("start", &Of::start, nb::arg("samples"),
+             "Count samples that were as in the file, before all others.")
+        .def("emptied", &Of::emptied,
+             "Return a table with the same outcomes, 'nothing changes' among them, and no counts.")
+        .def("restore", &Of::restore, nb::arg("kinds"), nb::arg("sets"), nb::arg("rows"),
+             "Use so many outcomes, sets and rows of the arrays; a ValueError says what does not fit.")
+        .def_ro("kinds", &Of::kinds, "Number of outcomes.")
+        .def_ro("sets", &Of::sets, "Number of sets of outcomes.")
+        .def_ro("rows", &Of::rows, "Number of rows of counts.");
+    bind_view(bound, "scores", &Of::scores);
+    bind_view(bound, "schemas", &Of::schemas);
+    bind_view(bound, "changes", &Of::changes);
+    bind_view(bound, "trust", &Of::trust);
+    bind_view(bound, "members", &Of::members);
+    bind_view(bound, "numbers", &Of::numbers);
+    bind_view(bound, "codes", &Of::codes);
+    bind_view(bound, "counts", &Of::counts);
+    bind_view(bound, "totals", &Of::totals);
+    bind_view(bound, "evidence", &Of::evidence);
 }
 
 }  // namespace serp

@@ -6,13 +6,13 @@
 // predicates and whole numbers.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <unordered_map>
 #include <vector>
 
 #include "serp/model/flags.hpp"
 #include "serp/model/learned/file_step.hpp"
+#include "serp/model/learned/regression.hpp"
 
 namespace serp {
 
@@ -37,14 +37,13 @@ struct OutcomeRoom {
     std::vector<char> ends;             ///< [KINDS] whether an outcome ends the episode
 };
 
-/// An observed transition, beside what the file says of it.
-struct ObservedTransition {
-    const double* state;       ///< [F]
-    int action;                ///< the ground action
-    const double* next_state;  ///< [F]
-    bool over;                 ///< whether it ended the episode
-    const double* flowed;      ///< [F + 1] state and reward after effects and processes
-    Flags flags;               ///< of these
+/// A step whose outcomes are to be predicted.
+struct OutcomeStep {
+    FileStep& file;                  ///< starts from the state
+    int action;                      ///< the ground action
+    const std::vector<int>& inputs;  ///< columns of the feature group in a state
+    const double* state;             ///< [F]
+    const double* flowed;            ///< [F] it after effects, processes and residual
 };
 
 /// Counts of the outcomes of the ground actions that share the key of a feature group.
@@ -59,57 +58,28 @@ public:
     /// Probability that an observation is taken to have had at least; least trust in an expert.
     static constexpr double LEAST = 1e-6;
 
-    /// Counts over all states (row 0), or in one context.
-    struct Row {
-        double code = 0.0;                                   ///< hash of the context, below 2^53
-        std::array<double, KINDS> counts{};
-        double total = 0.0;
-        std::array<double, EXPERTS> evidence{1.0, 1.0, 1.0, 1.0};
-    };
-
-    /// Outcomes that explained observations together, as bits; and how many observations.
-    struct OutcomeSet {
-        int members = 0;
-        double number = 0.0;
-    };
-
-    /// All that is learned; `changes` is [kinds, columns].
-    struct Contents {
-        std::vector<int> schemas;
-        std::vector<double> changes;
-        std::array<double, EXPERTS> trust{1.0, 1.0, 1.0, 1.0};
-        std::vector<OutcomeSet> sets;
-        std::vector<Row> rows;
-    };
-
     /// An empty table for the counted fluents, and those of a context: positions within the inputs,
     /// in ascending order. Throws std::invalid_argument where they are not.
     OutcomeTable(std::vector<int> places, std::vector<int> context);
 
-    int kinds() const { return static_cast<int>(contents_.schemas.size()); }
     int columns() const { return static_cast<int>(places_.size()); }
 
     /// Throws std::invalid_argument where the table does not fit inputs in states of F fluents, or
     /// has outcomes of unknown schemas. Predictions and `count` rely on it.
-    void check(const std::vector<int>& inputs, int width, int schemas) const;
+    void check(const std::vector<int>& inputs, int width, int known_schemas) const;
 
-    /// Computes the probabilities of the outcomes of an action in a state [F], no two of which
-    /// predict the same, and returns the likeliest; `put` applies one.
-    ///
-    /// `file` starts from that state; `flowed` [F] is it after effects, processes and residual.
-    int likeliest(FileStep& file, int action, const std::vector<int>& inputs, const double* state,
-                  const double* flowed, OutcomeRoom& room) const;
+    /// Computes the probabilities of the outcomes of a step, no two of which predict the same, and
+    /// returns the likeliest; `put` applies one.
+    int likeliest(const OutcomeStep& step, OutcomeRoom& room) const;
 
     /// Sets the counted fluents in `out` [F] as an outcome predicts, after `likeliest`.
     void put(int kind, const std::vector<int>& inputs, const OutcomeRoom& room, double* out) const;
 
-    /// Updates the losses with a new sample, and then counts it.
+    /// Updates the scores with a new sample, of which there were so many, and then counts it.
     ///
-    /// `losses` [2] are moving averages of the Brier scores (Monthly Weather Review 78, 1950) of
-    /// the file and of the counts, `rate` the weight of this sample in them. Returns false where it
-    /// is no outcome, and there is no room for another.
-    bool count(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
-               double* losses, double rate, OutcomeRoom& room);
+    /// Returns false where it is no outcome, and there is no room for another.
+    bool count(ObservedStep& seen, const std::vector<int>& inputs, double samples,
+               OutcomeRoom& room);
 
     /// Counts samples that were as in the file, before all others.
     void start(double samples);
@@ -117,10 +87,25 @@ public:
     /// Returns a table with the same outcomes, "nothing changes" among them, and no counts.
     OutcomeTable emptied() const;
 
-    const Contents& contents() const { return contents_; }
+    /// Uses so many outcomes, sets and rows of the arrays below. Throws std::invalid_argument where
+    /// their numbers do not fit each other.
+    void restore(int new_kinds, int new_sets, int new_rows);
 
-    /// Replaces the contents. Throws std::invalid_argument where they do not fit the table.
-    void restore(Contents contents);
+    /// [2] moving averages of the Brier scores (Monthly Weather Review 78, 1950) of the file and of
+    /// the counts.
+    Block<double> scores{2};
+    int kinds = 1, sets = 0, rows = 1;     ///< outcomes, sets of these and rows of counts in use
+    Block<std::int64_t> schemas{KINDS};    ///< [KINDS] whose effect an outcome is, or CHANGE
+    Block<double> changes;                 ///< [KINDS, columns]
+    Block<double> trust{EXPERTS};          ///< [EXPERTS]
+    /// [SETS] outcomes that explained observations together, as bits; and of how many observations.
+    Block<std::int64_t> members{SETS};
+    Block<double> numbers{SETS};
+    /// [ROWS] hash of the context, below 2^53; row 0 counts over all states.
+    Block<double> codes{ROWS};
+    Block<double> counts{ROWS, KINDS};     ///< [ROWS, KINDS]
+    Block<double> totals{ROWS};            ///< [ROWS] their sums
+    Block<double> evidence{ROWS, EXPERTS}; ///< [ROWS, EXPERTS]
 
 private:
     const double* values_of(const OutcomeRoom& room, int kind) const;
@@ -132,25 +117,21 @@ private:
     void refine(int row, double* probabilities) const;
     void weigh_experts(int row, const OutcomeRoom& room);
 
-    bool predict(FileStep& file, int action, int kind, int schema, const std::vector<int>& inputs,
-                 const double* state, const double* flowed, OutcomeRoom& room) const;
+    bool predict(const OutcomeStep& step, int kind, std::int64_t schema, OutcomeRoom& room) const;
     bool alike(const OutcomeRoom& room, int kind, int other) const;
     void merge(OutcomeRoom& room) const;
 
-    void compare(FileStep& file, int kind, const std::vector<int>& inputs,
-                 const ObservedTransition& seen, OutcomeRoom& room) const;
-    int fit_all(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
-                OutcomeRoom& room) const;
-    int find_new(FileStep& file, const std::vector<int>& inputs, const ObservedTransition& seen,
-                 OutcomeRoom& room);
+    void compare(const OutcomeStep& step, const ObservedStep& seen, int kind,
+                 OutcomeRoom& room) const;
+    int fit_all(const OutcomeStep& step, const ObservedStep& seen, OutcomeRoom& room) const;
+    int find_new(const OutcomeStep& step, const ObservedStep& seen, OutcomeRoom& room);
     double score(const OutcomeRoom& room) const;
     void add(int row, OutcomeRoom& room);
     void add_share(int row, int kind, double share);
-    void count_set(int members);
+    void count_set(int of_set);
     void share_sets();
 
     std::vector<int> places_, context_;
-    Contents contents_;
     std::unordered_map<std::int64_t, int> row_of_code_;
 };
 

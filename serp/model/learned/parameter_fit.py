@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from serp.model import ground_model as g
 from serp.model.learned.regression_data import (
     WORLD,
-    Flow,
     LiftedFluent,
     LiftedModel,
     RegressionData,
     predictions,
     regression_data,
+    undisturbed,
     usable_rows,
+    without_events,
 )
 from serp.model.learned.robust_regression import Regression, independent, regress
 from serp.model.learned.transitions import TransitionMemory
@@ -88,34 +89,6 @@ def with_effects(lifted: LiftedModel, added: Sequence[AddedEffect]) -> g.GroundM
     return dataclasses.replace(
         ground, parameters=tuple(parameters), actions=tuple(actions), processes=tuple(processes)
     )
-
-
-def effect_columns(
-    lifted: LiftedModel,
-    effect: AddedEffect,
-    states: Vector,
-    after: Vector,
-    actions: NDArray[np.int64],
-) -> dict[int, Vector]:
-    """Return the changes by an added effect with coefficient 1, without Δt: fluent → `[N]`.
-
-    `states` `[N, F]` are those before the `actions` `[N]`; `after` `[N, F]` those after the
-    actions' effects, which processes read.
-    """
-    found: dict[int, Vector] = {}
-    if effect.schema == WORLD:
-        scope = lifted.world(effect.target.symbol)
-        for key in scope.bindings:
-            keys = np.full(len(states), key, dtype=np.int64)
-            found[key] = lifted.products(scope, effect.factors, after, keys)
-        return found
-    scope = lifted.schema(effect.schema)
-    values = lifted.products(scope, effect.factors, states, actions)
-    for key, binding in scope.bindings.items():
-        target = lifted.column(effect.target, binding)
-        column = found.setdefault(target, np.zeros(len(states)))
-        column[actions == key] = values[actions == key]
-    return found
 
 
 def _into_assignment(action: g.GroundSchema, target: int, value: g.Value) -> g.GroundSchema | None:
@@ -239,54 +212,36 @@ class ParameterFit:
 
 
 class ParameterEstimator:
-    """Estimates the parameters of one model; the last ones are coefficients of `added` effects.
+    """Estimates the parameters of a model from transitions."""
 
-    Attributes:
-        flow: The model without its events.
-        written: `[P]` the values of the file, the mean of the prior.
-        dependencies: Dependencies on the parameters that can be estimated.
-    """
-
-    def __init__(
-        self,
-        model: TransitionModel,
-        lifted: LiftedModel | None = None,
-        added: Sequence[AddedEffect] = (),
-    ) -> None:
-        self._dt = model.dt
-        self._lifted = lifted
-        self._added = added
-        self._actions_only = Flow(model, processes=False)
-        self.flow = Flow(model)
-        self.written = np.array([parameter.value for parameter in model.parameters])
-        self.dependencies = parameter_dependencies(model.ground)
+    def __init__(self, model: TransitionModel, data: RegressionData) -> None:
+        self._data = data
+        self._flow = without_events(model)
+        self._written = np.array([parameter.value for parameter in model.parameters])
+        self._dependencies = parameter_dependencies(model.ground)
         self._columns = function_columns(model.ground)
+        # By the written values, so that an estimate does not select the rows of the next one.
+        self._kept = undisturbed(model.replace(theta=self._written), data)
 
-    def estimate(
-        self, data: RegressionData, theta: Vector, kept: NDArray[np.bool_] | None = None
-    ) -> ParameterFit:
-        """Fit all parameters at once, by at most four Gauss-Newton iterations.
+    def estimate(self, theta: Vector) -> ParameterFit:
+        """Fit all parameters at once, by at most four Gauss-Newton iterations from `theta` `[P]`.
 
-        Args:
-            data: The transitions.
-            theta: `[P]` initial values.
-            kept: `[N, F]` the entries that are compared; None: those that no event of the model as
-                written changes.
+        Entries that an event of the model as written changes are not compared.
         """
         theta = theta.copy()
         errors = np.full(len(theta), np.inf)
         counts = np.zeros(len(theta), dtype=np.int64)
-        if kept is None:
-            # By the written values, so that an estimate does not select the rows of the next one.
-            kept = self.flow.undisturbed(data, self.written)
-        whole = whole_symbols(self._columns, data)
-        predicted = self.flow.predict(data.states, data.actions, theta)
+        whole = whole_symbols(self._columns, self._data)
+        predicted = self._predict(theta)
         for _ in range(4):
             before = theta.copy()
-            slopes = self._slopes(data, theta, predicted)
+            slopes = {
+                dependency.parameter.index: self._slope(theta, predicted, dependency)
+                for dependency in self._dependencies
+            }
             expected: dict[str, Vector] = {}
-            for symbol, rows in self._rows(data, predicted, kept, slopes).items():
-                width = _widths(rows, self.written, theta)
+            for symbol, rows in self._rows(predicted, slopes).items():
+                width = _widths(rows, self._written, theta)
                 active = independent(rows.columns, width)
                 owned = [rows.owned[k] for k in active]
                 if not owned:
@@ -295,7 +250,7 @@ class ParameterEstimator:
                 fit = regress(
                     columns,
                     rows.residuals + columns @ theta[owned],
-                    centre=self.written[owned],
+                    centre=self._written[owned],
                     width=width[active],
                     groups=rows.groups,
                     blocks=rows.blocks,
@@ -307,24 +262,24 @@ class ParameterEstimator:
                 errors[owned] = fit.errors
                 counts[owned] = (columns != 0.0).sum(0)
                 expected[symbol] = rows.residuals - columns @ (theta - before)[owned]
-            predicted = self.flow.predict(data.states, data.actions, theta)
-            left = self._rows(data, predicted, kept, slopes)
+            predicted = self._predict(theta)
+            left = self._rows(predicted, slopes)
             if all(_is_linear(left[symbol], residuals) for symbol, residuals in expected.items()):
                 break
         return ParameterFit(theta, errors, counts, left)
 
-    def _rows(
-        self,
-        data: RegressionData,
-        predicted: Vector,
-        kept: NDArray[np.bool_],
-        slopes: Mapping[int, Vector],
-    ) -> dict[str, Rows]:
+    def _predict(self, theta: Vector, rows: Any = slice(None)) -> Vector:
+        """Return the next states of some rows without events, `[n, F]`."""
+        model = self._flow.replace(theta=theta)
+        return predictions(model, self._data.states[rows], self._data.actions[rows])
+
+    def _rows(self, predicted: Vector, slopes: Mapping[int, Vector]) -> dict[str, Rows]:
         """Return residuals and derivatives for each function symbol."""
+        data = self._data
         found = {}
         for symbol, fluents in self._columns.items():
-            owned = tuple(d.parameter.index for d in self.dependencies if d.symbol == symbol)
-            row, which = np.nonzero(kept[:, fluents] & np.isfinite(predicted[:, fluents]))
+            owned = tuple(d.parameter.index for d in self._dependencies if d.symbol == symbol)
+            row, which = np.nonzero(self._kept[:, fluents] & np.isfinite(predicted[:, fluents]))
             column = np.array(fluents)[which]
             found[symbol] = Rows(
                 rows=row,
@@ -341,64 +296,27 @@ class ParameterEstimator:
             )
         return found
 
-    def after_actions(self, data: RegressionData, theta: Vector) -> Vector:
-        """Return the states after the effects of the actions, `[N, F]`."""
-        return self._actions_only.predict(data.states, data.actions, theta)
-
-    def _slopes(self, data: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
-        """Return the derivatives by the parameters: position in θ → `[N, F]`."""
-        first = len(theta) - len(self._added)
-        found = {d.parameter.index: d for d in self.dependencies}
-        world = any(d.actions is None for k, d in found.items() if k >= first)
-        after = self.after_actions(data, theta) if world else data.states
-        return {
-            k: self._slope(data, theta, predicted, dependency)
-            if k < first
-            else self._effect_slope(self._added[k - first], data, after)
-            for k, dependency in found.items()
-        }
-
-    def _effect_slope(self, effect: AddedEffect, data: RegressionData, after: Vector) -> Vector:
-        """Return the derivative by the coefficient of an added effect; it needs no prediction."""
-        assert self._lifted is not None
-        unit = self._dt if effect.schema == WORLD else 1.0
-        slope = np.zeros(data.states.shape)
-        columns = effect_columns(self._lifted, effect, data.states, after, data.actions)
-        for column, values in columns.items():
-            slope[:, column] = unit * values
-        return slope
-
-    def _slope(
-        self,
-        data: RegressionData,
-        theta: Vector,
-        predicted: Vector,
-        dependency: ParameterDependency,
-    ) -> Vector:
+    def _slope(self, theta: Vector, predicted: Vector, dependency: ParameterDependency) -> Vector:
         """Return the derivative by one parameter, `[N, F]`; 0 where nothing depends on it."""
-        slope = np.zeros(data.states.shape)
-        rows = np.arange(len(data))
+        actions = self._data.actions
+        slope = np.zeros(predicted.shape)
+        rows = np.arange(len(actions))
         if dependency.actions is not None:
-            rows = np.flatnonzero(np.isin(data.actions, list(dependency.actions)))
+            rows = np.flatnonzero(np.isin(actions, list(dependency.actions)))
         if not len(rows):
             return slope
         index = dependency.parameter.index
         step = _DIFFERENCE * max(1.0, abs(theta[index]))
         moved = theta.copy()
         moved[index] += step
-        change = self.flow.predict(data.states[rows], data.actions[rows], moved)
-        change = (change - predicted[rows]) / step
+        change = (self._predict(moved, rows) - predicted[rows]) / step
         for column in dependency.fluents:
             slope[rows, column] = np.nan_to_num(change[:, column], nan=0.0, posinf=0.0, neginf=0.0)
         return slope
 
 
 def estimate_parameters(
-    estimator: ParameterEstimator,
-    model: TransitionModel,
-    states: Vector,
-    actions: NDArray[np.int64],
-    next_states: Vector,
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
 ) -> tuple[Vector, Vector]:
     """Return the parameters of effects and rates that change fluents, and their standard errors.
 
@@ -407,10 +325,10 @@ def estimate_parameters(
     numbers. θ of the model are the initial values; the transitions `[N]` are in order of time.
     """
     data = regression_data(model, states, actions, next_states)
-    written = estimator.written
+    written = np.array([parameter.value for parameter in model.parameters])
     if not len(data):
         return written, np.full(len(written), np.inf)
-    fit = estimator.estimate(data, model.theta)
+    fit = ParameterEstimator(model, data).estimate(model.theta)
     return np.where(np.isfinite(fit.errors), fit.theta, written), fit.errors
 
 
@@ -481,16 +399,10 @@ class ParameterEstimation:
 
     def __init__(self, written: TransitionModel) -> None:
         self._written = written
-        self._estimator = ParameterEstimator(written)
         self._columns = function_columns(written.ground)
         self._owned: dict[str, list[int]] = {}
-        for dependency in self._estimator.dependencies:
+        for dependency in parameter_dependencies(written.ground):
             self._owned.setdefault(dependency.symbol, []).append(dependency.parameter.index)
-
-    @staticmethod
-    def due(seen: int) -> bool:
-        """Return whether an estimate is due after `seen` env steps: at 32, 64, 128 and so on."""
-        return seen >= 32 and seen & (seen - 1) == 0
 
     def reconsider(self, experience: TransitionMemory, theta: Vector) -> Vector:
         """Return the parameters to use from now on, instead of `theta` `[P]`."""
@@ -500,7 +412,7 @@ class ParameterEstimation:
         first = int(0.7 * len(actions))
         model = self._written.replace(theta=theta)
         (earlier, _), (latest, errors) = (
-            estimate_parameters(self._estimator, model, states[:n], actions[:n], next_states[:n])
+            estimate_parameters(model, states[:n], actions[:n], next_states[:n])
             for n in (first, len(actions))
         )
         rows, _ = usable_rows(self._written, states, actions, next_states)

@@ -93,24 +93,18 @@ int sized(bool fits, int number) {
 Regression::Regression(int heads_, int depth_, int count_)
     : heads(sized(1 <= heads_ && heads_ <= 4096, heads_)),
       depth(sized(0 <= depth_ && depth_ <= 4096, depth_)),
-      count(sized(1 <= count_ && count_ <= 4096, count_)), columns((1 + heads) * (1 + depth)) {
-    clear();
-}
+      count(sized(1 <= count_ && count_ <= 4096, count_)), columns((1 + heads) * (1 + depth)),
+      linear(heads, 3, count, 1 + depth), amplitude(2, count, FEATURES), centre(depth),
+      shrink(depth), frequency(depth, FEATURES), phase(FEATURES),
+      inverse(columns + SMOOTH, columns + SMOOTH), typical(heads, count), scale(4, count),
+      predictors_(count, FILE_ALONE) {}
 
 void Regression::clear() {
-    const auto h = static_cast<std::size_t>(heads), d = static_cast<std::size_t>(depth);
-    const auto t = static_cast<std::size_t>(count);
-    const std::size_t size = static_cast<std::size_t>(columns) + SMOOTH;
-    linear.assign(h * 3 * t * (1 + d), 0.0);
-    amplitude.assign(2 * t * FEATURES, 0.0);
-    centre.assign(d, 0.0);
-    shrink.assign(d, 0.0);
-    frequency.assign(d * FEATURES, 0.0);
-    phase.assign(FEATURES, 0.0);
-    inverse.assign(size * size, 0.0);
-    typical.assign(h * t, 0.0);
-    scale.assign(4 * t, 0.0);
-    predictors_.assign(t, FILE_ALONE);
+    for (Block<double>* block : {&linear, &amplitude, &centre, &shrink, &frequency, &phase,
+                                 &inverse, &typical, &scale}) {
+        block->fill(0.0);
+    }
+    std::fill(predictors_.begin(), predictors_.end(), FILE_ALONE);
     most_ = FILE_ALONE;
     features_ = known_ = 0;
 }
@@ -131,7 +125,7 @@ void Regression::use_features(int features) {
 }
 
 void Regression::use_known(int known) {
-    require(known == 0 || known == columns || known == columns + SMOOTH,
+    require(known == 0 || known == columns || (known == columns + SMOOTH && features_ > 0),
             "there is no such number of known columns");
     known_ = known;
 }

@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "serp/_util/arrays.hpp"
+
 namespace serp {
 
 /// The predictor of a fluent: the file alone, or the file with a linear model, one with the
@@ -25,19 +27,19 @@ public:
     Regression(int heads, int depth, int count);
 
     const int heads, depth, count, columns;  ///< H, d, T, D
-    std::vector<double> linear;     ///< [H, 3, T, 1 + d] weights of constant and inputs, by predictor
-    std::vector<double> amplitude;  ///< [2, T, FEATURES] weights of random features, by predictor
-    std::vector<double> centre;     ///< [d] normalised inputs are (x - centre) * shrink
-    std::vector<double> shrink;     ///< [d]
-    std::vector<double> frequency;  ///< [d, FEATURES]
-    std::vector<double> phase;      ///< [FEATURES]
+    Block<double> linear;     ///< [H, 3, T, 1 + d] weights of constant and inputs, by predictor
+    Block<double> amplitude;  ///< [2, T, FEATURES] weights of random features, by predictor
+    Block<double> centre;     ///< [d] normalised inputs are (x - centre) * shrink
+    Block<double> shrink;     ///< [d]
+    Block<double> frequency;  ///< [d, FEATURES]
+    Block<double> phase;      ///< [FEATURES]
     /// [D + SMOOTH, same] transposed inverse of the Cholesky factor of the smooth model: an upper
     /// triangular matrix.
-    std::vector<double> inverse;
-    std::vector<double> typical;    ///< [H, T] typical error of the predictor in use
+    Block<double> inverse;
+    Block<double> typical;    ///< [H, T] typical error of the predictor in use
     /// [4, T] typical error where nothing is known, typical change, and two sums that the first is
     /// computed from.
-    std::vector<double> scale;
+    Block<double> scale;
 
     /// The predictor in use of each target [T].
     const std::vector<std::int64_t>& predictors() const { return predictors_; }

@@ -154,11 +154,6 @@ class RegressionData:
     positions: NDArray[np.intp]
     left_out: Mapping[str, int]
 
-    @property
-    def skipped(self) -> int:
-        """Number of transitions left out."""
-        return sum(self.left_out.values())
-
     def __len__(self) -> int:
         return len(self.actions)
 
@@ -179,7 +174,7 @@ def regression_data(
     """Return the transitions, in order of time, with which the model can be compared."""
     rows, left_out = usable_rows(model, states, actions, next_states)
     if any(action.preconditions for action in model.actions):
-        predicted = Flow(model).predict(states[rows], actions[rows], model.theta)
+        predicted = predictions(without_events(model), states[rows], actions[rows])
         applicable = np.isfinite(predicted).all(1)
         left_out["an action that is not applicable there by the file"] = int((~applicable).sum())
         rows = rows[applicable]
@@ -224,51 +219,41 @@ def _plausible(values: Vector) -> NDArray[np.bool_]:
     return plausible
 
 
-class Flow:
-    """Effects and processes of a model, without its events; candidate models are not compiled."""
+def without_events(model: TransitionModel) -> TransitionModel:
+    """Return a model with its effects and processes alone."""
+    bare = dataclasses.replace(model.ground, events=(), goal=None, metric=None)
+    return TransitionModel(bare, dt=model.dt, theta=model.theta)
 
-    def __init__(self, model: TransitionModel, *, processes: bool = True) -> None:
-        self._whole = model
-        bare = dataclasses.replace(
-            model.ground, events=(), goal=None, metric=None, goal_parameter=None
-        )
-        if not processes:
-            bare = dataclasses.replace(bare, processes=())
-        self._bare = TransitionModel(bare, dt=model.dt)
 
-    def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
-        """Return the predictions with parameters `[P]`, `[N, F]`; NaN without a next state."""
-        return predictions(self._bare.replace(theta=theta), states, actions)
+def undisturbed(model: TransitionModel, data: RegressionData) -> NDArray[np.bool_]:
+    """Return which entries of the next states no event has changed, `[N, F]`.
 
-    def undisturbed(self, data: RegressionData, theta: Vector) -> NDArray[np.bool_]:
-        """Return which entries of the next states no event has changed, `[N, F]`.
-
-        Excluded are entries that the model's events change in its prediction, and those observed at
-        a value that an event assigns. If fewer than 12 remain for an action, the model is wrong,
-        and only the latter are excluded.
-        """
-        free = np.ones(data.states.shape, dtype=np.bool_)
-        events = self._whole.ground.events
-        if not events:
-            return free
-        for effect in (effect for event in events for effect in event.effects):
-            if (
-                isinstance(effect, g.SetNumber)
-                and effect.target >= 0
-                and effect.change is Change.ASSIGN
-                and isinstance(effect.value, g.ParameterRef)
-            ):
-                column, value = effect.target, theta[effect.value.parameter]
-                gap = np.abs(data.next_states[:, column] - value)
-                free[:, column] &= gap > 1e-9 * data.scale[column]
-        before = self.predict(data.states, data.actions, theta)
-        after = predictions(self._whole.replace(theta=theta), data.states, data.actions)
-        kept: NDArray[np.bool_] = free & (before == after)
-        for action in np.unique(data.actions):
-            rows = data.actions == action
-            scarce = rows[:, None] & (kept[rows].sum(0) < 12)
-            kept[scarce] = free[scarce]
-        return kept
+    Excluded are entries that the model's events change in its prediction, and those observed at a
+    value that an event assigns. If fewer than 12 remain for an action, the model is wrong, and only
+    the latter are excluded.
+    """
+    free = np.ones(data.states.shape, dtype=np.bool_)
+    events = model.ground.events
+    if not events:
+        return free
+    for effect in (effect for event in events for effect in event.effects):
+        if (
+            isinstance(effect, g.SetNumber)
+            and effect.target >= 0
+            and effect.change is Change.ASSIGN
+            and isinstance(effect.value, g.ParameterRef)
+        ):
+            column, value = effect.target, model.theta[effect.value.parameter]
+            gap = np.abs(data.next_states[:, column] - value)
+            free[:, column] &= gap > 1e-9 * data.scale[column]
+    before = predictions(without_events(model), data.states, data.actions)
+    after = predictions(model, data.states, data.actions)
+    kept: NDArray[np.bool_] = free & (before == after)
+    for action in np.unique(data.actions):
+        rows = data.actions == action
+        scarce = rows[:, None] & (kept[rows].sum(0) < 12)
+        kept[scarce] = free[scarce]
+    return kept
 
 
 def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:

@@ -7,15 +7,12 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
-#include <tuple>
 #include <utility>
 
-#include <nanobind/stl/pair.h>
 #include <nanobind/stl/shared_ptr.h>
-#include <nanobind/stl/tuple.h>
-#include <nanobind/stl/vector.h>
 
 #include "serp/_util/arrays.hpp"
+#include "serp/_util/checks.hpp"
 #include "serp/model/learned/adapted_model.hpp"
 #include "serp/model/learned/regression.hpp"
 
@@ -65,75 +62,63 @@ public:
 
     /// `squared`: errors of predictors are squared and none is an outlier, for what is rare.
     RegressionSamples(std::shared_ptr<Regression> regression, bool squared)
-        : regression_(std::move(regression)), squared_(squared), x_(regression_->depth),
-          y_(regression_->count),
-          change_(regression_->count), valid_(regression_->count) {
-        clear();
-    }
-
-    void clear() {
-        clear_errors();
-        number = start = pending = since_solved = outliers = alarms = 0;
-        of_episode = REMEMBERED;
-        const double infinity = std::numeric_limits<double>::infinity();
-        low.assign(regression_->depth, infinity);
-        high.assign(regression_->depth, -infinity);
-        block_of.assign(regression_->count, 0);
+        : loss(PREDICTORS, regression->count), doubt(PREDICTORS, regression->count),
+          seen(regression->count), spread(regression->count),
+          samples(regression->heads, regression->count), surprises(1),
+          reliability(std::size(LIMITS) + 1, 3), low(regression->depth), high(regression->depth),
+          x(KEPT, regression->depth), y(KEPT, regression->count), weight(KEPT),
+          valid(KEPT, regression->count), head(KEPT), block_of(regression->count),
+          regression_(std::move(regression)), squared_(squared), x_(low.size()),
+          y_(seen.size()), change_(seen.size()), valid_(seen.size()), whole_(seen.size()) {
+        low.fill(std::numeric_limits<double>::infinity());
+        high.fill(-std::numeric_limits<double>::infinity());
     }
 
     void clear_errors() {
-        const auto count = static_cast<std::size_t>(regression_->count);
-        loss.assign(PREDICTORS * count, 0.0);
-        seen.assign(count, 0.0);
-        spread.assign(count, 0.0);
-        doubt.assign(PREDICTORS * count, 0.0);
-        reliability.assign(3 * (std::size(LIMITS) + 1), 0.0);
-        samples.assign(static_cast<std::size_t>(regression_->heads) * count, 0.0);
-        surprises.assign(1, 0.0);
+        for (Block<double>* block :
+             {&loss, &doubt, &seen, &spread, &samples, &surprises, &reliability}) {
+            block->fill(0.0);
+        }
     }
 
     Due learn(int head, const ObservedStep& step, const std::int64_t* inputs,
               const std::int64_t* targets, const bool* whole);
     Due learn_worth(int head, const ObservedStep& step, bool rewarded);
-    void choose(const std::int64_t* targets, const bool* whole);
+    void choose();
     bool solution_due() const;
-    void centre_and_half(double* centre, double* half) const;
-    void keep(int head, const double* x, const double* y, const std::uint8_t* valid, double weight);
-    std::int64_t kept() const { return std::min(number, KEPT); }
-
-    /// Two standard errors of the difference between the mean errors of a predictor and of the file.
-    double doubt_of(std::int64_t kind, int t) const {
-        const double number = std::min(seen[t] / 3.0 + 1.0, 1.0 / (1.0 - MEMORY));
-        return 2.0 * std::sqrt(doubt[kind * regression_->count + t] / number);
-    }
+    void normalise() const;
 
     const Regression& regression() const { return *regression_; }
 
-    std::vector<double> loss;       ///< [4, T] moving averages of errors by predictor
+    Block<double> loss;       ///< [4, T] moving averages of errors by predictor
     /// [4, T] moving averages of the squared differences between errors and those of the file
-    std::vector<double> doubt;
-    std::vector<double> seen;       ///< [T] samples in them
-    std::vector<double> spread;     ///< [T] mean change
-    std::vector<double> samples;    ///< [H, T] samples of each head
-    std::vector<double> surprises;  ///< [1] fraction of surprises
+    Block<double> doubt;
+    Block<double> seen;       ///< [T] samples in them
+    Block<double> spread;     ///< [T] mean change
+    Block<double> samples;    ///< [H, T] samples of each head
+    Block<double> surprises;  ///< [1] fraction of surprises
     /// [5, 3] by corrected chance of an end: steps, sum of these chances, ends that came.
-    std::vector<double> reliability;
-    std::vector<double> low, high;  ///< [d] ends of the ranges of inputs; infinite at first
-    /// A ring of `kept` samples: inputs [d], errors [T], whether these are observed, head, weight.
-    std::vector<double> x_of, y_of, weight_of;
-    std::vector<std::uint8_t> valid_of;
-    std::vector<std::int64_t> head_of;
-    std::vector<std::int64_t> block_of;  ///< [T] which matrix of sums each target is in: 0 or 1
-    std::int64_t number;        ///< of samples ever kept
-    std::int64_t start;         ///< number of samples before the present world
-    std::int64_t pending;       ///< newest samples that are not in the sums
-    std::int64_t since_solved;  ///< samples since weights were solved
-    std::int64_t outliers;      ///< successive ones
-    std::int64_t alarms;        ///< successive samples by which the world may have changed
-    std::int64_t of_episode;    ///< samples since the episode began
+    Block<double> reliability;
+    Block<double> low, high;  ///< [d] ends of the ranges of inputs; infinite at first
+    /// A ring of the newest samples: inputs [KEPT, d], errors of the file [KEPT, T] and weights
+    /// [KEPT], whether the errors are observed [KEPT, T], and heads [KEPT]. Sample k is in row
+    /// k % KEPT.
+    Block<double> x, y, weight;
+    Block<std::uint8_t> valid;
+    Block<std::int64_t> head;
+    Block<std::int64_t> block_of;  ///< [T] which matrix of sums each target is in: 0 or 1
+    std::int64_t number = 0;        ///< of samples ever kept
+    std::int64_t start = 0;         ///< number of samples before the present world
+    std::int64_t pending = 0;       ///< newest samples that are not in the sums
+    std::int64_t since_solved = 0;  ///< samples since weights were solved
+    std::int64_t outliers = 0;      ///< successive ones
+    std::int64_t alarms = 0;        ///< successive samples by which the world may have changed
+    std::int64_t of_episode = REMEMBERED;  ///< samples since the episode began
 
 private:
+    void centre_and_half(double* centre, double* half) const;
     bool accept();
+    void keep(int of_head, double its_weight);
     Due take(int head, bool moved);
     std::pair<double, bool> account(int head);
     double predict(int head);
@@ -142,9 +127,10 @@ private:
     std::shared_ptr<Regression> regression_;
     const bool squared_;
     /// The new sample: inputs [d], observed next values less those of effects and processes [T],
-    /// whether these are observed, and the observed change [T].
+    /// the observed change [T], whether the values are observed, and whether the file predicts them
+    /// because they have always been whole numbers.
     std::vector<double> x_, y_, change_;
-    std::vector<std::uint8_t> valid_;
+    std::vector<std::uint8_t> valid_, whole_;
     std::vector<double> errors_, u_, z_, room_;
 };
 
@@ -180,20 +166,24 @@ bool RegressionSamples::accept() {
     return true;
 }
 
-/// Puts a sample into the ring, in the place of the oldest one if it is full.
-void RegressionSamples::keep(int head, const double* x, const double* y, const std::uint8_t* valid,
-                   double weight) {
-    const auto place = static_cast<std::size_t>(number % KEPT);
-    const auto put = [place](auto& ring, const auto* values, std::size_t length) {
-        if (ring.size() < (place + 1) * length) ring.resize((place + 1) * length);
-        std::copy_n(values, length, ring.begin() + static_cast<std::ptrdiff_t>(place * length));
+/// Normalises the inputs of the regression by their ranges.
+void RegressionSamples::normalise() const {
+    Regression& of = *regression_;
+    centre_and_half(of.centre.data(), of.shrink.data());
+    for (double& shrink : of.shrink) shrink = 1.0 / shrink;
+}
+
+/// Puts the new sample into the ring, in the place of the oldest one if it is full.
+void RegressionSamples::keep(int of_head, double its_weight) {
+    const auto row = static_cast<std::size_t>(number % KEPT);
+    const auto put = [row](auto& ring, const auto& values) {
+        std::copy(values.begin(), values.end(), ring.data() + row * values.size());
     };
-    const std::int64_t of_head = head;
-    put(x_of, x, low.size());
-    put(y_of, y, block_of.size());
-    put(valid_of, valid, block_of.size());
-    put(head_of, &of_head, 1);
-    put(weight_of, &weight, 1);
+    put(x, x_);
+    put(y, y_);
+    put(valid, valid_);
+    head[row] = of_head;
+    weight[row] = its_weight;
     ++number;
     ++pending;
     ++since_solved;
@@ -223,12 +213,13 @@ Due RegressionSamples::learn(int head, const ObservedStep& step, const std::int6
         change_[t] = step.next_state[column] - step.state[column];
         // Where an event changes a fluent, the result of effects and processes is not observed.
         valid_[t] = step.flowed[column] == step.settled[column] && std::abs(y_[t]) < HUGE_NUMBER;
+        whole_[t] = whole[column];
         any = any || valid_[t];
         moved = moved || (!valid_[t] && block_of[t] == 0);
     }
     if (!any || !accept()) return NOTHING;
     const Due due = take(head, moved);
-    if (due == NOTHING) choose(targets, whole);
+    if (due == NOTHING) choose();
     return due;
 }
 
@@ -257,14 +248,14 @@ Due RegressionSamples::learn_worth(int head, const ObservedStep& step, bool rewa
         double* of = reliability.data() + 3 * (place - std::begin(LIMITS));
         of[0] += 1.0, of[1] += chance, of[2] += seen[1];
     }
-    if (due == NOTHING) choose(nullptr, nullptr);
+    if (due == NOTHING) choose();
     return due;
 }
 
 /// Adds the new sample.
 Due RegressionSamples::take(int head, bool moved) {
     const auto [weight, changed] = account(head);
-    keep(head, x_.data(), y_.data(), valid_.data(), weight);
+    keep(head, weight);
     ++of_episode;
     alarms = changed ? alarms + 1 : 0;
     if (changed && (of_episode < REMEMBERED || alarms > LONG)) return FORGET;
@@ -375,24 +366,28 @@ void RegressionSamples::update(int head, int t, double weight, double share, dou
     of.scale[count + t] = spread[t];
 }
 
-/// Chooses the predictor of each target: the file where it is one of the `whole` [F] fluents.
+/// Chooses the predictor of each target: the file where it has always been a whole number.
 ///
 /// Of the file and the residuals, the simplest one that no other beats clearly: by 5 %, and features
-/// by a hundredth of the change too. One that is in use is kept until it is beaten at all. No fluents
-/// are whole where `whole` is null. Of squared errors the least one is chosen once the file is beaten.
-void RegressionSamples::choose(const std::int64_t* targets, const bool* whole) {
+/// by a hundredth of the change too. One that is in use is kept until it is beaten at all. Of squared
+/// errors the least one is chosen once the file is beaten.
+void RegressionSamples::choose() {
     Regression& of = *regression_;
     std::vector<std::int64_t> chosen(of.count, FILE_ALONE);
     for (int t = 0; t < of.count; ++t) {
-        if ((whole && whole[targets[t]]) || !(seen[t] >= (squared_ ? ENOUGH : 2.0))) continue;
+        if (whole_[t] || !(seen[t] >= (squared_ ? ENOUGH : 2.0))) continue;
         double least = loss[t];
         for (std::int64_t kind = LINEAR; kind <= (of.features() > 0 ? FULL : LINEAR); ++kind) {
             const bool in_use = kind == of.predictors()[t];
             const double factor = in_use || (squared_ && chosen[t] != FILE_ALONE) ? 1.0 : BETTER;
             const double fine = squared_ || chosen[t] == FILE_ALONE ? 0.0 : 0.01 * spread[t];
             const double own = loss[kind * of.count + t];
-            const bool doubted = squared_ && chosen[t] == FILE_ALONE && !in_use;
-            if (own + (doubted ? doubt_of(kind, t) : 0.0) < factor * least - fine) {
+            double doubted = 0.0;  // two standard errors of the difference to the file's mean error
+            if (squared_ && chosen[t] == FILE_ALONE && !in_use) {
+                const double steps = std::min(seen[t] / 3.0 + 1.0, 1.0 / (1.0 - MEMORY));
+                doubted = 2.0 * std::sqrt(doubt[kind * of.count + t] / steps);
+            }
+            if (own + doubted < factor * least - fine) {
                 chosen[t] = kind;
                 least = own;
             }
@@ -405,6 +400,7 @@ void RegressionSamples::choose(const std::int64_t* targets, const bool* whole) {
 
 using Vector = In<double, nb::ndim<1>>;
 using Truths = In<bool, nb::ndim<1>>;
+using Columns = In<std::int64_t, nb::ndim<1>>;
 
 void require_size(size_t size, int expected, const char* what) {
     if (size != static_cast<size_t>(expected)) {
@@ -414,25 +410,12 @@ void require_size(size_t size, int expected, const char* what) {
 }
 
 int head_of(const Regression& of, std::int64_t head) {
-    if (head < 0 || head >= of.heads) throw std::invalid_argument("there is no such head");
+    require(0 <= head && head < of.heads, "there is no such head");
     return static_cast<int>(head);
 }
 
-/// Binds a writable view of numbers. `shape(owner)` is its shape.
-template <class Class, class Number, class Shape>
-void bind_view(nb::class_<Class>& bound, const char* name, std::vector<Number> Class::*numbers,
-               Shape shape, const char* doc) {
-    bound.def_prop_ro(
-        name,
-        [numbers, shape](nb::pointer_and_handle<Class> self) {
-            const std::vector<size_t> sizes = shape(*self.p);
-            return Array<Number>((self.p->*numbers).data(), sizes.size(), sizes.data(), self.h);
-        },
-        nb::rv_policy::reference, doc);
-}
-
 Array<double> design_matrix(const Regression& of, const In<double, nb::ndim<2>>& x,
-                            const In<std::int64_t, nb::ndim<1>>& heads, const Vector& weight) {
+                            const Columns& heads, const Vector& weight) {
     const size_t rows = x.shape(0), width = static_cast<size_t>(of.columns) + of.features();
     require_size(x.shape(1), of.depth, "inputs");
     require_size(heads.size(), static_cast<int>(rows), "heads");
@@ -449,8 +432,8 @@ Array<double> design_matrix(const Regression& of, const In<double, nb::ndim<2>>&
 
 void bind_regression(nb::module_& module) {
     nb::class_<Regression> bound(module, "Regression",
-                                 "A regression of the one-step error of the file: H heads (action "
-                                 "schemas), d inputs, T targets, D columns of the linear part.");
+                                 "A regression of the one-step error of the file; see "
+                                 "regression.hpp for its arrays.");
     bound.def(nb::new_([](int heads, int depth, int count) {
              return std::make_shared<Regression>(heads, depth, count);
          }), nb::arg("heads"), nb::arg("depth"), nb::arg("count"))
@@ -480,47 +463,27 @@ void bind_regression(nb::module_& module) {
     bound.attr("SMOOTH") = Regression::SMOOTH;
     bound.attr("FEATURES") = Regression::FEATURES;
     bound.attr("RANGE") = Regression::RANGE;
-    using Of = Regression;
-    const auto sizes = [](auto... numbers) {
-        return std::vector<size_t>{static_cast<size_t>(numbers)...};
-    };
-    bind_view(bound, "linear", &Of::linear,
-              [=](const Of& of) { return sizes(of.heads, 3, of.count, 1 + of.depth); },
-              "`[H, 3, T, 1 + d]` weights of a constant and the normalised inputs, by predictor.");
-    bind_view(bound, "amplitude", &Of::amplitude,
-              [=](const Of& of) { return sizes(2, of.count, Of::FEATURES); },
-              "`[2, T, FEATURES]` weights of the random features, by predictor.");
-    bind_view(bound, "centre", &Of::centre, [=](const Of& of) { return sizes(of.depth); },
-              "`[d]`; normalised inputs are (x - centre) * shrink.");
-    bind_view(bound, "shrink", &Of::shrink, [=](const Of& of) { return sizes(of.depth); }, "`[d]`.");
-    bind_view(bound, "frequency", &Of::frequency,
-              [=](const Of& of) { return sizes(of.depth, Of::FEATURES); }, "`[d, FEATURES]`.");
-    bind_view(bound, "phase", &Of::phase, [=](const Of&) { return sizes(Of::FEATURES); },
-              "`[FEATURES]`.");
-    bind_view(bound, "inverse", &Of::inverse,
-              [=](const Of& of) { return sizes(of.columns + Of::SMOOTH, of.columns + Of::SMOOTH); },
-              "`[D + SMOOTH, same]` transposed inverse of the Cholesky factor of the smooth model.");
-    bind_view(bound, "typical", &Of::typical,
-              [=](const Of& of) { return sizes(of.heads, of.count); },
-              "`[H, T]` typical error of the predictor in use.");
-    bind_view(bound, "scale", &Of::scale, [=](const Of& of) { return sizes(4, of.count); },
-              "`[4, T]` typical error where nothing is known, typical change, and two sums that the "
-              "first is computed from.");
+    bind_view(bound, "linear", &Regression::linear);
+    bind_view(bound, "amplitude", &Regression::amplitude);
+    bind_view(bound, "centre", &Regression::centre);
+    bind_view(bound, "shrink", &Regression::shrink);
+    bind_view(bound, "frequency", &Regression::frequency);
+    bind_view(bound, "phase", &Regression::phase);
+    bind_view(bound, "inverse", &Regression::inverse);
+    bind_view(bound, "typical", &Regression::typical);
+    bind_view(bound, "scale", &Regression::scale);
 }
-
-using Columns = In<std::int64_t, nb::ndim<1>>;
 
 void require_columns(const Columns& columns, int size, size_t width, const char* what) {
     require_size(columns.size(), size, what);
     for (size_t k = 0; k < columns.size(); ++k) {
-        if (columns.data()[k] < 0 || columns.data()[k] >= static_cast<std::int64_t>(width)) {
-            throw std::invalid_argument("there is no such fluent");
-        }
+        require(0 <= columns.data()[k] && columns.data()[k] < static_cast<std::int64_t>(width),
+                "there is no such fluent");
     }
 }
 
-int learn(RegressionSamples& samples, std::int64_t head, const ObservedStep& step, const Columns& inputs,
-          const Columns& targets, const Truths& whole) {
+int learn(RegressionSamples& samples, std::int64_t head, const ObservedStep& step,
+          const Columns& inputs, const Columns& targets, const Truths& whole) {
     const Regression& of = samples.regression();
     const size_t width = step.state.size();
     require_columns(inputs, of.depth, width, "inputs");
@@ -537,150 +500,56 @@ int learn_worth(RegressionSamples& samples, std::int64_t head, const ObservedSte
     return samples.learn_worth(head_of(of, head), step, rewarded);
 }
 
-void choose(RegressionSamples& samples, const Columns& targets, const Truths& whole) {
-    require_columns(targets, samples.regression().count, whole.size(), "targets");
-    samples.choose(targets.data(), whole.data());
-}
-
-std::pair<Array<double>, Array<double>> centre_and_half(const RegressionSamples& samples) {
-    const size_t depth = samples.low.size();
-    std::vector<double> centre(depth), half(depth);
-    samples.centre_and_half(centre.data(), half.data());
-    return {array_of(std::move(centre), {depth}), array_of(std::move(half), {depth})};
-}
-
-/// Inputs [n, d], errors [n, T], whether these are observed (0 or 1), heads [n] and weights [n].
-using Rows = std::tuple<Array<double>, Array<double>, Array<std::uint8_t>, Array<std::int64_t>,
-                        Array<double>>;
-
-/// Returns samples by their number; those before `number - kept` are lost.
-Rows rows(const RegressionSamples& samples, std::int64_t first, std::int64_t last) {
-    if (first < samples.number - samples.kept() || first > last || last > samples.number) {
-        throw std::invalid_argument("there are no such samples");
-    }
-    const auto depth = samples.low.size(), count = samples.block_of.size();
-    const auto size = static_cast<size_t>(last - first);
-    std::vector<double> x, y, weight;
-    std::vector<std::uint8_t> valid;
-    std::vector<std::int64_t> heads;
-    const auto append = [](auto& to, const auto& from, size_t at, size_t length) {
-        const auto begin = from.begin() + static_cast<std::ptrdiff_t>(at * length);
-        to.insert(to.end(), begin, begin + static_cast<std::ptrdiff_t>(length));
-    };
-    for (std::int64_t k = first; k < last; ++k) {
-        const auto place = static_cast<size_t>(k % RegressionSamples::KEPT);
-        append(x, samples.x_of, place, depth);
-        append(y, samples.y_of, place, count);
-        append(valid, samples.valid_of, place, count);
-        append(heads, samples.head_of, place, 1);
-        append(weight, samples.weight_of, place, 1);
-    }
-    return {array_of(std::move(x), {size, depth}), array_of(std::move(y), {size, count}),
-            array_of(std::move(valid), {size, count}), array_of(std::move(heads), {size}),
-            array_of(std::move(weight), {size})};
-}
-
-/// Puts the newest samples [n] of `number` in order of time into an empty ring.
-void restore(RegressionSamples& samples, std::int64_t number, const In<double, nb::ndim<2>>& x,
-             const In<double, nb::ndim<2>>& y, const In<std::uint8_t, nb::ndim<2>>& valid,
-             const In<std::int64_t, nb::ndim<1>>& heads, const Vector& weight) {
-    const Regression& of = samples.regression();
-    if (number < 0 || number > std::int64_t{1} << 53)
-        throw std::invalid_argument("there is no such number of samples");
-    const std::int64_t size = std::min(number, RegressionSamples::KEPT);
-    for (const size_t rows : {x.shape(0), y.shape(0), valid.shape(0), heads.size(), weight.size()}) {
-        require_size(rows, static_cast<int>(size), "samples");
-    }
-    require_size(x.shape(1), of.depth, "inputs");
-    for (const size_t columns : {y.shape(1), valid.shape(1)}) {
-        require_size(columns, of.count, "targets");
-    }
-    for (size_t k = 0; k < heads.size(); ++k) head_of(of, heads.data()[k]);
-    samples.clear();
-    samples.number = number - size;
-    for (std::int64_t k = 0; k < size; ++k) {
-        samples.keep(static_cast<int>(heads.data()[k]), x.data() + k * of.depth,
-                     y.data() + k * of.count, valid.data() + k * of.count, weight.data()[k]);
-    }
-}
-
 void bind_regression_samples(nb::module_& module) {
-    nb::class_<RegressionSamples> bound(module, "RegressionSamples",
-                              "The newest samples of a regression, the ranges of their inputs, and "
-                              "the errors of all predictors, each before the sample was learned "
-                              "from.");
+    using Of = RegressionSamples;
+    nb::class_<Of> bound(module, "RegressionSamples",
+                         "The newest samples of a regression, the ranges of their inputs, and the "
+                         "errors of all predictors, each before the sample was learned from.");
     bound
         .def(nb::init<std::shared_ptr<Regression>, bool>(), nb::arg("regression"),
              nb::arg("squared") = false,
              "`squared`: errors of predictors are squared and none is an outlier, for what is rare.")
-        .def("clear", &RegressionSamples::clear, "Forget everything.")
-        .def("clear_errors", &RegressionSamples::clear_errors, "Forget the errors of the predictors.")
+        .def("clear_errors", &Of::clear_errors, "Forget the errors of the predictors.")
         .def("learn", &learn, nb::arg("head"), nb::arg("step"), nb::arg("inputs"),
              nb::arg("targets"), nb::arg("whole"),
-             "Learn from a step: columns of inputs `[d]` and targets `[T]` in its states, and which "
-             "fluents `[F]` have always been whole numbers, which a residual does not predict.\n\n"
-             "Returns NOTHING; FIT where sums or weights are due for an update, or FORGET: the same "
-             "after a lasting change of the world. After an update, `choose` must be called.")
+             "Learn from a step. Returns NOTHING, FORGET after a lasting change of the world, or else "
+             "that sums or weights are due for an update. After an update, `choose` must be called.")
         .def("learn_worth", &learn_worth, nb::arg("head"), nb::arg("step"), nb::arg("rewarded"),
              "Learn reward, if `rewarded`, and end of a step by a head; returns what `learn` does.")
-        .def("choose_worth", [](RegressionSamples& samples) { samples.choose(nullptr, nullptr); },
-             "Choose the predictors of reward and end, as `choose` does.")
-        .def("choose", &choose, nb::arg("targets"), nb::arg("whole"),
-             "Choose the predictor of each target; the arguments are those of `learn`.\n\nOf the "
-             "file and the residuals, it is the simplest one that no other beats clearly: by 5 %, "
-             "and features by a hundredth of the change too. One that is in use is kept until it is "
-             "beaten at all.")
-        .def("solution_due", &RegressionSamples::solution_due, "Return whether weights are to be solved.")
-        .def("centre_and_half", &centre_and_half,
-             "Return the centres of the ranges `[d]` and half their widths `[d]`, 1 for what never "
-             "changed.")
-        .def("rows", &rows, nb::arg("first"), nb::arg("last"),
-             "Return samples by their number: inputs `[n, d]`, errors `[n, T]`, whether these are "
-             "observed (0 or 1), heads `[n]` and weights `[n]`.")
-        .def("restore", &restore, nb::arg("number"), nb::arg("x"), nb::arg("y"), nb::arg("valid"),
-             nb::arg("heads"), nb::arg("weight"),
-             "Forget everything, and keep the newest samples of `number`, in order of time; a "
-             "ValueError says what does not fit.")
-        .def_prop_ro("kept", &RegressionSamples::kept, "Number of samples that are kept.")
-        .def_ro("number", &RegressionSamples::number, "Number of samples ever kept.")
-        .def_rw("start", &RegressionSamples::start, "Number of samples before the present world.")
-        .def_rw("pending", &RegressionSamples::pending, "Number of the newest samples not in the sums.")
-        .def_rw("since_solved", &RegressionSamples::since_solved, "Samples since weights were solved.")
-        .def_rw("outliers", &RegressionSamples::outliers, "Successive outliers.")
-        .def_rw("alarms", &RegressionSamples::alarms,
-                "Successive samples by which the world may have changed.")
-        .def_rw("of_episode", &RegressionSamples::of_episode, "Samples since the episode began.");
-    for (const auto& [name, value] : {std::pair{"NOTHING", NOTHING}, {"FIT", FIT}, {"FORGET", FORGET}}) {
-        bound.attr(name) = static_cast<int>(value);
-    }
-    bound.attr("KEPT") = RegressionSamples::KEPT;
-    bound.attr("PENDING") = RegressionSamples::PENDING;
-    bound.attr("REMEMBERED") = RegressionSamples::REMEMBERED;
-    using Of = RegressionSamples;
-    const auto inputs = [](const Of& of) { return std::vector<size_t>{of.low.size()}; };
-    const auto targets = [](const Of& of) { return std::vector<size_t>{of.seen.size()}; };
-    bind_view(bound, "loss", &Of::loss,
-              [](const Of& of) { return std::vector<size_t>{PREDICTORS, of.seen.size()}; },
-              "`[4, T]` moving averages of errors by predictor.");
-    bind_view(bound, "doubt", &Of::doubt,
-              [](const Of& of) { return std::vector<size_t>{PREDICTORS, of.seen.size()}; },
-              "`[4, T]` moving averages of the squared differences between errors and the file's.");
-    bind_view(bound, "reliability", &Of::reliability,
-              [](const Of& of) { return std::vector<size_t>{of.reliability.size() / 3, 3}; },
-              "`[5, 3]` by corrected chance of an end: steps, sum of chances, ends that came.");
-    bind_view(bound, "seen", &Of::seen, targets, "`[T]` samples in them.");
-    bind_view(bound, "spread", &Of::spread, targets, "`[T]` mean change.");
-    bind_view(bound, "samples", &Of::samples,
-              [](const Of& of) {
-                  return std::vector<size_t>{of.samples.size() / of.seen.size(), of.seen.size()};
-              },
-              "`[H, T]` samples of each head.");
-    bind_view(bound, "surprises", &Of::surprises, [](const Of&) { return std::vector<size_t>{1}; },
-              "`[1]` fraction of surprises.");
-    bind_view(bound, "low", &Of::low, inputs, "`[d]` lower ends of the ranges of inputs.");
-    bind_view(bound, "high", &Of::high, inputs, "`[d]` upper ends of them.");
-    bind_view(bound, "block_of", &Of::block_of, targets,
-              "`[T]` which matrix of sums each target is in: 0 or 1.");
+        .def("choose", &Of::choose, "Choose the predictor of each target, after `learn`.")
+        .def("solution_due", &Of::solution_due, "Return whether weights are to be solved.")
+        .def("normalise", &Of::normalise, "Normalise the inputs of the regression by their ranges.")
+        .def_prop_rw("number", [](const Of& of) { return of.number; },
+                     [](Of& of, std::int64_t number) {
+                         require(number >= 0, "there is no such number of samples");
+                         of.number = number;
+                     }, "Number of samples ever kept.")
+        .def_rw("start", &Of::start, "Number of samples before the present world.")
+        .def_rw("pending", &Of::pending, "Number of the newest samples not in the sums.")
+        .def_rw("since_solved", &Of::since_solved, "Samples since weights were solved.")
+        .def_rw("outliers", &Of::outliers, "Successive outliers.")
+        .def_rw("alarms", &Of::alarms, "Successive samples by which the world may have changed.")
+        .def_rw("of_episode", &Of::of_episode, "Samples since the episode began.");
+    bound.attr("NOTHING") = static_cast<int>(NOTHING);
+    bound.attr("FORGET") = static_cast<int>(FORGET);
+    bound.attr("KEPT") = Of::KEPT;
+    bound.attr("PENDING") = Of::PENDING;
+    bound.attr("REMEMBERED") = Of::REMEMBERED;
+    bind_view(bound, "loss", &Of::loss);
+    bind_view(bound, "doubt", &Of::doubt);
+    bind_view(bound, "reliability", &Of::reliability);
+    bind_view(bound, "seen", &Of::seen);
+    bind_view(bound, "spread", &Of::spread);
+    bind_view(bound, "samples", &Of::samples);
+    bind_view(bound, "surprises", &Of::surprises);
+    bind_view(bound, "low", &Of::low);
+    bind_view(bound, "high", &Of::high);
+    bind_view(bound, "block_of", &Of::block_of);
+    bind_view(bound, "x", &Of::x);
+    bind_view(bound, "y", &Of::y);
+    bind_view(bound, "valid", &Of::valid);
+    bind_view(bound, "head", &Of::head);
+    bind_view(bound, "weight", &Of::weight);
 }
 
 }  // namespace

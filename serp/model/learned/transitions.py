@@ -11,16 +11,13 @@ from numpy.typing import NDArray
 from serp._util.saved_state import Saved
 from serp.model.transition_model import TransitionModel, Vector
 
-GOES_ON, CUT_OFF, OVER = 0, 1, 2
-"""Ending of a step: the episode goes on, is cut off (truncated), or is over (terminated)."""
-
 _CAPACITY: Final = 20_000
 _MAX_NUMBERS: Final = 8_000_000
 """Most transitions, and most numbers in their states and next states: 64 MB."""
 
 
 class TransitionMemory:
-    """A ring buffer of the newest transitions: state, ground action, next state, ending, reward.
+    """A ring buffer of the newest transitions: state, ground action, next state, end, reward.
 
     The next state of a step that ended an episode is the last state of that episode, never the
     first one of the next.
@@ -42,7 +39,7 @@ class TransitionMemory:
             "states": np.empty((capacity, fluents)),
             "actions": np.empty(capacity, np.int64),
             "next_states": np.empty((capacity, fluents)),
-            "endings": np.zeros(capacity, np.int8),
+            "over": np.zeros(capacity, np.bool_),
             "rewards": np.zeros(capacity),
         }
 
@@ -54,7 +51,7 @@ class TransitionMemory:
         return cls(capacity, width, len(model.actions))
 
     def add(
-        self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
+        self, state: Vector, action: int, next_state: Vector, over: bool, reward: float = 0.0
     ) -> None:
         """Add one env step.
 
@@ -62,18 +59,13 @@ class TransitionMemory:
             state: `[F]` before the action.
             action: Position of the executed ground action; −1 where the model knows none.
             next_state: `[F]` observed after it.
-            ending: How the step ended: `GOES_ON`, `CUT_OFF` or `OVER`.
+            over: Whether the environment ended the task with the step.
             reward: Reward of the step.
         """
-        row = state, action, next_state, ending, reward
+        row = state, action, next_state, over, reward
         for part, value in zip(self._ring.values(), row, strict=True):
             part[self.seen % self._capacity] = value
         self.seen += 1
-
-    def cut_off(self) -> None:
-        """Note that the newest transition was the last one of its episode."""
-        endings, newest = self._ring["endings"], (self.seen - 1) % self._capacity
-        endings[newest] = max(endings[newest], CUT_OFF)
 
     def __len__(self) -> int:
         return min(self.seen, self._capacity)
@@ -94,16 +86,9 @@ class TransitionMemory:
         return self._in_order("next_states")
 
     @property
-    def ended(self) -> NDArray[np.bool_]:
-        """`[N]`, whether the episode ended with the step."""
-        ended: NDArray[np.bool_] = self._in_order("endings") != GOES_ON
-        return ended
-
-    @property
     def over(self) -> NDArray[np.bool_]:
         """`[N]`, whether the environment ended the task with the step."""
-        over: NDArray[np.bool_] = self._in_order("endings") == OVER
-        return over
+        return self._in_order("over")
 
     @property
     def rewards(self) -> Vector:
@@ -127,7 +112,7 @@ class TransitionMemory:
         seen = saved.whole("seen")
         count = min(seen, capacity)
         # Observed states and rewards may contain any bits.
-        bounds = {"actions": (-1, self._known_actions - 1), "endings": (GOES_ON, OVER)}
+        bounds = {"actions": (-1, self._known_actions - 1)}
         parts = {}
         for name, ring in self._ring.items():
             shape = count, *ring.shape[1:]

@@ -43,37 +43,28 @@ WELL: Final = 0.1
 _ROUNDING: Final = 1e-9  # a change below this fraction of a value's size is rounding
 
 
-class PatchedForecast(NamedTuple):
-    """The expected result of steps, and its variance due to stochastic effects, `[N, F + 2]` each.
-
-    The columns are the fluents, the reward and the end; NaN in rows without a next state.
-    """
-
-    mean: Vector
-    variance: Vector
-
-
 def forecast_with(
     model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
-) -> PatchedForecast:
-    """Return the predictions of the written model patched with findings.
+) -> tuple[Vector, Vector]:
+    """Return what the written model patched with findings predicts for `states` `[N, F]`.
 
-    `states` are `[N, F]`, `actions` `[N]` positions of ground actions.
+    It is the expected result of the ground `actions` `[N]`, and its variance due to stochastic
+    effects, `[N, F + 2]` each. The columns are the fluents, the reward and the end; NaN in rows
+    without a next state.
     """
     lifted = LiftedModel(model.ground)
     theta = model.theta.copy()
     for finding in findings.parameters:
         theta[finding.parameter.index] = finding.estimate
+    terms = [(missing, term) for missing in findings.missing for term in missing.terms]
     added = [
-        (AddedEffect(m.schema, _lifted(m.fluent), tuple(map(_lifted, t.fluents))), t.coefficient)
-        for m in findings.missing
-        for t in m.terms
+        AddedEffect(m.schema, _lifted(m.fluent), tuple(map(_lifted, t.fluents))) for m, t in terms
     ]
-    ground = with_effects(lifted, [effect for effect, _ in added])
-    theta = np.concatenate((theta, [coefficient for _, coefficient in added]))
+    ground = with_effects(lifted, added)
+    theta = np.concatenate((theta, [term.coefficient for _, term in terms]))
     patched = TransitionModel(ground, dt=model.dt, theta=theta)
     mean = predicted_steps(patched, states, actions)
-    forecast = PatchedForecast(mean, np.zeros(mean.shape))
+    variance = np.zeros(mean.shape)
     width = states.shape[1]
     instances = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
     for stochastic in findings.stochastic:
@@ -98,9 +89,9 @@ def forecast_with(
                 results.append((outcome.probability, after))
             average = sum(probability * after for probability, after in results)
             spread = sum(probability * (after - average) ** 2 for probability, after in results)
-            forecast.mean[np.ix_(rows, columns)] = average
-            forecast.variance[np.ix_(rows, columns)] = spread
-    return forecast
+            mean[np.ix_(rows, columns)] = average
+            variance[np.ix_(rows, columns)] = spread
+    return mean, variance
 
 
 def _columns(
@@ -229,9 +220,12 @@ class Quantity:
 
 
 def quantities_of(
-    model: TransitionModel, steps: Steps, patched: PatchedForecast
+    model: TransitionModel, steps: Steps, expected: Vector, variance: Vector
 ) -> tuple[Quantity, ...]:
-    """Return all quantities that change or are predicted to, reward and end last."""
+    """Return all quantities that change or are predicted to, reward and end last.
+
+    `expected` and `variance` `[N, F + 2]` are those of `forecast_with`.
+    """
     names, units = symbols_of(model), steps.units
     predicates = {fluent.symbol for fluent in model.fluents if not fluent.numeric} | {TERMINAL}
     moves = steps.after - steps.before
@@ -239,8 +233,8 @@ def quantities_of(
         np.nan_to_num(square) / units**2
         for square in (
             (steps.after - steps.predicted) ** 2,
-            (steps.after - patched.mean) ** 2,
-            patched.variance,
+            (steps.after - expected) ** 2,
+            variance,
         )
     )
     number = max(1, len(moves))

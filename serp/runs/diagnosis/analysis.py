@@ -257,7 +257,7 @@ def _with_cost(model: TransitionModel, steps: Steps, effect: StochasticEffect) -
     own = [k for k, action in enumerate(model.actions) if action.schema == effect.schema]
     rows = np.isin(steps.sample.actions, own)
     states, actions = steps.sample.states[rows], steps.sample.actions[rows]
-    mean = forecast_with(model, Findings(stochastic=(effect,)), states, actions).mean
+    mean, _ = forecast_with(model, Findings(stochastic=(effect,)), states, actions)
     error, left = (
         np.nansum(((steps.after[rows] - forecast) / steps.units)[:, :-2] ** 2)
         for forecast in (steps.predicted[rows], mean)

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from serp._util.saved_state import Saved
 from serp._util.text import percent, plural
 from serp.errors import RunError
-from serp.model.domain import Domain
 from serp.model.ground_model import Parameter
-from serp.model.learned.adoption import ModelAdoption
-from serp.model.learned.regression_data import RegressionData
-from serp.model.learned.transitions import TransitionMemory
-from serp.model.transition_model import TransitionModel, Vector
+from serp.model.transition_model import Vector
 from serp.pddl.source import Place
 from serp.runs.diagnosis.accuracy import (
     WELL,
@@ -31,63 +25,25 @@ from serp.runs.diagnosis.findings import Finding, Findings
 from serp.runs.run_model import RunModel
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """The recorded data of a run, as of its newest checkpoint.
-
-    Attributes:
-        run: The run's folder.
-        domain: The run's copy of the domain.
-        files: Name of the copy in the folder → name of the original file.
-        model: The domain's transition model as written, with the task's control period.
-        experience: The newest transitions.
-        adoption: Which parts of the adapted model were in use, and why others were not.
-        env_steps: Env steps of the run.
-        learned_from: The reward that its learner used: `domain`, `environment` or `sum`.
-        notice: A sentence if the newest checkpoint is damaged; else None.
-    """
-
-    run: Path
-    domain: Domain
-    files: Mapping[str, str]
-    model: TransitionModel
-    experience: TransitionMemory
-    adoption: ModelAdoption
-    env_steps: int
-    learned_from: str
-    notice: str | None
-
-
-def read_recorded(run: Path) -> Recorded:
-    """Read the recorded data of a run from its folder.
+def read_recorded(run: Path) -> RunModel:
+    """Read a run that has recorded env steps, as of its newest checkpoint.
 
     Raises:
-        RunError: The folder is not a run, it has no intact checkpoint, or its copy of the domain
-            was changed.
+        RunError: The folder is not a run, it has no intact checkpoint or no env step in it, or its
+            copy of the domain was changed.
         DomainError: Its copy of the domain is damaged.
     """
-    read = RunModel(run)
-    checkpoint, adaptation = read.checkpoint, read.adaptation
-    if not len(adaptation.experience):
+    recorded = RunModel(run)
+    if not len(recorded.adaptation.experience):
         raise RunError(
             f"{run} has no env step in its last checkpoint; train it for a while: "
             f"serp plan-and-learn --resume {run}"
         )
-    damage = checkpoint.fallback
-    return Recorded(
-        run=run,
-        domain=read.domain,
-        files={str(k): str(v) for k, v in read.folder.metadata["domain_files"].items()},
-        model=read.model,
-        experience=adaptation.experience,
-        adoption=adaptation.adoption,
-        env_steps=Saved("run", checkpoint.arrays, checkpoint.meta).whole("env_steps"),
-        learned_from=str(read.folder.metadata["config"].get("learned_from", "")),
-        notice=None if damage is None else f"{damage} This diagnosis uses the one before.",
-    )
+    return recorded
 
 
-class Remark(NamedTuple):
+@dataclass(frozen=True)
+class Remark:
     """A finding in words.
 
     Attributes:
@@ -108,7 +64,7 @@ class Diagnosis:
     """The result of comparing the transitions of a run with its domain file.
 
     Attributes:
-        recorded: The data that the run recorded.
+        recorded: The run, with the transitions that it recorded.
         steps: The transitions that the file is compared with, and its predictions.
         expected: `[N, F + 2]` predictions of the file patched with the findings worth mentioning.
         worthwhile: Findings worth mentioning; `serp repair` writes them into the file.
@@ -116,7 +72,7 @@ class Diagnosis:
         quantities: The accuracy for each symbol, the reward and the end.
     """
 
-    recorded: Recorded
+    recorded: RunModel
     steps: Steps
     expected: Vector
     worthwhile: Findings
@@ -124,15 +80,10 @@ class Diagnosis:
     quantities: tuple[Quantity, ...]
 
     @property
-    def sample(self) -> RegressionData:
-        """The transitions that the file is compared with."""
-        return self.steps.sample
-
-    @property
     def verdict(self) -> str:
         """A sentence on the accuracy of the file one step ahead."""
         quantities = self.quantities
-        if not len(self.sample):
+        if not len(self.steps.sample):
             return "None of these steps can be compared with the file."
         if not quantities:
             return "Nothing changed in these steps, as predicted."
@@ -180,17 +131,17 @@ def diagnose(run: str | Path) -> Diagnosis:
         SerpError: The folder is not a run, or the run recorded nothing; see `read_recorded`.
     """
     recorded = read_recorded(Path(run))
-    return make_diagnosis(recorded, findings(recorded.model, recorded.experience))
+    return make_diagnosis(recorded, findings(recorded.model, recorded.adaptation.experience))
 
 
-def make_diagnosis(recorded: Recorded, found: Findings) -> Diagnosis:
+def make_diagnosis(recorded: RunModel, found: Findings) -> Diagnosis:
     """Return the diagnosis of a run with given findings."""
     model = recorded.model
-    steps = Steps.of(model, recorded.experience)
+    steps = Steps.of(model, recorded.adaptation.experience)
 
     def accuracy(told: Findings) -> tuple[Vector, tuple[Quantity, ...]]:
-        forecast = forecast_with(model, told, steps.sample.states, steps.sample.actions)
-        return forecast.mean, quantities_of(model, steps, forecast)
+        mean, variance = forecast_with(model, told, steps.sample.states, steps.sample.actions)
+        return mean, quantities_of(model, steps, mean, variance)
 
     processes = {process.schema for process in model.ground.processes}
     kept = worthwhile(found, accuracy(found)[1], processes)
@@ -209,13 +160,13 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return a diagnosis as JSON values; NaN where there is no number."""
     recorded = diagnosis.recorded
     return {
-        "run": str(recorded.run),
+        "run": str(recorded.path),
         "domain": recorded.domain.name,
-        "files": dict(recorded.files),
+        "files": recorded.files,
         "env_steps": recorded.env_steps,
         "learned_from": recorded.learned_from,
-        "steps": len(diagnosis.sample),
-        "left_out": dict(diagnosis.sample.left_out),
+        "steps": len(diagnosis.steps.sample),
+        "left_out": dict(diagnosis.steps.sample.left_out),
         "verdict": diagnosis.verdict,
         "quantities": [
             _plain(q) | {"error": q.error, "error_left": q.error_left, "unexplained": q.unexplained}
@@ -223,7 +174,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "not_explained": diagnosis.unexplained,
         "remarks": [_plain(remark) for remark in diagnosis.remarks],
-        "model_in_use": recorded.adoption.as_dict(),
+        "model_in_use": recorded.adaptation.adoption.as_dict(),
     }
 
 
@@ -237,6 +188,4 @@ def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         fields = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
         return {"kind": type(value).__name__, **fields} if "cost" in fields else fields
-    if isinstance(value, Remark):
-        return {name: _plain(field) for name, field in value._asdict().items()}
     return [_plain(item) for item in value] if isinstance(value, tuple) else value

@@ -38,8 +38,19 @@ class EffectTerm:
         return fluents if number == "1" else f"(* {number} {fluents})"
 
 
+class _OfFluent:
+    """A finding on one fluent, function, the reward or the end."""
+
+    fluent: str
+
+    @property
+    def symbols(self) -> set[str]:
+        """The symbol of the fluent or function; `reward` or `terminal`."""
+        return {symbol_of(self.fluent)}
+
+
 @dataclass(frozen=True)
-class ParameterFinding:
+class ParameterFinding(_OfFluent):
     """An estimate of a number that the file writes in an effect or a rate.
 
     Attributes:
@@ -66,11 +77,6 @@ class ParameterFinding:
         return self.parameter.place
 
     @property
-    def symbols(self) -> set[str]:
-        """The symbol of the function."""
-        return {self.fluent}
-
-    @property
     def number(self) -> str:
         """What the file should have; 0 where the estimate has an uncertain sign and turned."""
         turned = self.estimate * self.written < 0.0
@@ -88,7 +94,7 @@ class ParameterFinding:
 
 
 @dataclass(frozen=True)
-class MissingEffect:
+class MissingEffect(_OfFluent):
     """An observed change that the file does not mention.
 
     Attributes:
@@ -104,11 +110,6 @@ class MissingEffect:
     terms: tuple[EffectTerm, ...]
     samples: int
     cost: float
-
-    @property
-    def symbols(self) -> set[str]:
-        """The symbol of the fluent."""
-        return {symbol_of(self.fluent)}
 
     def effect(self, term: EffectTerm) -> str:
         """Return the effect of one term in PDDL."""
@@ -191,7 +192,7 @@ class StochasticEffect:
 
 
 @dataclass(frozen=True)
-class RuleFinding:
+class RuleFinding(_OfFluent):
     """A line of the file on rewards or ends whose prediction differs from what was observed.
 
     Rewards and ends specify the task, so nothing is estimated here.
@@ -220,11 +221,6 @@ class RuleFinding:
     observed: float
     samples: int
     cost: float
-
-    @property
-    def symbols(self) -> set[str]:
-        """`reward` or `terminal`."""
-        return {self.fluent}
 
     def sentence(self, ground: GroundModel) -> str:
         """Return which line differs, and how."""

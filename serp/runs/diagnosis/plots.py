@@ -54,6 +54,6 @@ def picture(diagnosis: Diagnosis, kind: Literal["png", "svg"]) -> bytes:
             axes.legend(fontsize=7)
             axes.set_xlabel("predicted change")
             axes.set_ylabel("observed change")
-        count = f"{len(diagnosis.sample):,} single steps"
+        count = f"{len(steps.sample):,} single steps"
         figure.suptitle(f"{diagnosis.recorded.domain.name}, {count}", fontweight="bold")
     return render(figure, kind)

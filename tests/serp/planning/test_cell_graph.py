@@ -11,7 +11,7 @@ from serp._core import AREAS, CellValues
 from serp.agent.registry import far_sight
 from serp.errors import RunError
 from serp.model.learned.adaptation import ModelAdaptation
-from serp.model.learned.transitions import GOES_ON, TransitionMemory
+from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import UNKNOWN
 from serp.planning.cell_graph import CellGraph
 from serp.planning.cells import restored_values, saved_values
@@ -189,6 +189,6 @@ def test_a_prize_that_was_never_seen_is_found_whatever_acting_costs(cost, time, 
         after = np.array([place + 0.5 * speed, 0.98 * speed])
         if after[0] >= 4.0:
             return
-        adaptation.observe(state, action, after, GOES_ON)
+        adaptation.observe(state, action, after, False)
         state = after
     pytest.fail(f"not found; the last place is {state[0]:.2f}")

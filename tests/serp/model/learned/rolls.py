@@ -10,7 +10,7 @@ import numpy as np
 
 from serp.model.domain import Domain, load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER, TransitionMemory
+from serp.model.learned.transitions import TransitionMemory
 from serp.pddl.source import Source
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
@@ -56,9 +56,8 @@ def balance(text, seed, steps, noise=0.0):
         action = int(rng.integers(2)) if random else planner(text).forecast(state).choice
         observation, _, terminated, truncated, _ = env.step(action)
         after = np.asarray(observation, dtype=np.float64)
-        ending = OVER if terminated else CUT_OFF if truncated else GOES_ON
         reward = cartpole().model.judge(state, action, after).reward
-        experience.add(state, action, after, ending, reward)
+        experience.add(state, action, after, terminated, reward)
         falls += terminated
         if terminated or truncated:
             observation, _ = env.reset()
@@ -76,8 +75,7 @@ def imagined(model, states, rng, noise=0.0):
         out, flags = model.transition(state.tolist(), action)
         if flags & APPLICABLE:
             after = np.array(out[: len(state)]) + error
-            ending = OVER if flags & TERMINAL else GOES_ON
-            experience.add(state, action, after, ending, out[-1])
+            experience.add(state, action, after, bool(flags & TERMINAL), out[-1])
     return experience
 
 
@@ -97,9 +95,8 @@ def on_ice(domain, seed, *, steps=2_000, teleports=False):
         action = int(rng.integers(4))
         after, _, terminated, truncated, _ = env.step(moves[domain.model.actions[action].name])
         state, next_state = (np.asarray(cliff.ground(c), float) for c in (cell, after))
-        ending = OVER if terminated else CUT_OFF if truncated else GOES_ON
         reward = domain.model.judge(state, action, next_state).reward
-        experience.add(state, action, next_state, ending, reward)
+        experience.add(state, action, next_state, terminated, reward)
         cell = after
         if terminated or truncated:
             cell, _ = env.reset()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from serp.model.flags import going_on
-from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER
 from serp.runs import checkpoint
 from tests.serp.model.learned.rolls import from_text
 from tests.serp.model.learned.worlds import (
@@ -23,7 +22,7 @@ from tests.serp.model.learned.worlds import (
 )
 
 Saved = tuple[dict[str, Any], dict[str, Any]]
-Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int]
+Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], bool]
 
 
 def bits(saved):
@@ -56,8 +55,7 @@ def steps_of(of, count, seed):
         after[flips] = 1.0 - after[flips]
         if rng.random() < 0.02:
             after[rng.integers(len(state))] = rng.choice([1e3, np.nan, np.inf])
-        ending = int(rng.choice([GOES_ON, CUT_OFF, OVER], p=[0.9, 0.05, 0.05]))
-        steps.append((state, action, after, ending))
+        steps.append((state, action, after, bool(rng.random() < 0.05)))
     return steps
 
 
@@ -99,24 +97,23 @@ def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path, text, mode):
 
 
 def test_steps_that_end_an_episode_teach_no_residual_and_equal_seeds_give_equal_bits():
-    def learned(seed, ending):
+    def learned(seed, over):
         of = adaptation(PLANE, seed=seed)
         rng = np.random.default_rng(0)
         for _ in range(300):
             state = rng.normal(size=2)
-            of.observe(state, int(rng.integers(2)), state + np.sin(state), ending)
+            of.observe(state, int(rng.integers(2)), state + np.sin(state), over)
         return of
 
-    one = learned(1, GOES_ON)
+    one = learned(1, False)
     assert not adapted(one).as_written
-    assert bits(learned(1, GOES_ON).state_dict()) == bits(one.state_dict())
+    assert bits(learned(1, False).state_dict()) == bits(one.state_dict())
     state = np.array([0.1, 0.2])
     expected = one.model.step(state, 0).state
-    assert learned(1, CUT_OFF).model.step(state, 0).state.tobytes() == expected.tobytes()
-    ended = learned(1, OVER).model  # nothing is learned but that every step ends
+    ended = learned(1, True).model  # nothing is learned but that every step ends
     assert ended.step(state, 0).state.tobytes() == ended.written.step(state, 0).state.tobytes()
     assert going_on(ended.core.step(state, 0)[1]) < 0.01
-    assert learned(2, GOES_ON).model.step(state, 0).state.tobytes() != expected.tobytes()
+    assert learned(2, False).model.step(state, 0).state.tobytes() != expected.tobytes()
 
 
 @pytest.mark.parametrize("mode", ["off", "parameters", "residual", "full"])

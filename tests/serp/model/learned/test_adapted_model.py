@@ -125,7 +125,7 @@ def test_the_residual_is_added_to_what_the_file_says_and_far_from_the_data_the_l
         state, action = worlds.any_state(model, rng), int(rng.integers(2))
         expected, size = model.written.step(state, action).state, 1.0
         for group in model.feature_groups[action]:
-            part, inputs = model.shared[group.key].regression, state[list(group.inputs)]
+            part, inputs = model.regressions[group.key[1:]], state[list(group.inputs)]
             head = model.shared[group.key].head
             away = (inputs - part.centre) * part.shrink
             features = np.cos(part.phase + away @ part.frequency)
@@ -163,11 +163,11 @@ def shift(model, action, fluent, by):
     column = next(f.index for f in model.fluents if f.name == fluent)
     for group in model.feature_groups[model.action_index(action)]:
         if column in group.targets:
-            shared, target = model.shared[group.key], group.targets.index(column)
-            kinds = shared.regression.kinds
+            part, target = model.regressions[group.key[1:]], group.targets.index(column)
+            kinds = part.kinds
             kinds[target] = LINEAR
-            shared.regression.kinds = kinds
-            shared.regression.linear[shared.head, 0, target, 0] = by
+            part.kinds = kinds
+            part.linear[model.shared[group.key].head, 0, target, 0] = by
     assert not model.as_written
 
 

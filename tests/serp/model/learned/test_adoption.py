@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from serp.model.learned.adoption import ModelAdoption, Reliability, WorthAdoption
-from serp.model.learned.transitions import GOES_ON
 from serp.ui.commands import diagnosis
 from tests.serp.model.learned.worlds import GRID, PLANE, adaptation
 
@@ -19,7 +18,7 @@ def plane(steps, push, seed=0):
     for _ in range(steps):
         action = int(rng.integers(2))
         after = np.array([state[0] + 0.1 * state[1], 0.99 * state[1] + push * (action == 0)])
-        of.observe(state, action, after, GOES_ON)
+        of.observe(state, action, after, False)
         state = after if abs(after[0]) < 3 else rng.normal(size=2)
     return of
 
@@ -56,7 +55,7 @@ def test_counted_outcomes_are_named():
     for _ in range(80):
         expected = np.array(of.model.replace().transition(state.tolist(), right)[0][:-1])
         after = expected if rng.random() < 0.5 else state
-        of.observe(state, right, after, GOES_ON)
+        of.observe(state, right, after, False)
         state = np.clip(after, -3, 3)
     assert any(fluent.outcomes for fluent in of.adoption.fluents)
 

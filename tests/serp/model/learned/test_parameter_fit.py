@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.model.learned.parameter_fit import (
-    ParameterEstimator,
     estimate_parameters,
     parameter_dependencies,
 )
@@ -22,10 +21,6 @@ def carts_states(number, rng):
     states = rng.uniform(-2.0, 2.0, size=(number, len(model.fluents)))
     numeric = np.array([fluent.numeric for fluent in model.fluents])
     return np.where(numeric, states, states > 0)
-
-
-def estimated(model, *seen):
-    return estimate_parameters(ParameterEstimator(model), model, *seen)
 
 
 def positions(model, schema):
@@ -49,7 +44,7 @@ def test_other_parameters_are_recovered_within_their_errors(values, noise, seed)
     theta[changed] = values[: len(changed)]
     rng = np.random.default_rng(seed)
     seen = imagined(model.replace(theta=theta), carts_states(400, rng), rng, noise)
-    estimate, errors = estimated(model, seen.states, seen.actions, seen.next_states)
+    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
     assert np.isfinite(errors[changed]).all()
     gap = np.abs(estimate - theta)[changed]
     assert (gap <= 5.0 * errors[changed] + 1e-6).all()
@@ -63,7 +58,7 @@ def test_of_a_product_of_parameters_one_moves():
     theta[product[0]] *= 2.0
     rng = np.random.default_rng(0)
     seen = imagined(model.replace(theta=theta), carts_states(400, rng), rng)
-    estimate, errors = estimated(model, seen.states, seen.actions, seen.next_states)
+    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
     assert np.isfinite(errors[product]).sum() == 1
     assert estimate[product].prod() == pytest.approx(theta[product].prod(), rel=1e-4)
 
@@ -74,13 +69,13 @@ def test_what_was_never_seen_stays_as_written():
     seen = imagined(model, carts_states(300, rng), rng)
     pushed = seen.actions < 2
     rows = (seen.states[pushed], seen.actions[pushed], seen.next_states[pushed])
-    estimate, errors = estimated(model.replace(theta=model.theta + 1.0), *rows)
+    estimate, errors = estimate_parameters(model.replace(theta=model.theta + 1.0), *rows)
     (stop,) = positions(model, "stop")
     assert estimate[stop] == 0.125
     assert errors[stop] == np.inf
     rest, values = ~np.isfinite(errors), np.array([p.value for p in model.parameters])
     assert (estimate[rest] == values[rest]).all()
-    none, unknown = estimated(model, *(r[:0] for r in rows))
+    none, unknown = estimate_parameters(model, *(r[:0] for r in rows))
     assert (none == values).all()
     assert np.isinf(unknown).all()
 
@@ -95,11 +90,11 @@ def test_numbers_that_jump_by_chance_are_no_rates():
     actions = np.zeros(400, dtype=np.int64)
     after = states.copy()
     after[:, columns[0]] += rng.integers(0, 2, size=400)
-    estimate, errors = estimated(model, states, actions, after)
+    estimate, errors = estimate_parameters(model, states, actions, after)
     push = positions(model, "push")[0]
     assert errors[push] == np.inf
     after[:, columns[0]] = states[:, columns[0]] + 2.0
-    estimate, errors = estimated(model, states, actions, after)
+    estimate, errors = estimate_parameters(model, states, actions, after)
     assert estimate[push] == pytest.approx(2.0)
 
 
@@ -117,7 +112,7 @@ def test_a_wall_hides_neither_too_much_nor_too_little(written):
     states = rng.uniform(0.2, 1.0, size=(300, 1))
     seen = imagined(from_text(WALL).model, states, rng)
     model = from_text(WALL.replace("0.1)", f"{written})")).model
-    estimate, errors = estimated(model, seen.states, seen.actions, seen.next_states)
+    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
     (walk,) = positions(model, "walk")
     assert np.isfinite(errors[walk])
     assert estimate[walk] == pytest.approx(0.1, abs=1e-6)

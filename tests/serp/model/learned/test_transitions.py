@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.model.learned.transitions import CUT_OFF, GOES_ON, OVER, TransitionMemory
+from serp.model.learned.transitions import TransitionMemory
 
-Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int, float]
+Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], bool, float]
 
 
 def steps_of(count, seed=0):
@@ -19,8 +19,8 @@ def steps_of(count, seed=0):
     for _ in range(count):
         state, after = rng.normal(size=(2, 3))
         after[rng.random(3) < 0.1] = rng.choice([np.nan, np.inf, -0.0])
-        ending = int(rng.choice([GOES_ON, CUT_OFF, OVER]))
-        steps.append((state, int(rng.integers(-1, 4)), after, ending, float(rng.normal())))
+        over = bool(rng.random() < 0.3)
+        steps.append((state, int(rng.integers(-1, 4)), after, over, float(rng.normal())))
     return steps
 
 
@@ -33,8 +33,7 @@ def filled(steps, capacity):
 
 def bits(experience):
     parts = experience.states, experience.actions, experience.next_states
-    ends = experience.ended, experience.over, experience.rewards
-    return tuple(part.tobytes() for part in (*parts, *ends))
+    return tuple(part.tobytes() for part in (*parts, experience.over, experience.rewards))
 
 
 @given(count=st.integers(0, 60), capacity=st.integers(1, 25))
@@ -44,12 +43,11 @@ def test_the_newest_transitions_are_kept_in_order_of_time(count, capacity):
     kept = steps[-capacity:] if count else []
     assert len(experience) == len(kept)
     assert experience.seen == count
-    states, actions, after, endings, rewards = zip(*kept, strict=True) if kept else [[]] * 5
+    states, actions, after, over, rewards = zip(*kept, strict=True) if kept else [[]] * 5
     np.testing.assert_array_equal(experience.states, np.reshape(states, (-1, 3)))
     np.testing.assert_array_equal(experience.actions, actions)
     np.testing.assert_array_equal(experience.next_states, np.reshape(after, (-1, 3)))
-    np.testing.assert_array_equal(experience.ended, [ending != GOES_ON for ending in endings])
-    np.testing.assert_array_equal(experience.over, [ending == OVER for ending in endings])
+    np.testing.assert_array_equal(experience.over, over)
     np.testing.assert_array_equal(experience.rewards, rewards)
 
 
@@ -65,7 +63,7 @@ def test_a_saved_experience_that_does_not_fit_is_refused_and_changes_nothing():
         ({**arrays, "states": arrays["states"][:, :-1]}, meta),
         ({**arrays, "next_states": arrays["next_states"][:-1]}, meta),
         ({**arrays, "actions": arrays["actions"] + 1}, meta),
-        ({**arrays, "endings": arrays["endings"] + np.int8(1)}, meta),
+        ({**arrays, "over": arrays["over"] + np.int8(1)}, meta),
     ]
     for saved in wrong:
         with pytest.raises(RunError):

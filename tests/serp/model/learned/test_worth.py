@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.model.flags import TERMINAL, UNSAFE, ends_of, going_on
+from serp.model.flags import TERMINAL, UNSAFE, going_on
 from serp.model.learned.feature_groups import FILE, LINEAR
-from serp.model.learned.transitions import GOES_ON, OVER
 from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.lookahead import Lookahead
@@ -26,6 +25,11 @@ TRACK = """(define (domain track)
 GO, JUMP = 0, 1
 
 
+def end_of(flags):
+    """The probability that a step ends the task."""
+    return 1.0 if flags & TERMINAL else 1.0 - going_on(flags)
+
+
 def taught(of, steps, *, right=False):
     """Show steps of a world; return the squared errors `[steps, file and model, reward and end]`.
 
@@ -40,9 +44,9 @@ def taught(of, steps, *, right=False):
         reward = 4.0 * (after[0] > 1.0) if right else after[0]
         for m, model in enumerate((of.model.written, of.model)):
             out, flags = model.core.step(state, GO)
-            told = np.array([out[-1], ends_of(np.array(flags))])
+            told = np.array([out[-1], end_of(flags)])
             errors[k, m] = (told - (reward, over)) ** 2
-        of.observe(state, GO, after, OVER if over else GOES_ON, reward)
+        of.observe(state, GO, after, over, reward)
     return errors
 
 
@@ -119,7 +123,7 @@ def test_counted_outcomes_share_the_chance_of_an_end():
         state = np.array([0.0, 2.0, float(rng.integers(3))])
         slips = rng.random() < 1 / 3
         over = slips and k > 30  # until then the task goes on
-        of.observe(state, 0, state + ((0, 1, 0) if slips else (0, 0, 1)), OVER if over else GOES_ON)
+        of.observe(state, 0, state + ((0, 1, 0) if slips else (0, 0, 1)), over)
     state = np.array([0.0, 2.0, 1.0])
     worth = model.worth
     assert worth is not None
@@ -136,7 +140,7 @@ def test_counted_outcomes_share_the_chance_of_an_end():
         rows = model.core.outcomes(state, 0)
         flags = rows[:, -2].astype(np.int64)
         safe = (flags & UNSAFE) == 0
-        now = (rows[:, -1] * ends_of(flags)).sum()
+        now = (rows[:, -1] * [end_of(each) for each in flags.tolist()]).sum()
         assert (rows[safe, -3] == before[safe, -3] + 2.0).all()
         assert (rows[~safe, -3] == before[~safe, -3]).all()
         if change > 0.0:

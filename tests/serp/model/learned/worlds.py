@@ -183,18 +183,17 @@ def count(model, rng):
         if not len(places) or rng.random() < 0.3:
             continue
         table = OutcomeTable(places, np.zeros(0, np.int64))
-        contents, kinds = table.contents(), int(rng.integers(2, 5))
+        kinds = int(rng.integers(2, 5))
         numeric = [model.fluents[group.inputs[place]].numeric for place in places]
         schemas = len({action.schema for action in model.actions})
-        changes = np.zeros((kinds, len(places)))
-        contents["schemas"] = np.array([-1.0, *rng.integers(-1, schemas, kinds - 1)])
-        changes[1:] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
-        contents["changes"] = changes
+        table.schemas[:kinds] = -1, *rng.integers(-1, schemas, kinds - 1)
+        changes = rng.integers(-2, 3, (kinds - 1, len(places)))
+        table.changes[1:kinds] = np.where(numeric, changes, 0.0)
         counts = rng.choice((1.0, 3.0, 50.0), kinds)
-        contents["counts"][0, :kinds] = counts
-        contents["totals"][:] = counts.sum()
-        contents["sets"] = np.array([[1.0, counts.sum()]])
-        table.restore(**contents)
+        table.counts[0, :kinds] = counts
+        table.totals[0] = table.numbers[0] = counts.sum()
+        table.members[0] = 1
+        table.restore(kinds, 1, 1)
         model.shared[key].outcomes = table
 
 

@@ -1,18 +1,16 @@
 """A small world with a partly wrong file, made-up findings, checks of a repaired file."""
 
-import dataclasses
 import re
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
-from serp.model.learned.adoption import ModelAdoption
 from serp.model.learned.parameter_fit import parameter_dependencies
 from serp.model.learned.regression_data import predicted_steps
-from serp.model.learned.transitions import GOES_ON, OVER, TransitionMemory
+from serp.model.learned.transitions import TransitionMemory
 from serp.runs.diagnosis.accuracy import forecast_with
 from serp.runs.diagnosis.analysis import findings
-from serp.runs.diagnosis.diagnosis import Recorded, make_diagnosis
+from serp.runs.diagnosis.diagnosis import make_diagnosis
 from serp.runs.diagnosis.findings import (
     Findings,
     MissingEffect,
@@ -43,11 +41,9 @@ def states_of(model, count, seed=0):
 def taken(domain, experience, dt=1.0):
     """What a run has recorded."""
     model = domain.model.replace(dt=dt)
-    return Recorded(
-        run=Path("runs/seven"), domain=domain, files={}, model=model, experience=experience,
-        adoption=ModelAdoption(adapts=False), env_steps=len(experience), learned_from="domain",
-        notice=None,
-    )  # fmt: skip
+    return SimpleNamespace(
+        domain=domain, model=model, adaptation=SimpleNamespace(experience=experience)
+    )
 
 
 def recorded(model, states, actions, next_states, rewards=None, over=None, domain=None):
@@ -58,9 +54,9 @@ def recorded(model, states, actions, next_states, rewards=None, over=None, domai
     over = predicted[:, -1] != 0.0 if over is None else over
     run = taken(domain or from_text(ROBOTS), experience, model.dt)
     for k, action in enumerate(actions.tolist()):
-        ending = OVER if over[k] else GOES_ON
-        experience.add(states[k], action, next_states[k], int(ending), rewards[k])
-    return dataclasses.replace(run, model=model, env_steps=len(states))
+        experience.add(states[k], action, next_states[k], over[k], rewards[k])
+    run.model = model
+    return run
 
 
 def repaired_by(domain, experience, dt):
@@ -93,7 +89,7 @@ def found(*given):
 
 def predictions_with(model, findings, states, actions):
     """The next states `[N, F]` to be expected with all findings taken into account."""
-    return forecast_with(model, findings, states, actions).mean[:, :-2]
+    return forecast_with(model, findings, states, actions)[0][:, :-2]
 
 
 # Repaired files

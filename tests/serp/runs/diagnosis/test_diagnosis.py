@@ -70,7 +70,7 @@ def seen_in(world, seed=0):
 
 
 def diagnosed(seen):
-    return make_diagnosis(seen, findings(seen.model, seen.experience))
+    return make_diagnosis(seen, findings(seen.model, seen.adaptation.experience))
 
 
 def repaired(diagnosis):
@@ -79,7 +79,7 @@ def repaired(diagnosis):
 
 def errors_of(domain, seen):
     """The error of each quantity as a share of its change, by the definition alone."""
-    experience = seen.experience
+    experience = seen.adaptation.experience
     said, written_so = (
         predicted_steps(model, experience.states, experience.actions)
         for model in (domain.model, seen.model)

@@ -31,7 +31,7 @@ def test_a_run_of_a_task_that_is_not_installed_can_be_read(copy):
     config = copy / "config.json"
     config.write_text(config.read_text().replace('"task": "cartpole"', '"task": "juggling"'))
     recorded = read_recorded(copy)
-    seen = recorded.experience
+    seen = recorded.adaptation.experience
     assert recorded.env_steps == len(seen) >= 120
-    goes_on = ~seen.ended[:-1]
+    goes_on = ~seen.over[:-1]
     np.testing.assert_array_equal(seen.states[1:][goes_on], seen.next_states[:-1][goes_on])

@@ -23,12 +23,10 @@ def test_probabilities_of_outcomes_add_up_however_many_fluents_vary(fluents):
     core = _core.AdaptedModel(model.written_core(), np.full((1, 1), -1), False, [groups])
     for part in shared:
         table = _core.OutcomeTable(np.zeros(1, np.int64), np.zeros(0, np.int64))
-        table.start(1.0)
-        saved = table.contents()
-        saved["schemas"], saved["changes"] = np.full(3, -1.0), np.array([[0.0], [1.0], [2.0]])
-        saved["sets"] = np.array([[2.0, 50.0], [4.0, 50.0]])
-        saved["counts"][0, :3], saved["totals"][0] = (0.0, 50.0, 50.0), 100.0
-        table.restore(**saved)
+        table.schemas[:3], table.changes[:3, 0] = -1, (0.0, 1.0, 2.0)
+        table.members[:2], table.numbers[:2] = (2, 4), 50.0
+        table.counts[0, :3], table.totals[0] = (0.0, 50.0, 50.0), 100.0
+        table.restore(3, 2, 1)
         part.outcomes = table
     rows = core.outcomes(np.zeros(fluents), 0)
     assert rows[:, -1].sum() == pytest.approx(1.0)

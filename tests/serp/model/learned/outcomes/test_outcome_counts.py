@@ -9,7 +9,6 @@ from serp.agent.causes import causes_of
 from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.learned.adaptation import ModelAdaptation
-from serp.model.learned.transitions import GOES_ON, OVER
 from serp.settings import AdaptationSettings
 from tests.serp.model.learned.rolls import from_text
 from tests.serp.model.learned.worlds import GRID, adapted
@@ -137,7 +136,7 @@ def test_who_slips_does_what_the_file_says_of_another_action():
         over = after[1:].tolist() == HOLE
         # What is seen after the end is the next start.
         seen = np.zeros(3) if over else after
-        adaptation.observe(state, LEFT, seen, OVER if over else GOES_ON)
+        adaptation.observe(state, LEFT, seen, over)
     for row, column in ((0, 0), (4, 0), (4, 3), (1, 2), (2, 3), (4, 4), (0, 4)):
         state = np.array([0.0, row, column])
         expected: dict[tuple[float, ...], float] = {}
@@ -156,7 +155,7 @@ def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twi
         blocked = (state[1], state[2]) in wall
         if blocked and step < 200:
             continue
-        adaptation.observe(state, RIGHT, state if blocked else moved(state, RIGHT), GOES_ON)
+        adaptation.observe(state, RIGHT, state if blocked else moved(state, RIGHT), False)
     states, visits = np.unique(adaptation.experience.states, axis=0, return_counts=True)
     for state in states[visits > 1]:
         after, _, _ = prediction(adaptation, *state, action=RIGHT)
@@ -180,12 +179,12 @@ def test_damaged_counts_are_refused():
         ("codes", np.full_like(codes, codes[0])),
         ("totals", np.zeros_like(totals)),
         ("totals", -totals),
-        ("schemas", np.zeros(13)),
-        ("schemas", np.full(2, 2.0)),
+        ("schemas", np.zeros(13, np.int64)),
+        ("schemas", np.full(2, 2)),
         ("schemas", np.full(2, 0.5)),
         ("changes", np.zeros((13, 1))),
-        ("sets", np.full((3, 2), 2.0**20)),
-        ("sets", np.ones((65, 2))),
+        ("members", np.full(3, 2**20)),
+        ("members", np.ones(65, np.int64)),
         ("evidence", np.zeros((len(codes), 4))),
         ("trust", np.zeros(4)),
         ("places", np.array([10**9])),
@@ -193,5 +192,10 @@ def test_damaged_counts_are_refused():
     ):
         with pytest.raises(RunError, match="damaged"):
             adaptation_of(model).load_state_dict({**arrays, f"{prefix}{name}": damaged}, meta)
+    part = meta[prefix.removesuffix(".")]
+    for name, number in (("kinds", 13), ("kinds", 0), ("sets", 65), ("rows", 2049), ("rows", -1)):
+        with pytest.raises(RunError, match="damaged"):
+            damaged = {**meta, prefix.removesuffix("."): {**part, name: number}}
+            adaptation_of(model).load_state_dict(arrays, damaged)
     with pytest.raises(RunError):
         adaptation_of(model).load_state_dict({}, meta)
