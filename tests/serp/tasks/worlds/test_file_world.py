@@ -10,6 +10,7 @@ import serp
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.pddl.source import Source
+from serp.runs.diagnosis.diagnosis import diagnose
 from serp.tasks.file_world import FileWorld, WorldOptions
 from tests.serp.runs.runs import train, without_pictures
 from tests.worlds import text
@@ -95,6 +96,14 @@ def test_a_run_is_opened_again_with_nothing_but_its_folder(tmp_path):
     config.write_text(config.read_text().replace('"slip": 0.25', '"slip": 1.25'))
     with pytest.raises(serp.RunError, match=r"config.json was changed.*slip must be less than 1"):
         serp.load_run(out)
+
+
+def test_a_world_whose_problem_has_a_metric_is_learned_in_and_diagnosed(tmp_path):
+    for name in ("car", "car-problem"):
+        (tmp_path / f"{name}.pddl").write_text(text(name), encoding="utf-8")
+    task = serp.file_task(tmp_path / "car.pddl", noise=0.1, max_steps=5)
+    out = train(task, tmp_path / "run", "default", episodes=2).path
+    assert diagnose(out).verdict
 
 
 def test_a_step_without_a_result_says_so():
