@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 from lsprotocol import types
 
-from serp.authoring.language_server.index import FLUENTS, Index, NameKind, word_at
+from serp.authoring.language_server.index import FLUENTS, Index, word_at
 from serp.pddl.parser import (
     DOMAIN_SECTIONS,
     PROBLEM_SECTIONS,
@@ -72,16 +72,18 @@ _FORMS = (
     *(change.value for change in Change),
 )
 """Words that a form begins with."""
-_BEFORE = re.compile(r"([^\s();]*)\Z")
 _VARIABLE = re.compile(r"\?[\w-]+")
-
-
 _KINDS = {
-    NameKind.PREDICATE: types.CompletionItemKind.Property,
-    NameKind.FUNCTION: types.CompletionItemKind.Field,
-    NameKind.TYPE: types.CompletionItemKind.Class,
-    NameKind.OBJECT: types.CompletionItemKind.Constant,
+    "predicate": types.CompletionItemKind.Property,
+    "function": types.CompletionItemKind.Field,
+    "type": types.CompletionItemKind.Class,
+    "object": types.CompletionItemKind.Constant,
 }
+
+
+def typed_before(text: str) -> str:
+    """Return the word that a text ends with; it may be empty."""
+    return re.split(r"[\s();]", text)[-1]
 
 
 def completions(index: Index, source: Source, position: int) -> list[types.CompletionItem]:
@@ -92,29 +94,21 @@ def completions(index: Index, source: Source, position: int) -> list[types.Compl
     text = source.text[:position]
     if ";" in text[text.rfind("\n") + 1 :]:
         return []
-    start = word_start(text)
-    typed, before = text[start:].lower(), text[:start].rstrip()
-    section = text[max(text.rfind("(:"), 0) : start]
+    typed = typed_before(text)
+    start = len(text) - len(typed)
+    before, section = text[:start].rstrip(), text[max(text.rfind("(:"), 0) : start]
     if typed.startswith("?"):
         items = _variables(section)
     elif before.endswith((" -", "\n-")):
-        items = _names(index, NameKind.TYPE) + _words(("object", "number"))
+        items = _names(index, "type") + _words(("object", "number"))
     elif typed.startswith(":"):
-        items = _words(_KEYWORDS)
-        if section.startswith("(:requirements"):
-            items = _words(sorted(SUPPORTED_REQUIREMENTS))
+        listed = section.startswith("(:requirements")
+        items = _words(sorted(SUPPORTED_REQUIREMENTS) if listed else _KEYWORDS)
     elif before.endswith("("):
-        items = _names(index, NameKind.PREDICATE) + _names(index, NameKind.FUNCTION)
-        items += _words(_FORMS)
+        items = _names(index, "predicate") + _names(index, "function") + _words(_FORMS)
     else:
-        items = _names(index, NameKind.OBJECT) + _variables(section)
-    return [item for item in items if item.label.startswith(typed)]
-
-
-def word_start(text: str) -> int:
-    """Return where the word begins that a text ends with."""
-    match = _BEFORE.search(text)
-    return match.start() if match is not None else len(text)
+        items = _names(index, "object") + _variables(section)
+    return [item for item in items if item.label.startswith(typed.lower())]
 
 
 def _words(words: Iterable[str]) -> list[types.CompletionItem]:
@@ -123,8 +117,8 @@ def _words(words: Iterable[str]) -> list[types.CompletionItem]:
             for word in dict.fromkeys(words)]  # fmt: skip
 
 
-def _names(index: Index, kind: NameKind) -> list[types.CompletionItem]:
-    declared = {each.name: each for each in index.declared if each.kind is kind}
+def _names(index: Index, kind: str) -> list[types.CompletionItem]:
+    declared = {each.name: each for each in index.declared if each.kind == kind}
     return [
         types.CompletionItem(
             name,
@@ -143,62 +137,29 @@ def _variables(text: str) -> list[types.CompletionItem]:
             for name in sorted(names)]  # fmt: skip
 
 
-# Hover -------------------------------------------------------------------------------------------
-
-
 def explained(index: Index, source: Source, position: int) -> tuple[str, Place] | None:
     """Return the explanation of a word in Markdown, and its place; None where there is none.
 
-    A fluent comes with the expert's comment, its value in the problem's `:init`, and the actions,
-    processes and events that change and read it, with their lines.
+    A fluent comes with the expert's comment, and the parts of the files that name it, with their
+    lines.
     """
     place = word_at(source, position)
     if place is None:
         return None
     word, declared = place.text.lower(), index.declaration(place)
     texts: list[str] = []
-    if declared is not None:
-        of_type = f" of type `{declared.type}`" if declared.type else ""
-        fluent = declared.kind in FLUENTS
-        texts.append(
-            f"```pddl\n{declared.form.text}\n```"
-            if fluent
-            else f"{declared.kind.value} `{declared.name}`{of_type}"
-        )
-        if declared.kind is not NameKind.VARIABLE:
-            texts.append(comment_of(declared.form))
-        texts += _uses(index, word) if fluent else []
+    if declared is not None and declared.kind in FLUENTS:
+        uses = [
+            f"`{title}` (line{'s' * (len(lines) > 1)} {', '.join(map(str, lines))})"
+            for title, lines in index.uses(word)
+        ]
+        texts = [f"```pddl\n{declared.form.text}\n```", comment_of(declared.form)]
+        texts.append(f"Used in {', '.join(uses) or 'nothing'}")
+    elif declared is not None:
+        texts = [f"{declared.kind} `{word}`"]
+        if declared.kind != "variable":
+            line = declared.form.source_line.partition(";")[0].strip()
+            texts += [f"```pddl\n{line}\n```", comment_of(declared.form)]
     if word in MEANINGS and (declared is None or word in ("reward", "unsafe", "terminal")):
         texts.append(MEANINGS[word])
     return ("\n\n".join(filter(None, texts)), place) if texts else None
-
-
-def _uses(index: Index, fluent: str) -> Iterator[str]:
-    """Yield at what values a fluent begins, and what changes and reads it, with the lines."""
-    initial: list[str] = []
-    sections: dict[str, dict[str, list[int]]] = {"changed": {}, "read": {}}
-    for use in index.uses(fluent):
-        if use.what == "initial":
-            initial.append(f"`{use.place.text}`")
-            continue
-        kind, _, name = use.section.text.lstrip("(:").partition(" ")
-        named = f"{kind} `{name}`" if name and not name.startswith("(") else f"`:{kind}`"
-        lines = sections[use.what].setdefault(named, [])
-        lines += [use.place.line] * (use.place.line not in lines)
-    if initial:
-        yield f"At the start: {_listed(initial)}"
-    changed, read = (
-        _listed(
-            f"{named} (line{'s' * (len(lines) > 1)} {', '.join(map(str, lines))})"
-            for named, lines in places.items()
-        )
-        for places in sections.values()
-    )
-    yield f"Changed by {changed or 'nothing'}  \nRead by {read or 'nothing'}"
-
-
-def _listed(texts: Iterable[str]) -> str:
-    most = 12  # Places of one kind that are listed.
-    known = list(texts)
-    more = f" and {len(known) - most} more" if len(known) > most else ""
-    return ", ".join(known[:most]) + more

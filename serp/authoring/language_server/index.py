@@ -1,4 +1,4 @@
-"""What the names of a domain and its problem mean, and where they are read and changed.
+"""The names of a domain and its problem: where they are declared, and where they are used.
 
 The index is made of the lists and words of the files, so that it has everything that can be read
 of a file that is being written.
@@ -6,60 +6,30 @@ of a file that is being written.
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Iterator, Sequence
-from enum import Enum
 from typing import NamedTuple
 
-from serp.pddl import syntax as x
 from serp.pddl.parser import SCHEMA_SECTIONS
 from serp.pddl.reader import Group, Node, Word, read_what_can_be
 from serp.pddl.scope import is_name
 from serp.pddl.source import Place, Source
 
-_CHANGES = frozenset(change.value for change in x.Change)
+FLUENTS = ("predicate", "function")
 _WORD = re.compile(r"[^\s();]+")
 
 
-class NameKind(Enum):
-    """What a name names."""
-
-    PREDICATE = "predicate"
-    FUNCTION = "function"
-    TYPE = "type"
-    OBJECT = "object"
-    ACTION = "action"
-    PROCESS = "process"
-    EVENT = "event"
-    VARIABLE = "variable"
-
-
-FLUENTS = (NameKind.PREDICATE, NameKind.FUNCTION)
-
-
 class DeclaredName(NamedTuple):
-    """Where a name, in lower case, is declared, with its type if it has one.
+    """Where a name, in lower case, is declared.
 
-    `place` is the word; `form` the form that it begins or names, else the word itself.
+    `kind` is `predicate`, `function`, `type`, `object`, `action`, `process`, `event` or `variable`;
+    `place` the word; `form` the form that it begins or names, else the word itself.
     """
 
     name: str
-    kind: NameKind
+    kind: str
     place: Place
     form: Place
-    type: str = ""
-
-
-class Use(NamedTuple):
-    """A fluent in a place: what happens to it (`initial`, `changed` or `read`), in which section.
-
-    `place` is the whole fact of an initial value.
-    """
-
-    what: str
-    section: Place
-    place: Place
 
 
 class Index:
@@ -77,30 +47,22 @@ class Index:
             for section in self._sections:
                 place = section.place
                 if place.source.name == source.name and place.start <= word.start < place.end:
-                    first = next((w for w, _ in _uses(section, "") if w.text == name), None)
+                    first = next((w.place for w in _words(section) if w.text == name), None)
                     if first is not None:
-                        return DeclaredName(name, NameKind.VARIABLE, first.place, first.place)
+                        return DeclaredName(name, "variable", first, first)
         same = [declared for declared in self.declared if declared.name == name]
         opens = source.text[: word.start].endswith("(")
         fitting = (declared for declared in same if (declared.kind in FLUENTS) == opens)
         return next(fitting, next(iter(same), None))
 
-    def uses(self, fluent: str) -> Iterator[Use]:
-        """Yield where a fluent is read and changed, in the order of the files."""
+    def uses(self, fluent: str) -> Iterator[tuple[str, list[int]]]:
+        """Yield each section that names a fluent, such as `action go`, and the lines there."""
         for section in self._sections:
-            items, forms = section.items, list[tuple[Node, str]]()
-            if section.head in (":init", ":goal", ":metric"):
-                what = "initial" if section.head == ":init" else "read"
-                forms = [(item, what) for item in items[1:]]
-            elif section.head in SCHEMA_SECTIONS:
-                fields = {":precondition": "read", ":effect": "changed"}
-                forms = [(value, fields[key.text]) for key, value in itertools.pairwise(items)
-                         if isinstance(key, Word) and key.text in fields]  # fmt: skip
-            for form, what in forms:
-                for word, use in _uses(form, what):
-                    if word.text == fluent:
-                        place = form.place if use == "initial" else word.place
-                        yield Use(use, section.place.opening, place)
+            lines = [word.place.line for word in _words(section) if word.text == fluent]
+            if lines and section.head not in (":predicates", ":functions"):
+                schema = section.head in SCHEMA_SECTIONS
+                title = section.place.opening.text.lstrip("(:") if schema else section.head
+                yield title, list(dict.fromkeys(lines))
 
 
 def word_at(source: Source, position: int) -> Place | None:
@@ -116,50 +78,32 @@ def word_at(source: Source, position: int) -> Place | None:
 def _declared(section: Group) -> Iterator[DeclaredName]:
     items = section.items[1:]
     match section.head:
-        case ":types":
-            yield from _typed(items, NameKind.TYPE)
-        case ":constants" | ":objects":
-            yield from _typed(items, NameKind.OBJECT)
-        case ":predicates" | ":functions" as declares:
-            kind = NameKind.FUNCTION if declares == ":functions" else NameKind.PREDICATE
+        case ":types" | ":constants" | ":objects" as head:
+            kind = "type" if head == ":types" else "object"
+            for word in _without_types(items):
+                yield DeclaredName(word.text, kind, word.place, word.place)
+        case ":predicates" | ":functions" as head:
             for item in items:
-                word = item.items[0] if isinstance(item, Group) and item.items else None
-                if isinstance(word, Word) and is_name(word):
-                    yield DeclaredName(word.text, kind, word.place, item.place)
-        case ":action" | ":process" | ":event" as schema:
-            if items and isinstance(items[0], Word):
-                name = items[0]
-                kind = NameKind(schema[1:])
-                yield DeclaredName(name.text, kind, name.place, section.place.opening)
+                first = item.items[0] if isinstance(item, Group) and item.items else None
+                if isinstance(first, Word) and is_name(first):
+                    yield DeclaredName(first.text, head[1:-1], first.place, item.place)
+        case head if head in SCHEMA_SECTIONS and items and isinstance(items[0], Word):
+            yield DeclaredName(items[0].text, head[1:], items[0].place, section.place.opening)
 
 
-def _typed(items: Sequence[Node], kind: NameKind) -> Iterator[DeclaredName]:
-    """Yield the names in a typed list."""
-    waiting: list[Word] = []
-    after_dash = False
-    for item in [*items, None]:
-        if isinstance(item, Word) and item.text == "-":
-            after_dash = True
-        elif isinstance(item, Word) and not after_dash:
-            waiting.append(item)
-        else:  # a type, `(either a b)`, or the end
-            of_type = item.place.text if item is not None else ""
-            for name in waiting:
-                yield DeclaredName(name.text, kind, name.place, name.place, of_type)
-            waiting, after_dash = [], False
-
-
-def _uses(node: Node, what: str) -> Iterator[tuple[Word, str]]:
-    """Yield the words of a form, and what happens to the fluent that each may name."""
-    if isinstance(node, Word):
-        yield node, what
-        return
-    items, others = node.items, what
-    if node.head == "when" and len(items) > 1:
-        yield from _uses(items[1], "read")
-        items = items[2:]
-    elif node.head in _CHANGES and len(items) > 1:
-        yield from _uses(items[1], what)
-        items, others = items[2:], "read"
+def _without_types(items: Sequence[Node]) -> Iterator[Word]:
+    """Yield the names in a typed list, such as `a` and `b` in `a b - t`."""
+    before = ""
     for item in items:
-        yield from _uses(item, others)
+        text = item.text if isinstance(item, Word) else ""
+        if isinstance(item, Word) and "-" not in (text, before):
+            yield item
+        before = text
+
+
+def _words(node: Node) -> Iterator[Word]:
+    if isinstance(node, Word):
+        yield node
+        return
+    for item in node.items:
+        yield from _words(item)

@@ -14,7 +14,7 @@ from pygls.lsp.server import LanguageServer
 from pygls.workspace import PositionCodec
 
 from serp import __version__
-from serp.authoring.language_server.completion import completions, explained, word_start
+from serp.authoring.language_server.completion import completions, explained, typed_before
 from serp.authoring.language_server.index import Index, word_at
 from serp.authoring.lint.domain_pairs import domain_beside, domain_not_found, title_of
 from serp.authoring.lint.findings import Finding, Severity, examine
@@ -108,31 +108,22 @@ class Positions:
 
     def position(self, source: Source, offset: int) -> types.Position:
         """Return the position of a character."""
-        place = Place(source, offset, offset)
-        at = types.Position(place.line - 1, place.column - 1)
-        return self._codec.position_to_client_units(_lines(source), at)
+        place = source.place(offset, offset)
+        before = place.source_line[: place.column - 1]
+        return types.Position(place.line - 1, self._codec.client_num_units(before))
 
     def offset(self, source: Source, position: types.Position) -> int:
         """Return the character at a position; the nearest one where there is none."""
-        at = self._codec.position_from_client_units(_lines(source), position)
-        return min(source.line_starts[at.line] + at.character, len(source.text))
+        line = min(position.line, len(source.line_starts) - 1)
+        within = types.Position(0, position.character)
+        at = self._codec.position_from_client_units([f"{source.line_text(line + 1)}\n"], within)
+        return min(source.line_starts[line] + at.character, len(source.text))
 
     def range(self, place: Place) -> types.Range:
         """Return where a place is."""
         return types.Range(
             self.position(place.source, place.start), self.position(place.source, place.end)
         )
-
-    def first_line(self, place: Place) -> types.Range:
-        """Return where a place is, to the end of its first line."""
-        source = place.source
-        end = source.line_starts[place.line - 1] + len(place.source_line)
-        return self.range(source.place(place.start, min(place.end, max(end, place.start))))
-
-
-@functools.lru_cache(maxsize=4)
-def _lines(source: Source) -> list[str]:
-    return [f"{source.line_text(n)}\n" for n in range(1, len(source.line_starts) + 1)]
 
 
 _START = types.Range(types.Position(0, 0), types.Position(0, 0))
@@ -147,7 +138,7 @@ def diagnostic(finding: Finding, positions: Positions) -> types.Diagnostic:
     """Return a finding; of a long place, its first line."""
     text = finding.message + (f"\n{finding.advice}" if finding.advice else "")
     return types.Diagnostic(
-        positions.first_line(finding.place) if finding.place is not None else _START,
+        positions.range(finding.place.first_line) if finding.place is not None else _START,
         text,
         severity=_SEVERITIES[finding.severity],
         code=finding.code,
@@ -280,7 +271,8 @@ def _complete(ls: PddlServer, params: types.CompletionParams) -> list[types.Comp
     if source not in index.sources:  # scenarios
         return []
     items = completions(index, source, offset)
-    word = ls.positions.range(source.place(word_start(source.text[:offset]), offset))
+    start = offset - len(typed_before(source.text[:offset]))
+    word = ls.positions.range(source.place(start, offset))
     for number, item in enumerate(items):
         item.sort_text = f"{number:04}"
         item.text_edit = types.TextEdit(word, item.label)

@@ -164,19 +164,14 @@ class FindingsPane:
 
 
 def _mark(finding: Finding) -> dict[str, Any] | None:
-    """Return how the editor underlines a place: within its first line, at least a character."""
-    place = finding.place
-    if place is None:
-        return None
-    text = place.source.text
-    line_end = place.start + len(place.source_line) - (place.column - 1)
-    end = min(max(place.end, place.start + 1), max(line_end, place.start + 1), len(text))
-    if end <= place.start:
+    """Return how the editor underlines a place, within its first line."""
+    place = finding.place and finding.place.first_line
+    if place is None or place.end <= place.start:
         return None
     return {
         "kind": "mark",
         "from": place.start,
-        "to": end,
+        "to": place.end,
         "class": f"serp-mark-{finding.severity}",
         "attributes": {"title": f"{finding.message}\n{finding.advice}".strip()},
     }

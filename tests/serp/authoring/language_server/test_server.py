@@ -137,9 +137,8 @@ async def completes_and_explains(editor):
     assert hover is not None and isinstance(hover.contents, types.MarkupContent)
     for text in (
         "métres 🤖 walked",
-        "At the start: `(= (walked) 0)`",
-        "Changed by action `go` (line 11), action `rest` (line 16)",
-        "Read by action `rest` (line 15)",
+        "`action go` (line 11), `action rest` (lines 15, 16)",
+        "`:init` (line ",
     ):
         assert text in hover.contents.value
     document = types.TextDocumentIdentifier(editor.uri("walk.pddl"))
