@@ -26,8 +26,7 @@ class Session:
     """The files that are open (`domain`, `problem`), and the state that decisions are for.
 
     `task` is the one that the file belongs to, if any; `played` the episode that was played last,
-    and `step` that of it which is shown, from 0; `owner` counts the pages, of which the last one
-    changes the session.
+    and `step` that of it which is shown, from 0.
     """
 
     def __init__(
@@ -45,23 +44,20 @@ class Session:
         )
         self.played: ShownEpisode | None = None
         self.step: int | None = None
-        self.owner = 0
         self._let_go: Callable[[], None] = lambda: None
 
-    def take_over(self, let_go: Callable[[], None]) -> int:
-        """Let go of the page that owned the session; return the number of the new owner.
+    def take_over(self, let_go: Callable[[], None]) -> None:
+        """Let go of the page that owned the session; only the last page changes it.
 
         `let_go` is called when another page takes over. Where nothing waits to be saved, the new
         page shows what other programs have written.
         """
         self._let_go()
         self._let_go = let_go
-        self.owner += 1
         with suppress(SerpError):  # a file that cannot be read is reported when it is saved
             if not self.changed and any(each.outdated for each in self.documents.values()):
                 for document in self.documents.values():
                     document.reload()
-        return self.owner
 
     # Editing -----------------------------------------------------------------------------------
 

@@ -10,15 +10,15 @@ from __future__ import annotations
 import asyncio
 import functools
 from collections import Counter
-from html import escape
 from typing import Any, Final
 
 from nicegui import ui
 
+from serp._util.templates import render
 from serp._util.text import plural
 from serp.authoring.lint.findings import Finding
 from serp.errors import SerpError
-from serp.ui.studio.pages.live import Live
+from serp.ui.studio.pages.live import Live, follow_places
 from serp.ui.studio.session import DOMAIN, Session
 from serp.ui.studio.view import Request, Version, View
 
@@ -39,7 +39,7 @@ class EditorPane:
         self._editors: dict[str, ui.codemirror] = {}
         documents = session.documents
         with ui.element("section").classes("serp-files"):
-            with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as self._tabs:
+            with ui.tabs().props("dense no-caps align=left breakpoint=0").classes("serp-tabs") as self._tabs:
                 for which, document in documents.items():
                     ui.tab(which, label=document.path.name)
             self._tabs.set_value(DOMAIN)
@@ -68,18 +68,14 @@ class EditorPane:
         """Underline places of a document."""
         self._editors[which].run_method("setDecorations", marks)
 
-    def reveal(self, which: str, line: int, column: int = 1) -> None:
-        """Put the cursor at a line and column of a document, both from 1, and show it."""
-        editor = self._editors[which]
-        self._tabs.set_value(which)
-        editor.client.run_javascript(f"{_REVEAL}({editor.id}, {line}, {column})")
-        editor.reveal_line(line)
-
     def jump(self, file: str, line: int, column: int) -> None:
-        """Show a line and column of a file, if it is open."""
+        """Put the cursor at a line and column, both from 1, of a file that is open."""
         for which, document in self._session.documents.items():
             if str(document.path) == file and line > 0:
-                self.reveal(which, line, column)
+                editor = self._editors[which]
+                self._tabs.set_value(which)
+                editor.client.run_javascript(f"{_REVEAL}({editor.id}, {line}, {column})")
+                editor.reveal_line(line)
 
     # Saving ------------------------------------------------------------------------------------
 
@@ -99,31 +95,29 @@ class FindingsPane:
     """The list of findings; each can be gone to."""
 
     def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
-        clicked = (
-            "(e) => { const b = e.target.closest('[data-finding]'); "
-            "if (b) emit(b.dataset.finding) }"
-        )
         self._session, self._editor = session, editor
         self._findings: tuple[Finding, ...] = ()
-        self._listed: list[str] | None = None
         self._underlined: dict[str, list[tuple[str, int]]] = {}
         self._summary = ui.label().classes("serp-summary").props('role="status"')
         self._list = ui.html(tag="ul").classes("serp-findings")
-        self._list.on("click", self._clicked, js_handler=clicked)
+        follow_places(self._list, editor.jump)
         live.shows(self.show)
 
     def show(self, request: Request, view: View) -> None:
         """Show what is wrong, in the text and in the list."""
         self._findings = view.findings
         asyncio.get_running_loop().call_later(0.3, self._underline, request.version)
-        listed = [finding.rendered for finding in view.findings] + [view.failure]
-        if listed == self._listed:
-            return
-        self._listed = listed
         counted = Counter(sorted(finding.severity for finding in view.findings))
         counts = ", ".join(plural(count, kind) for kind, count in counted.items())
         self._summary.set_text(view.failure or counts or "Nothing is wrong here.")
-        self._list.set_content("".join(map(self._item, range(200), view.findings)))
+        names = {which: document.path.name for which, document in self._session.documents.items()}
+        listed = render(
+            "serp.ui.studio.pages",
+            "findings.html.j2",
+            findings=view.findings[:200],
+            name_of=lambda place: names.get(self._session.document_of(place) or ""),
+        )
+        self._list.set_content(listed)
 
     def _underline(self, version: Version) -> None:
         """Underline the places of findings, unless the text has changed since.
@@ -140,27 +134,6 @@ class FindingsPane:
             if texts != self._underlined.get(which, []):
                 self._editor.underline(which, marks)
                 self._underlined[which] = texts
-
-    def _item(self, position: int, finding: Finding) -> str:
-        place, severity = finding.place, finding.severity
-        where = ""
-        if place is not None and (which := self._session.document_of(place)) is not None:
-            name = self._session.documents[which].path.name
-            where = f'<span class="serp-place">{escape(name)}:{place.line}:{place.column}</span> '
-        advice = finding.advice and f'<span class="serp-advice">{escape(finding.advice)}</span>'
-        return (
-            f'<li><button type="button" class="serp-{severity}" '
-            f'data-finding="{position}"><span class="serp-kind">{severity}</span> {where}'
-            f'{escape(finding.message)} <span class="serp-place">[{escape(finding.code)}]</span>'
-            f"{advice}</button></li>"
-        )
-
-    def _clicked(self, event: Any) -> None:
-        position = str(event.args)
-        if position.isdecimal() and int(position) < len(self._findings):
-            place = self._findings[int(position)].place
-            if place is not None:
-                self._editor.jump(place.source.name, place.line, place.column)
 
 
 def _mark(finding: Finding) -> dict[str, Any] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from nicegui import background_tasks, run, ui
 
@@ -12,6 +13,8 @@ from serp.ui.studio.session import Session
 from serp.ui.studio.view import Request, View
 
 Shown = Callable[[Request, View], None]
+Jump = Callable[[str, int, int], None]
+"""Shows a line and a column of a file."""
 
 
 class Live:
@@ -59,6 +62,18 @@ class Live:
             if view is not None and not self.closed:
                 for shown in self._shown:
                     shown(request, view)
+
+
+def follow_places(element: ui.html, jump: Jump) -> None:
+    """Let clicks in an element lead to the places of its parts, `data-place="LINE:COLUMN:FILE"`."""
+
+    def clicked(event: Any) -> None:
+        line, column, file = (*str(event.args).split(":", 2), "", "")[:3]
+        if line.isdecimal() and column.isdecimal():
+            jump(file, int(line), int(column))
+
+    clicks = "(e) => { const b = e.target.closest('[data-place]'); if (b) emit(b.dataset.place) }"
+    element.on("click", clicked, js_handler=clicks)
 
 
 def button(text: str, on_click: Callable[..., object]) -> ui.button:

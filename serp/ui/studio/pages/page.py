@@ -39,7 +39,7 @@ async def show_page(session: Session) -> None:
             ui.label("The studio is open in another tab.")
             ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
 
-    owner = session.take_over(let_go)
+    session.take_over(let_go)
     ui.add_css(_variables() + style)
     dark = ui.dark_mode()
     with ui.element("header").classes("serp-head"):
@@ -74,10 +74,10 @@ async def show_page(session: Session) -> None:
     theme.on_click(lambda: set_dark(not dark.value))
     client.on_delete(live.close)
     await client.connected()
-    if session.owner != owner:
+    if live.closed:
         return
     prefers_dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")
-    if session.owner != owner:
+    if live.closed:
         return
     set_dark(bool(prefers_dark))
     live.begin()

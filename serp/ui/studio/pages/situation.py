@@ -22,7 +22,7 @@ class StatePane:
     def __init__(self, session: Session, live: Live) -> None:
         self._session, self._live = session, live
         self._controls: tuple[Control, ...] = ()
-        self._elements: dict[str, list[Any]] = {}
+        self._elements: dict[str, Any] = {}
         with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
             self._switches = ui.element("div").classes("serp-switches")
             self._grid = ui.element("div").classes("serp-controls")
@@ -40,8 +40,9 @@ class StatePane:
         for control in self._controls:
             # What is being dragged or typed is ahead of this view.
             newest = self._session.shown.values.get(control.name, control.value)
-            for element in self._elements.get(control.name, ()):
-                element.set_value(float(newest) if control.numeric else bool(newest))
+            if control.name in self._elements:
+                value = float(newest) if control.numeric else bool(newest)
+                self._elements[control.name].set_value(value)
 
     def _build(self) -> None:
         most_fluents = 60
@@ -56,23 +57,23 @@ class StatePane:
         hidden = len(self._controls) - most_fluents
         self._more.set_text(f"… and {hidden:,} more" if hidden > 0 else "")
 
-    def _switch(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
+    def _switch(self, control: Control, changed: Callable[[Any], None]) -> ui.switch:
         switch = ui.switch(control.name, value=bool(control.value), on_change=changed)
-        return [switch.props("dense").classes("serp-switch")]
+        return switch.props("dense").classes("serp-switch")
 
-    def _slider(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
+    def _slider(self, control: Control, changed: Callable[[Any], None]) -> ui.slider:
         with ui.element("div").classes("serp-control"):
             ui.label(control.name).classes("serp-name").tooltip(control.name)
             slider = ui.slider(
                 min=control.low, max=control.high, step=control.step, value=control.value,
                 on_change=changed,
             )  # fmt: skip
-            number = ui.number(value=control.value, format="%.4g", on_change=changed)
+            number = ui.number(format="%.4g").bind_value(slider)
             for element, what in ((slider, "slider"), (number, "number")):
                 element.props("dense")
                 element.props["aria-label"] = f"{control.name}, {what}"
             number.props("borderless").classes("serp-value")
-        return [slider, number]
+        return slider
 
     def _changed(self, control: Control, event: Any) -> None:
         value = event.value
