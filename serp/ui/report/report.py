@@ -26,7 +26,7 @@ from serp.runs.summary import WINDOW, summarize
 from serp.ui.report import step_data
 from serp.ui.report.recorded_steps import chosen_steps, curve_arrays, recorded_episodes
 from serp.ui.report.scene import drawn_scenes
-from serp.ui.report.tables import CauseTable, model_errors, prevented
+from serp.ui.report.step_accounts import StepAccounts, model_errors, shown_cause
 
 with needs_extra("report", "a report of a run"):
     from markupsafe import Markup
@@ -49,11 +49,12 @@ class _Page:
             seeds = _seeds(run, recording, evaluation)
             self.scenes = drawn_scenes(run, shown, seeds, most=pictures, on_picture=advance)
         model = self.read.model
-        with bar("explaining", max(1, len(shown)), quiet=False) as advance:
-            self.causes = CauseTable(self.read.adapted or model, shown, advance)
-        self.errors = model_errors(model, shown, recording.usual_change)
         self.actions = [visible(name) for name in recording.layout.actions]
-        self.cards = prevented(shown, self.causes, self.actions)
+        with bar("explaining", max(1, len(shown)), quiet=False) as advance:
+            explained = self.read.adapted or model
+            self.accounts = StepAccounts(explained, shown, self.actions, advance)
+        self.errors = model_errors(model, shown, recording.usual_change)
+        self.cards = self.accounts.prevented(self.read.domain.sources)
         name = recording.folder.name
         self.evaluation = "" if name == RECORDING else visible(name)
 
@@ -80,7 +81,7 @@ class _Page:
             figures=self._figures(summary),
             curve={"window": WINDOW} if summary["episodes"] else None,
             evaluation=self.evaluation,
-            prevented=self._prevented(),
+            prevented=self.cards[:24],
             more_prevented=max(0, len(self.cards) - 24),
             steps=len(self.steps),
             steps_note=self._steps_note(),
@@ -105,10 +106,10 @@ class _Page:
         arrays, order = step_data.packed(
             {
                 **curve_arrays(metrics, () if self.evaluation else self.recorded),
-                **step_data.step_arrays(steps, self.errors, self.causes, scenes.drawn(steps)),
+                **step_data.step_arrays(steps, self.errors, self.accounts, scenes.drawn(steps)),
                 "card": card,
-                **step_data.decision_arrays(steps, self.actions),
-                **step_data.picture_arrays(scenes.pictures),
+                "pictures": np.frombuffer(b"".join(scenes.pictures), np.uint8),
+                "pictureAt": np.cumsum([0, *map(len, scenes.pictures)]).astype(np.uint32),
             }
         )
         vetoes = np.flatnonzero(steps.vetoed)
@@ -127,7 +128,7 @@ class _Page:
             ],
             "largeError": self.errors.limit,
             "episodes": step_data.episode_data(steps, scenes),
-            "causes": [step_data.shown_cause(cause, sources) for cause in self.causes.causes],
+            "causes": [shown_cause(cause, sources) for cause in self.accounts.causes],
             "start": start,
         }
         return meta, arrays
@@ -153,21 +154,6 @@ class _Page:
              "× the usual change of a fluent, one step ahead", False),
         ]  # fmt: skip
 
-    def _prevented(self) -> list[dict[str, Any]]:
-        """Return the cards on what vetoes prevented, with what the file says of it."""
-        words = {"reward": "a loss", "unsafe": "unsafe", "risk": "a risk"}
-        cards = []
-        for card in self.cards[:24]:
-            about = {"says": f"vetoes of {card['what']}"}
-            if card["cause"] >= 0:
-                cause = self.causes.causes[card["cause"]]
-                about |= step_data.shown_cause(cause, self.read.domain.sources)
-                by = "" if cause.origin == "action" else f" by {about['by']}"
-                what = words.get(cause.what, about["label"])
-                about["what"] = f"{card['what']}: {what}{by}"
-            cards.append(card | about)
-        return cards
-
     def _steps_note(self) -> str:
         steps, all_steps = len(self.steps), len(self.recording)
         episodes = plural(len(self.steps.episodes), "episode")
@@ -186,12 +172,11 @@ class _Page:
     def _filters(self) -> dict[str, Any]:
         """Return the filters and the episodes to choose from."""
         steps = self.steps
-        large = self.errors.largest >= self.errors.limit
         kinds = [
             ("vetoes", step_data.VETOED, "back-vetoed", steps.vetoed),
             ("no safe action", step_data.NO_SAFE, "back-unsafe", steps.no_safe),
             ("observed unsafe", step_data.UNSAFE, "back-unsafe", steps["unsafe"]),
-            ("large errors", step_data.LARGE_ERROR, "back-error", large),
+            ("large errors", step_data.LARGE_ERROR, "back-error", self.errors.large),
             ("drawn", step_data.DRAWN, "back-drawn", self.scenes.drawn(steps)),
         ]
         by = np.bincount(steps["executed_by"], minlength=len(ACTORS))

@@ -4,25 +4,16 @@ from __future__ import annotations
 
 import base64
 import gzip
-import math
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.terminal import visible
-from serp.agent.causes import Cause
-from serp.agent.decision import Reason
-from serp.agent.sentences import who_decided, why_refused
-from serp.pddl.source import Source
-from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
-from serp.runs.recording import ACTORS, REASONS
 from serp.ui.report.recorded_steps import RecordedSteps
 from serp.ui.report.scene import DrawnScenes
-from serp.ui.report.tables import CauseTable, ModelErrors
+from serp.ui.report.step_accounts import ModelErrors, StepAccounts
 
 Layout = list[tuple[str, str, int]]
 """Name, kind (`u1`, `u2`, `u4`, `f4`) and count of each array, in their order."""
@@ -55,20 +46,11 @@ def packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[str, Layout]:
 
 VETOED, UNSAFE, NO_SAFE, LARGE_ERROR, DRAWN = (1 << k for k in range(5))
 """Bits of a step; `page/replay.js` has the same."""
-_LABELS: Final = {
-    "reward": "reward",
-    "unsafe": "unsafe",
-    "risk": "risk",
-    "end": "ends the task",
-    "failed": "not applicable",
-    "conflict": "contradicts another effect",
-    "undefined": "has no value",
-}
 Arrays = dict[str, NDArray[Any]]
 
 
 def step_arrays(
-    steps: RecordedSteps, errors: ModelErrors, causes: CauseTable, drawn: NDArray[np.bool_]
+    steps: RecordedSteps, errors: ModelErrors, accounts: StepAccounts, drawn: NDArray[np.bool_]
 ) -> Arrays:
     """Return what is shown of steps, fluents `[F, N]`, alternatives `[A, N]` and causes.
 
@@ -79,7 +61,7 @@ def step_arrays(
         VETOED * steps.vetoed
         + UNSAFE * steps["unsafe"]
         + NO_SAFE * steps.no_safe
-        + LARGE_ERROR * (errors.largest >= errors.limit)
+        + LARGE_ERROR * errors.large
         + DRAWN * drawn
     )
     # 128: the model does not know the action.
@@ -103,66 +85,13 @@ def step_arrays(
         "risk": steps["path_risk"].T,
         "safe": safe.T.astype(np.uint16),
         "flags": flags.T.astype(np.uint8),
-        "causeAt": causes.at,
-        "causeAction": causes.action,
-        "cause": causes.cause,
-        "amount": causes.amount,
+        "causeAt": accounts.at,
+        "causeAction": accounts.action,
+        "cause": accounts.cause,
+        "amount": accounts.amount,
+        "sentence": accounts.sentence,
+        "sentences": np.frombuffer("\n".join(accounts.sentences).encode(), np.uint8),
     }
-
-
-def picture_arrays(pictures: list[bytes]) -> Arrays:
-    """Return the bytes of all pictures, and where each begins and ends."""
-    ends = np.cumsum([0, *map(len, pictures)]).astype(np.uint32)
-    return {"pictures": np.frombuffer(b"".join(pictures), np.uint8), "pictureAt": ends}
-
-
-def shown_cause(cause: Cause, sources: Sequence[Source]) -> dict[str, str]:
-    """Return the texts about a cause; `line` is the id of its line in the page, or empty."""
-    line, place = "", cause.place
-    if place is not None:
-        numbers = [number for number, source in enumerate(sources) if source.name == place.file]
-        line = f"f{numbers[0]}-{place.line}" if numbers else ""
-    texts = {
-        "kind": cause.what,
-        "label": _LABELS[cause.what],
-        "by": "what the run has learned" if cause.origin == "learned" else cause.schema,
-        "text": cause.text,
-        "condition": cause.condition,
-        "comment": cause.comment,
-        "place": "" if place is None else f"{Path(place.file).name}:{place.line}",
-        "line": line,
-    }
-    return {name: visible(text) for name, text in texts.items()}
-
-
-def decision_arrays(steps: RecordedSteps, actions: list[str]) -> Arrays:
-    """Return the distinct sentences about decisions, a line each, and the number of each step's.
-
-    What of the file is behind a refusal stands beside them, with its place.
-    """
-    numbers: dict[str, int] = {}
-    of_step = []
-    for step, vetoed in enumerate(steps.vetoed.tolist()):
-        reason = Reason(REASONS[steps["reason"][step]])
-        proposed, executed = int(steps["proposed"][step]), int(steps["action"][step])
-        why = ""
-        if vetoed and proposed >= 0:
-            safe = int(steps["safe_steps"][step, proposed])
-            reward = float(steps["reward"][step, proposed])
-            known = reason is Reason.UNSAFE_AHEAD and 0 <= safe < SAFE
-            why = why_refused(reason, (), reward, safe if known else None)
-        sentences = who_decided(
-            reason,
-            (actions[proposed] if proposed >= 0 else "", ACTORS[steps["proposed_by"][step]]),
-            (actions[executed], ACTORS[steps["executed_by"][step]]),
-            rho=math.nan,
-            indifferent=bool(steps["indifferent"][step]),
-            bound=Bound(int(steps["bound"][step])),
-            why=why,
-        )
-        of_step.append(numbers.setdefault(" ".join(sentences), len(numbers)))
-    text = "\n".join(numbers).encode()
-    return {"sentence": np.array(of_step, np.uint32), "sentences": np.frombuffer(text, np.uint8)}
 
 
 def episode_data(steps: RecordedSteps, scenes: DrawnScenes) -> list[dict[str, Any]]:

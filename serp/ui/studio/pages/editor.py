@@ -39,7 +39,11 @@ class EditorPane:
         self._editors: dict[str, ui.codemirror] = {}
         documents = session.documents
         with ui.element("section").classes("serp-files"):
-            with ui.tabs().props("dense no-caps align=left breakpoint=0").classes("serp-tabs") as self._tabs:
+            with (
+                ui.tabs()
+                .props("dense no-caps align=left breakpoint=0")
+                .classes("serp-tabs") as self._tabs
+            ):
                 for which, document in documents.items():
                     ui.tab(which, label=document.path.name)
             self._tabs.set_value(DOMAIN)
