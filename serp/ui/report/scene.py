@@ -37,9 +37,9 @@ class DrawnScenes:
     def drawn(self, steps: RecordedSteps) -> NDArray[np.bool_]:
         """Return which steps have a picture, `[N]`."""
         drawn = np.zeros(len(steps), np.bool_)
-        for episode, rows in zip(steps.episodes, steps.rows, strict=True):
+        for episode in steps.episodes:
             count = min(len(episode), self.frames.get(episode.number, (0, 0))[1])
-            drawn[rows.start : rows.start + count] = True
+            drawn[episode.first : episode.first + count] = True
         return drawn
 
 
@@ -55,43 +55,51 @@ def drawn_scenes(
 
     `seed_of` returns the seed of an episode, by its number from 0; None if it is not known.
     """
-    differs = (
-        "Not drawn from here: executed again with the same seed and the same actions, the "
-        "environment gives another state than the one recorded."
-    )
-    omitted = "Not drawn, to keep the file small and the wait short; --pictures draws more."
-    scenes, why, room = DrawnScenes(), omitted, 4_500_000  # bytes
-    pictures = scenes.pictures
-    rows = dict(zip((each.number for each in steps.episodes), steps.rows, strict=True))
-    try:
-        if most and seed_of is None:
-            raise RunError("the recording does not say which seed it was made with")
-        if most and seed_of is not None:
-            with run.environment("rgb_array") as task:
-                if steps["value"].shape[1] != task.actions.size:
-                    raise RunError("the recording has other actions than the environment")
-                for episode in by_interest(steps.episodes):
-                    number, first = episode.number, len(pictures)
-                    states, actions = (steps[name][rows[number]] for name in ("state", "action"))
-                    for picture in _pictures(task, seed_of(number - 1), states, actions):
-                        pictures.append(webp(picture, 320))
-                        room -= len(pictures[-1])
-                        on_picture()
-                        if len(pictures) >= most or room <= 0:
-                            break
-                    full = len(pictures) >= most or room <= 0
-                    if len(pictures) - first <= len(states):
-                        scenes.notes[number] = omitted if full else differs
-                    if len(pictures) > first:
-                        scenes.frames[number] = (first, len(pictures) - first)
-                    if full:
-                        break
-    except SerpError as error:
-        why = f"No pictures: {str(error).rstrip('.')}."
+    scenes = DrawnScenes()
+    why = "Not drawn, to keep the file small and the wait short; --pictures draws more."
+    if most:
+        try:
+            _draw(scenes, run, steps, seed_of, most, on_picture)
+        except SerpError as error:
+            why = f"No pictures: {str(error).rstrip('.')}."
     for episode in steps.episodes:
-        if episode.number not in scenes.frames:
+        if scenes.frames.get(episode.number, (0, 0))[1] <= len(episode):
             scenes.notes.setdefault(episode.number, why)
     return scenes
+
+
+def _draw(
+    scenes: DrawnScenes,
+    run: Run,
+    steps: RecordedSteps,
+    seed_of: Callable[[int], int] | None,
+    most: int,
+    on_picture: Callable[[], None],
+) -> None:
+    pictures, room = scenes.pictures, 4_500_000  # bytes
+    if seed_of is None:
+        raise RunError("the recording does not say which seed it was made with")
+    with run.environment("rgb_array") as task:
+        if steps["value"].shape[1] != task.actions.size:
+            raise RunError("the recording has other actions than the environment")
+        for episode in by_interest(steps.episodes):
+            first = len(pictures)
+            states, actions = (steps[name][episode.rows] for name in ("state", "action"))
+            for picture in _pictures(task, seed_of(episode.number - 1), states, actions):
+                pictures.append(webp(picture, 320))
+                room -= len(pictures[-1])
+                on_picture()
+                if len(pictures) >= most or room <= 0:
+                    break
+            if len(pictures) > first:
+                scenes.frames[episode.number] = (first, len(pictures) - first)
+            if len(pictures) >= most or room <= 0:
+                return
+            if len(pictures) - first <= len(states):
+                scenes.notes[episode.number] = (
+                    "Not drawn from here: executed again with the same seed and the same actions, "
+                    "the environment gives another state than the one recorded."
+                )
 
 
 def _pictures(

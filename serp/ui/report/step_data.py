@@ -66,7 +66,7 @@ def step_arrays(
     )
     # 128: the model does not know the action.
     flags = (steps["flags"] & 0xFF) | (128 * (steps["ground"] < 0))
-    ends = [rows.stop - 1 for rows in steps.rows]
+    ends = [episode.rows.stop - 1 for episode in steps.episodes]
     safe = steps["safe_steps"]
     safe = np.where(safe == SAFE, 0xFFFE, np.where(safe < 0, none, np.minimum(safe, 60_000)))
     return {
@@ -97,12 +97,12 @@ def step_arrays(
 def episode_data(steps: RecordedSteps, scenes: DrawnScenes) -> list[dict[str, Any]]:
     """Return the episodes as JSON values."""
     data = []
-    for episode, rows in zip(steps.episodes, steps.rows, strict=True):
+    for episode in steps.episodes:
         frame, frames = scenes.frames.get(episode.number, (0, 0))
         data.append(
             {
                 "number": episode.number,
-                "first": rows.start,
+                "first": episode.first,
                 "steps": len(episode),
                 "return": episode.return_,
                 "end": episode.end,
