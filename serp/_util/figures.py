@@ -83,6 +83,12 @@ def colour(name: str) -> str:
     return f"var(--{name}, {PALETTE[name][0]})"
 
 
+def page_colours() -> str:
+    """Return the palette as CSS variables of a page, which sets `color-scheme`."""
+    variables = (f"--{name}: light-dark({a}, {b});" for name, (a, b) in PALETTE.items())
+    return f":root {{ {' '.join(variables)} }}\n"
+
+
 def style_sheet() -> str:
     """Return the element that makes an SVG file dark where the reader's pages are."""
     dark = ";".join(f"--{name}:{shade}" for name, (_, shade) in PALETTE.items())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from serp._util.figures import PALETTE
+from serp._util.figures import page_colours
 from serp._util.files import write_durably
 from serp._util.terminal import bar, visible
 from serp._util.text import percent, plural, readable
@@ -93,8 +93,7 @@ def write_report(
         ("drawn", step_data.DRAWN, "back-drawn", drawn),
     ]
     scripts = ("data", "charts", "scene", "tables", "strip", "replay", "main")
-    colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
-    style = f":root {{ {colors}}}\n" + _text("style.css")
+    style = page_colours() + _text("style.css")
     script = "".join(_text(f"{name}.js") for name in scripts)
     summary, made = summarize(run.metrics, run.config), read.folder.metadata
     page = render(

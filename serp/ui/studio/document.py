@@ -51,11 +51,6 @@ class Document:
         """Whether the text differs from what was read or last written."""
         return self.text != self.saved
 
-    @property
-    def outdated(self) -> bool:
-        """Whether the file on the disk is not the one that was read or last written."""
-        return self._on_disk() != self._known
-
     def _on_disk(self) -> bytes | None:
         if not self.target.exists():
             return None

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from serp.errors import EnvironmentFailure, MissingExtra, TaskError, needs_extra
 from serp.model.domain import Domain
-from serp.pddl.source import DomainError
+from serp.pddl.source import DomainError, Source
 from serp.planning.replanner import MonitorReplanner
 from serp.tasks.file_world import file_task
 from serp.tasks.task import BoundTask, Task
@@ -59,7 +59,9 @@ def play(
 
     Without a task it is played in the file's own world.
     """
-    domain = Domain.parse(*version.sources(), observed=task is not None and not task.closed)
+    domain = Domain.parse(
+        *(Source(*file) for file in version), observed=task is not None and not task.closed
+    )
     note = ""
     if task is not None:
         bound, note = _drawable(dataclasses.replace(task, domain=domain, problem=None))

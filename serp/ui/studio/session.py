@@ -54,10 +54,9 @@ class Session:
         """
         self._let_go()
         self._let_go = let_go
-        with suppress(SerpError):  # a file that cannot be read is reported when it is saved
-            if not self.changed and any(each.outdated for each in self.documents.values()):
-                for document in self.documents.values():
-                    document.reload()
+        for document in () if self.changed else self.documents.values():
+            with suppress(SerpError):  # a file that cannot be read is reported when it is saved
+                document.reload()
 
     # Editing -----------------------------------------------------------------------------------
 
@@ -74,8 +73,7 @@ class Session:
     @property
     def version(self) -> Version:
         """The texts as they are edited."""
-        domain, *problem = ((str(each.path), each.text) for each in self.documents.values())
-        return Version(domain, problem[0] if problem else None)
+        return tuple((str(each.path), each.text) for each in self.documents.values())
 
     @property
     def changed(self) -> bool:

@@ -7,7 +7,6 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,17 +27,8 @@ from serp.ui.pictures.plan_picture import plan_svg
 
 Ranges = Mapping[str, tuple[float, float]]
 """Fluent → the least and greatest value that was observed."""
-
-
-class Version(NamedTuple):
-    """Name of the file and text of a domain, and of its problem."""
-
-    domain: tuple[str, str]
-    problem: tuple[str, str] | None
-
-    def sources(self) -> tuple[Source, Source | None]:
-        """Return the domain and the problem as sources."""
-        return Source(*self.domain), None if self.problem is None else Source(*self.problem)
+Version = tuple[tuple[str, str], ...]
+"""Name of the file and text of a domain, and of its problem if there is one."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +55,8 @@ def read(
     version: Version, surroundings: Surroundings
 ) -> tuple[tuple[Finding, ...], MonitorReplanner | None]:
     """Return what is wrong in a version, and its planner; None where an error leaves no model."""
-    examined = examine(*version.sources())
-    findings = tuple(examined.findings)
-    domain = examined.domain
+    examined = examine(*(Source(*file) for file in version))
+    findings, domain = tuple(examined.findings), examined.domain
     if domain is None:
         return findings, None
     if surroundings.observed:
@@ -155,7 +144,7 @@ class ShownDecision:
     shown: list[Alternative]
     verdict: str
     graph: str
-    controls: tuple[Control, ...]
+    controls: list[Control]
 
 
 @dataclass(frozen=True)
@@ -211,7 +200,7 @@ def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecis
     shown = best_of(account, 60)
     for each in shown:
         each.as_dict()  # traced now, in this thread
-    settable = tuple(controls(model, state, seen))
+    settable = controls(model, state, seen)
     return ShownDecision(account, shown, _verdict(plan, account), plan_svg(plan, planner), settable)
 
 

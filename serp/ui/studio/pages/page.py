@@ -6,7 +6,7 @@ from pathlib import Path
 
 from nicegui import ui
 
-from serp._util.figures import PALETTE
+from serp._util.figures import page_colours
 from serp.ui.studio.document import Document
 from serp.ui.studio.pages.decision import DecisionPane
 from serp.ui.studio.pages.editor import EditorPane, FindingsPane
@@ -14,14 +14,6 @@ from serp.ui.studio.pages.live import Live
 from serp.ui.studio.pages.situation import ScenePane
 from serp.ui.studio.session import Session
 from serp.ui.studio.view import Request, View
-
-_COLOURS = {
-    **PALETTE,
-    "paper": ("#f6f7f9", "#0f1216"),
-    "warn": ("#8a5a00", "#e3b341"),
-    "glow": ("#e8f0fa", "#1f2c3d"),
-}
-"""Name → colour on light and on dark."""
 
 
 async def show_page(session: Session) -> None:
@@ -40,7 +32,7 @@ async def show_page(session: Session) -> None:
             ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
 
     session.take_over(let_go)
-    ui.add_css(_variables() + style)
+    ui.add_css(page_colours() + style)
     dark = ui.dark_mode()
     with ui.element("header").classes("serp-head"):
         ui.label("serp studio").classes("serp-brand")
@@ -90,11 +82,3 @@ def _described(document: Document) -> str:
     if document.elsewhere:
         name += f" (to be saved as {document.target.name} in the working folder)"
     return name
-
-
-def _variables() -> str:
-    """Return the colours as CSS variables, light and dark."""
-    return "".join(
-        f"{where} {{{''.join(f'--{name}: {both[k]};' for name, both in _COLOURS.items())}}}\n"
-        for k, where in enumerate((":root", ".body--dark"))
-    )

@@ -21,7 +21,7 @@ class StatePane:
 
     def __init__(self, session: Session, live: Live) -> None:
         self._session, self._live = session, live
-        self._controls: tuple[Control, ...] = ()
+        self._controls: list[Control] = []
         self._elements: dict[str, Any] = {}
         with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
             self._switches = ui.element("div").classes("serp-switches")
