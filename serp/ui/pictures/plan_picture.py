@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Final
@@ -80,20 +80,15 @@ class Branch:
             yield from child.behind()
 
 
-def lay_out(
-    graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str], rows: int = MAX_ROWS
-) -> Branch:
+def lay_out(graph: nx.MultiDiGraph, weight: float, rows: int = MAX_ROWS) -> Branch:
     """Choose the edges of a planning graph to show, and place them; return the root, no edge.
 
-    `weight` is the discount per edge; `labels` are those of the edges out of the root; `rows` are
-    to be filled.
+    `weight` is the discount per edge; `rows` are to be filled.
     """
     for keep in (12, 8, 5, 4, 3, 2, 1):
         root, fits = _select(graph, weight, keep, rows)
         if fits:
             break
-    for branch in root.children:
-        branch.label = labels[branch.action] + (f" ({branch.harm})" if branch.harm else "")
     _place(root, 0.0)
     return root
 
@@ -151,17 +146,19 @@ def _fan(graph: nx.MultiDiGraph, parent: Branch, weight: float, keep: int) -> li
         harms = data["unsafe"], data["risky"], goal["safe_steps"] is not None
         harm = next((harm for harm, holds in zip(DASHES, harms, strict=True) if holds), "")
         about = f"{percent(data['risk'])} risk" if data["risky"] else harm
+        total = so_far + scale * weight * goal["value"]
+        worth = "" if layer else f": {readable(total)}"
         fan.append(
             Branch(
                 source=parent.target,
                 target=target,
                 layer=layer,
                 action=action,
-                label=short(data["action"]) + (f" ({about})" if about else ""),
+                label=short(data["action"]) + worth + (f" ({about})" if about else ""),
                 chosen=data["chosen"],
                 harm=harm,
                 so_far=so_far,
-                total=so_far + scale * weight * goal["value"],
+                total=total,
                 end="ended" if goal["ended"] else "leaf",
             )
         )
@@ -183,14 +180,9 @@ def _place(parent: Branch, rows: float) -> float:
 class _GraphDrawing:
     """The planning graph of a decision as SVG elements: `lines`, `width` and `height` in pixels."""
 
-    def __init__(self, plan: Plan, planner: MonitorReplanner, rows: int) -> None:
+    def __init__(self, plan: Plan, planner: MonitorReplanner) -> None:
         self._plan, self._planner = plan, planner
-        labels = {
-            k: f"{short(action.name)}: {readable(float(plan.forecast.value[k]))}"
-            for k, action in enumerate(planner.model.actions)
-            if plan.forecast.applicable[k]
-        }
-        root = lay_out(plan.graph, planner.settings.discount, labels, rows)
+        root = lay_out(plan.graph, planner.settings.discount)
         branches = [*root.behind()]
         self.edges = f"{len(branches):,} of {plan.graph.number_of_edges():,} edges are drawn"
         self._columns = [_MARGIN]
@@ -237,20 +229,20 @@ class _GraphDrawing:
         return "\n".join([f"{edge['action']}: {worth}", *filter(None, about), *changes[:24]])
 
 
-def plan_svg(plan: Plan, planner: MonitorReplanner, *, rows: int = MAX_ROWS) -> str:
+def plan_svg(plan: Plan, planner: MonitorReplanner) -> str:
     """Return the planning graph of a decision as an `svg` element for a page.
 
     Its colours are the page's CSS variables of the names in `serp._util.figures.PALETTE`, or else
     the light ones. Names of the file are escaped.
     """
-    drawing = _GraphDrawing(plan, planner, rows)
+    drawing = _GraphDrawing(plan, planner)
     lines = [f"<desc>{drawing.edges}</desc>", *drawing.lines]
     return _svg(drawing.width, drawing.height, lines, "Planning graph")
 
 
 def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning graph") -> bytes:
     """Return the picture of a decision as an SVG file; equal decisions give equal bytes."""
-    drawing = _GraphDrawing(plan, planner, MAX_ROWS)
+    drawing = _GraphDrawing(plan, planner)
     width, height = max(560.0, drawing.width), drawing.height + _LINE
     signs = "; ".join(f"{sign} {meaning}" for sign, meaning in _ENDS.values())
     kind = f"The number beside a first action is its {kind_of_return(plan.bound.partial)}."
