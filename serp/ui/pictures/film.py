@@ -16,6 +16,7 @@ from serp._util.figures import ACTORS, REFUSED
 from serp._util.files import replaced_durably
 from serp.agent.agent import Agent
 from serp.agent.decision import Actor
+from serp.agent.sentences import signed
 from serp.agent.step_record import StepRecord
 from serp.errors import RunError, TaskError
 from serp.model.flags import RISKY, UNSAFE
@@ -58,15 +59,14 @@ class Mark(NamedTuple):
 class Caption(NamedTuple):
     """The content of a caption; without an actor before the first decision.
 
-    If there is little room, the first ones of the `facts` (episode, step, return) are left out.
-    `outcome` is how the episode ended; empty while it runs, or if the environment does not say.
+    If there is little room, the first ones of the `facts` (episode, step, return and, at its end,
+    how the episode ended) are left out.
     """
 
     actor: Actor | None
     action: str
     facts: tuple[str, ...]
     marks: tuple[Mark, ...] = ()
-    outcome: str = ""
 
 
 class Frame(NamedTuple):
@@ -102,16 +102,15 @@ def film(
             if new := marks_of(agent, step):
                 marks, hold = new, HOLD
             decision, pictures = step.decision, camera.take()
-            return_ = f"{step.episode.return_ + 0.0:+.2f}".replace("-", "−")
-            facts = (number, f"step {step.number}", f"return {return_}")
+            facts = [number, f"step {step.number}", f"return {signed(step.episode.return_)}"]
             name = agent.task.actions.name(decision.action)
             for k, picture in enumerate(pictures, 1):
-                seconds = camera.period(len(pictures))
-                caption = Caption(decision.executed_by, name, facts, marks if hold > 0.0 else ())
+                seconds, shown = camera.period(len(pictures)), marks if hold > 0.0 else ()
                 if step.last and k == len(pictures):
                     seconds = max(seconds + END, hold)
-                    caption = caption._replace(outcome=outcome_of(step.info))
+                    facts += filter(None, [outcome_of(step.info)])
                 hold -= seconds
+                caption = Caption(decision.executed_by, name, tuple(facts), shown)
                 yield draw.frame(picture, seconds, caption)
             if step.last and on_episode is not None:
                 on_episode(episode.number, step)
@@ -158,16 +157,14 @@ class _FrameDrawing:
     def _draw(self, draw: ImageDraw.ImageDraw, caption: Caption, bottom: int) -> None:
         (width, top), pad, line = self._size, self._pad, self._line
         middle, left, actor = top + line // 2, pad, caption.actor
-        labels = [(caption.outcome.upper(), _INK, _BACKGROUND)]
         if actor is not None:
-            ink = _BACKGROUND if actor in (Actor.LEARNER, Actor.FALLBACK) else _INK
-            labels.insert(0, (actor.value.upper(), ACTORS[actor], ink))
-        for word, colour, ink in labels:
-            if word := _cut(self._bold, word, width // 3):
-                end = left + round(self._bold.getlength(word)) + 2 * pad
-                draw.rectangle((left, top + pad, end, top + line - 2), fill=colour)
-                draw.text((left + pad, middle), word, fill=ink, font=self._bold, anchor="lm")
-                left = end + pad
+            word, ink = actor.value.upper(), _INK
+            if actor in (Actor.LEARNER, Actor.FALLBACK):
+                ink = _BACKGROUND
+            end = left + round(self._bold.getlength(word)) + 2 * pad
+            draw.rectangle((left, top + pad, end, top + line - 2), fill=ACTORS[actor])
+            draw.text((left + pad, middle), word, fill=ink, font=self._bold, anchor="lm")
+            left = end + pad
         # If there is little room, the action comes before the facts.
         action, right = _cut(self._bold, caption.action, width - pad - left), width - pad
         draw.text((left, middle), action, fill=_INK, font=self._bold, anchor="lm")

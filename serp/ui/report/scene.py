@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp.errors import RunError, SerpError, needs_extra
 from serp.runs.run import Run
-from serp.tasks.task import BoundTask
-from serp.ui.report.recorded_steps import RecordedSteps, by_interest
+from serp.ui.report.recorded_steps import RecordedEpisode, RecordedSteps, by_interest
 
 with needs_extra("report", "a report of a run"):
     from serp.ui.pictures.camera import Camera, webp
@@ -55,62 +53,51 @@ def drawn_scenes(
 
     `seed_of` returns the seed of an episode, by its number from 0; None if it is not known.
     """
-    scenes = DrawnScenes()
+    scenes, room = DrawnScenes(), 4_500_000  # bytes
     why = "Not drawn, to keep the file small and the wait short; --pictures draws more."
-    if most:
-        try:
-            _draw(scenes, run, steps, seed_of, most, on_picture)
-        except SerpError as error:
-            why = f"No pictures: {str(error).rstrip('.')}."
+    try:
+        for episode, picture in _pictures(run, steps, seed_of) if most else ():
+            if picture is None:
+                scenes.notes[episode.number] = (
+                    "Not drawn from here: executed again with the same seed and the same actions, "
+                    "the environment gives another state than the one recorded."
+                )
+                continue
+            first, count = scenes.frames.get(episode.number, (len(scenes.pictures), 0))
+            scenes.frames[episode.number] = (first, count + 1)
+            scenes.pictures.append(webp(picture, 320))
+            room -= len(scenes.pictures[-1])
+            on_picture()
+            if len(scenes.pictures) >= most or room <= 0:
+                break
+    except SerpError as error:
+        why = f"No pictures: {str(error).rstrip('.')}."
     for episode in steps.episodes:
         if scenes.frames.get(episode.number, (0, 0))[1] <= len(episode):
             scenes.notes.setdefault(episode.number, why)
     return scenes
 
 
-def _draw(
-    scenes: DrawnScenes,
-    run: Run,
-    steps: RecordedSteps,
-    seed_of: Callable[[int], int] | None,
-    most: int,
-    on_picture: Callable[[], None],
-) -> None:
-    pictures, room = scenes.pictures, 4_500_000  # bytes
+def _pictures(
+    run: Run, steps: RecordedSteps, seed_of: Callable[[int], int] | None
+) -> Iterator[tuple[RecordedEpisode, NDArray[np.uint8] | None]]:
+    """Yield a picture of each state of each episode and one of its end.
+
+    None stands for the rest of an episode from a state on that is not as recorded.
+    """
     if seed_of is None:
         raise RunError("the recording does not say which seed it was made with")
     with run.environment("rgb_array") as task:
         if steps["value"].shape[1] != task.actions.size:
             raise RunError("the recording has other actions than the environment")
         for episode in by_interest(steps.episodes):
-            first = len(pictures)
             states, actions = (steps[name][episode.rows] for name in ("state", "action"))
-            for picture in _pictures(task, seed_of(episode.number - 1), states, actions):
-                pictures.append(webp(picture, 320))
-                room -= len(pictures[-1])
-                on_picture()
-                if len(pictures) >= most or room <= 0:
+            camera, (observation, info) = Camera(task), task.reset(seed_of(episode.number - 1))
+            for state, action in zip(states, actions.tolist(), strict=True):
+                if not np.array_equal(task.ground(observation, info, task.env), state):
+                    yield episode, None
                     break
-            if len(pictures) > first:
-                scenes.frames[episode.number] = (first, len(pictures) - first)
-            if len(pictures) >= most or room <= 0:
-                return
-            if len(pictures) - first <= len(states):
-                scenes.notes[episode.number] = (
-                    "Not drawn from here: executed again with the same seed and the same actions, "
-                    "the environment gives another state than the one recorded."
-                )
-
-
-def _pictures(
-    task: BoundTask, seed: int, states: NDArray[Any], actions: NDArray[Any]
-) -> Iterator[NDArray[np.uint8]]:
-    """Yield a picture of each state and one of the end, up to a state that is not as recorded."""
-    camera = Camera(task)
-    observation, info = task.reset(seed)
-    for state, action in zip(states, actions.tolist(), strict=True):
-        if not np.array_equal(task.ground(observation, info, task.env), state):
-            return
-        yield camera.take()[-1]
-        observation, _, _, _, info = task.step(action)
-    yield camera.take()[-1]
+                yield episode, camera.take()[-1]
+                observation, _, _, _, info = task.step(action)
+            else:
+                yield episode, camera.take()[-1]
