@@ -162,7 +162,7 @@ class _FrameDrawing:
             if actor in (Actor.LEARNER, Actor.FALLBACK):
                 ink = _BACKGROUND
             end = left + round(self._bold.getlength(word)) + 2 * pad
-            draw.rectangle((left, top + pad, end, top + line - 2), fill=ACTORS[actor])
+            draw.rectangle((left, top + pad // 2, end, top + line - pad // 2), fill=ACTORS[actor])
             draw.text((left + pad, middle), word, fill=ink, font=self._bold, anchor="lm")
             left = end + pad
         # If there is little room, the action comes before the facts.

@@ -146,7 +146,8 @@ def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[
     known = min(len(ended), len(numbers))
     numbers[:known] = [each.number for each in ended[:known]]
     steps, returns = metrics["env_steps"], metrics["return"]
-    drawn, points = _spread(len(returns), 3_000), _spread(len(returns), 600)
+    count = len(returns)
+    drawn = np.unique(np.linspace(0, max(0, count - 1), min(count, 2_000)).astype(np.int64))
     mean, (low, high) = moving_mean(returns), moving_interval(returns)
     at, shares = binned_shares(metrics)
     return {
@@ -154,16 +155,10 @@ def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[
         "curveReturns": returns[drawn],
         "curveNumbers": metrics["episode"][drawn].astype(np.uint32),
         "curveEpisodes": numbers[drawn],
-        "meanAt": steps[points],
-        "mean": mean[points],
-        "meanLow": low[points],
-        "meanHigh": high[points],
-        "rho": np.nan_to_num(metrics["rho"])[points],
+        "mean": mean[drawn],
+        "meanLow": low[drawn],
+        "meanHigh": high[drawn],
+        "rho": np.nan_to_num(metrics["rho"])[drawn],
         "shareAt": at,
         "shares": np.array(list(shares.values())),
     }
-
-
-def _spread(count: int, most: int) -> NDArray[np.int64]:
-    """Return evenly spread positions, the first and the last among them."""
-    return np.unique(np.linspace(0, max(0, count - 1), min(count, most)).astype(np.int64))

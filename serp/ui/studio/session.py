@@ -86,16 +86,8 @@ class Session:
         Domain and problem move into the working folder together: commands look for the problem
         beside the domain.
         """
-        domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
-        beside = problem_beside(domain.path).resolve()
-        moving = domain.changed or (
-            problem is not None and (problem.changed or problem.path.resolve() != beside)
-        )
-        return [
-            document.save()
-            for document in self.documents.values()
-            if document.changed or (moving and document.elsewhere)
-        ]
+        documents = self.documents.values() if self.changed else ()
+        return [each.save() for each in documents if each.changed or each.elsewhere]
 
     # The state ---------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 // The data of the report: JSON, and arrays that are packed as gzip in base64.
 "use strict";
 
-let meta, curves;
+let meta;
 const byId = (id) => document.getElementById(id);
 
 async function unpacked(base64) {

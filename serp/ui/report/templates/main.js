@@ -58,8 +58,7 @@ meta = JSON.parse(byId("meta").textContent);
 meta.episodes.forEach((episode, index) => { episode.index = index; });
 connectPage();
 const packed = await unpacked(byId("arrays").textContent);
-const arrays = arraysOf(packed, meta.layout);
-[curves, steps] = [arrays, arrays];
+arrays = arraysOf(packed, meta.layout);
 sentences = new TextDecoder().decode(arrays.sentences).split("\n");
 if (total()) {
   const pick = (step) => { play(false); show(step); };
@@ -68,9 +67,7 @@ if (total()) {
     meta.fluents.length, fillFluent);
   alternatives = new RowTable(byId("alternatives"), ["name", "n", "n", "n", "n", "remark"], 27,
     meta.actions.length, fillAlternative);
-  if (arrays.pictureAt.length > 1) {
-    scene = new Scene(byId("scene"), arrays.pictures, arrays.pictureAt);
-  }
+  if (arrays.pictureAt.length > 1) scene = new Scene(byId("scene"), arrays.pictures, arrays.pictureAt);
   byId("after").parentElement.hidden = !scene;
   now = Math.min(meta.start, total() - 1);
   connectSteps();
