@@ -59,8 +59,7 @@ class Mark(NamedTuple):
 class Caption(NamedTuple):
     """The content of a caption; without an actor before the first decision.
 
-    If there is little room, the first ones of the `facts` (episode, step, return and, at its end,
-    how the episode ended) are left out.
+    The `facts` are episode, step, return and, at its end, how the episode ended.
     """
 
     actor: Actor | None
@@ -144,53 +143,33 @@ class _FrameDrawing:
         if not self._size[0]:
             self._size = (_even(image.width), _even(image.height))
             letters = min(max(self._size[0] // 44, 12), 26)
-            fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-            self._plain = ImageFont.truetype(fonts / "DejaVuSans.ttf", letters)
-            self._bold = ImageFont.truetype(fonts / "DejaVuSans-Bold.ttf", letters)
+            font = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans-Bold.ttf"
+            self._font = ImageFont.truetype(font, letters)
             self._pad, self._line = letters // 2, 2 * letters
         width, height = self._size
-        frame = Image.new("RGB", (width, height + _even(3 * self._line)), _BACKGROUND)
+        frame = Image.new("RGB", (width, height + _even(4 * self._line)), _BACKGROUND)
         frame.paste(image.resize(self._size, Image.Resampling.HAMMING))
-        self._draw(ImageDraw.Draw(frame), caption, frame.height)
+        self._draw(ImageDraw.Draw(frame), caption, frame.size)
         return Frame(frame, seconds, caption)
 
-    def _draw(self, draw: ImageDraw.ImageDraw, caption: Caption, bottom: int) -> None:
-        (width, top), pad, line = self._size, self._pad, self._line
-        middle, left, actor = top + line // 2, pad, caption.actor
+    def _draw(self, draw: ImageDraw.ImageDraw, caption: Caption, size: tuple[int, int]) -> None:
+        (_, top), pad, line, actor = self._size, self._pad, self._line, caption.actor
+        rows, left = [(caption.action, _INK), ("   ".join(caption.facts), _FAINT)], 2 * pad
+        if caption.marks:
+            draw.rectangle((0, top + 2 * line, *size), fill=REFUSED)
+            # A single reason has a line of its own.
+            several = len(caption.marks) > 1
+            texts = map("   ".join, caption.marks[:2]) if several else caption.marks[0]
+            rows += [(text, _INK) for text in texts]
         if actor is not None:
-            word, ink = actor.value.upper(), _INK
-            if actor in (Actor.LEARNER, Actor.FALLBACK):
-                ink = _BACKGROUND
-            end = left + round(self._bold.getlength(word)) + 2 * pad
-            draw.rectangle((left, top + pad // 2, end, top + line - pad // 2), fill=ACTORS[actor])
-            draw.text((left + pad, middle), word, fill=ink, font=self._bold, anchor="lm")
+            word, dark = actor.value.upper(), actor in (Actor.LEARNER, Actor.FALLBACK)
+            ink, end = _BACKGROUND if dark else _INK, 3 * pad + round(self._font.getlength(word))
+            draw.rectangle((pad, top + pad // 2, end, top + line - pad // 2), fill=ACTORS[actor])
+            draw.text((2 * pad, top + line // 2), word, fill=ink, font=self._font, anchor="lm")
             left = end + pad
-        # If there is little room, the action comes before the facts.
-        action, right = _cut(self._bold, caption.action, width - pad - left), width - pad
-        draw.text((left, middle), action, fill=_INK, font=self._bold, anchor="lm")
-        room, facts = right - left - self._bold.getlength(action) - 2 * pad, caption.facts
-        while facts and self._plain.getlength("   ".join(facts)) > room:
-            facts = facts[1:]
-        text = "   ".join(facts)
-        draw.text((right, middle), text, fill=_FAINT, font=self._plain, anchor="rm")
-        if not caption.marks:
-            return
-        draw.rectangle((0, top + line, width, bottom), fill=REFUSED)
-        # A single reason has a line of its own.
-        lines = [f"{mark.what}   {mark.why}" for mark in caption.marks[:2]]
-        lines = [*caption.marks[0]] if len(lines) == 1 else lines
-        for number, text in enumerate(lines, 1):
-            shown, at = _cut(self._bold, text, width - 2 * pad), middle + number * line
-            draw.text((pad, at), shown, fill=_INK, font=self._bold, anchor="lm")
-
-
-def _cut(font: ImageFont.FreeTypeFont, text: str, room: float) -> str:
-    """Return a text, cut to the available width."""
-    if font.getlength(text) <= room:
-        return text
-    while text and font.getlength(text + "…") > room:
-        text = text[:-1]
-    return text and text + "…"
+        for number, (text, ink) in enumerate(rows):
+            at = (2 * pad if number else left, top + line // 2 + number * line)
+            draw.text(at, text, fill=ink, font=self._font, anchor="lm")
 
 
 def _even(length: float) -> int:

@@ -7,7 +7,6 @@ behind the best edge that reaches it. Of a large graph the best part is drawn.
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -99,41 +98,32 @@ def short(name: str) -> str:
 
 
 def _select(graph: nx.MultiDiGraph, weight: float, keep: int, most: int) -> tuple[Branch, bool]:
-    """Choose edges: the best path with its siblings, then layer by layer the best others.
+    """Choose edges, layer by layer: those out of the best path, and the best others.
 
     Up to `keep` edges are shown out of a state that is not on the best path. Returns the root and
     whether all of that fitted into `most` rows.
     """
     root = Branch(0, 0, -1, -1, "", True, "", 0.0, 0.0, "fork")
-    rows, fits, forked = 1, True, set()
-
-    def unfold(branch: Branch, kept: int, most: float) -> bool:
-        nonlocal rows
-        fan = _fan(graph, branch, weight, kept)
-        if rows + len(fan) - 1 > most:
-            return False
-        branch.end, branch.children, rows = "fork", fan, rows + len(fan) - 1
-        forked.add(branch.target)
-        return True
-
-    path = [root]
-    for branch in path:
-        if graph.out_degree(branch.target):
-            unfold(branch, max(keep, 3) if branch is not root else 12, math.inf)
-            path += [child for child in branch.children if child.chosen]
-    layer = [*root.children]
+    rows, fits, forked, layer = 1, True, set[int](), [root]
     while layer:
         for branch in sorted(layer, key=lambda branch: branch.rank):
-            if branch.children or not graph.out_degree(branch.target):
+            if not graph.out_degree(branch.target):
                 continue
             if branch.target in forked:
                 branch.end = "elsewhere"
-            elif branch.harm and branch.harm != "unsafe later":
+                continue
+            if branch.harm not in ("", "unsafe later") and not branch.chosen:
                 branch.end = "collapsed"
-            elif not unfold(branch, keep, most):
+                continue
+            kept = 12 if branch is root else max(keep, 3) if branch.chosen else keep
+            fan = _fan(graph, branch, weight, kept)
+            if branch.chosen or rows + len(fan) - 1 <= most:
+                branch.end, branch.children, rows = "fork", fan, rows + len(fan) - 1
+                forked.add(branch.target)
+            else:
                 branch.end, fits = "collapsed", False
         layer = [child for branch in layer for child in branch.children]
-    return root, fits
+    return root, fits and rows <= most
 
 
 def _fan(graph: nx.MultiDiGraph, parent: Branch, weight: float, keep: int) -> list[Branch]:

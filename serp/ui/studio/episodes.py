@@ -70,7 +70,7 @@ def play(
         )
     else:
         bound = file_task(domain, dt=surroundings.dt).bind()
-    pictures, steps = task is not None and not note, []
+    pictures, steps = task is not None and not note, list[EpisodeStep]()
     with bound:
         planner = dataclasses.replace(surroundings, dt=bound.model.dt).planner_of(bound.domain)
         for state, plan, over in itertools.islice(rolled_out(bound, planner, seed), 101):
