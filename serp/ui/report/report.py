@@ -59,11 +59,10 @@ def write_report(
     card = np.zeros(len(shown), np.uint16)
     for number, each in enumerate(cards, 1):
         card[each["steps"]] = number
-    drawn = scenes.drawn(shown)
     arrays, order = step_data.packed(
         {
             **curve_arrays(run.metrics, episodes if evaluation is None else ()),
-            **step_data.step_arrays(shown, errors, accounts, drawn),
+            **step_data.step_arrays(shown, errors, accounts),
             "card": card,
             "pictures": np.frombuffer(b"".join(scenes.pictures), np.uint8),
             "pictureAt": np.cumsum([0, *map(len, scenes.pictures)]).astype(np.uint32),
@@ -90,7 +89,6 @@ def write_report(
         ("no safe action", step_data.NO_SAFE, "back-unsafe", shown.no_safe),
         ("observed unsafe", step_data.UNSAFE, "back-unsafe", shown["unsafe"]),
         ("large errors", step_data.LARGE_ERROR, "back-error", errors.large),
-        ("drawn", step_data.DRAWN, "back-drawn", drawn),
     ]
     scripts = ("data", "charts", "scene", "tables", "strip", "replay", "main")
     style = page_colours() + _text("style.css")

@@ -32,14 +32,6 @@ class DrawnScenes:
     frames: dict[int, tuple[int, int]] = field(default_factory=dict)
     notes: dict[int, str] = field(default_factory=dict)
 
-    def drawn(self, steps: RecordedSteps) -> NDArray[np.bool_]:
-        """Return which steps have a picture, `[N]`."""
-        drawn = np.zeros(len(steps), np.bool_)
-        for episode in steps.episodes:
-            count = min(len(episode), self.frames.get(episode.number, (0, 0))[1])
-            drawn[episode.first : episode.first + count] = True
-        return drawn
-
 
 def drawn_scenes(
     run: Run,

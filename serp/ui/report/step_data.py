@@ -44,25 +44,20 @@ def packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[str, Layout]:
     return base64.b64encode(gzip.compress(b"".join(parts), 6, mtime=0)).decode("ascii"), layout
 
 
-VETOED, UNSAFE, NO_SAFE, LARGE_ERROR, DRAWN = (1 << k for k in range(5))
-"""Bits of a step; `page/replay.js` has the same."""
-Arrays = dict[str, NDArray[Any]]
+VETOED, UNSAFE, NO_SAFE, LARGE_ERROR = (1 << k for k in range(4))
+"""Bits of a step; `templates/replay.js` has the same."""
 
 
 def step_arrays(
-    steps: RecordedSteps, errors: ModelErrors, accounts: StepAccounts, drawn: NDArray[np.bool_]
-) -> Arrays:
-    """Return what is shown of steps, fluents `[F, N]`, alternatives `[A, N]` and causes.
-
-    `drawn` `[N]` is whether steps have a picture.
-    """
+    steps: RecordedSteps, errors: ModelErrors, accounts: StepAccounts
+) -> dict[str, NDArray[Any]]:
+    """Return what is shown of steps, fluents `[F, N]`, alternatives `[A, N]` and causes."""
     none = 0xFFFF
     bits = (
         VETOED * steps.vetoed
         + UNSAFE * steps["unsafe"]
         + NO_SAFE * steps.no_safe
         + LARGE_ERROR * errors.large
-        + DRAWN * drawn
     )
     # 128: the model does not know the action.
     flags = (steps["flags"] & 0xFF) | (128 * (steps["ground"] < 0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from serp.errors import SerpError
@@ -17,16 +18,18 @@ from serp.tasks.registry import find_domain_file, load_task, task_entries, task_
 from serp.tasks.task import Task
 from serp.ui.studio.document import Document
 from serp.ui.studio.episodes import ShownEpisode
-from serp.ui.studio.view import Request, ShownState, Surroundings, Version
+from serp.ui.studio.view import Surroundings, Values, Version, View, view_of
 
 DOMAIN, PROBLEM = "domain", "problem"
+_INITIAL = "the initial state of the problem"
 
 
 class Session:
     """The files that are open (`domain`, `problem`), and the state that decisions are for.
 
-    `task` is the one that the file belongs to, if any; `played` the episode that was played last,
-    and `step` that of it which is shown, from 0.
+    `values` is the state, `origin` where it comes from, for people. `task` is the one that the file
+    belongs to, if any; `played` the episode that was played last, and `step` that of it which is
+    shown, from 0.
     """
 
     def __init__(
@@ -39,9 +42,8 @@ class Session:
         self.documents = {DOMAIN: domain} | ({} if problem is None else {PROBLEM: problem})
         self.surroundings = surroundings
         self.task = task
-        self.shown = ShownState(
-            {}, "all fluents 0 or false" if problem is None else "the initial state of the problem"
-        )
+        self.values: Values = {}
+        self.origin = "all fluents 0 or false" if problem is None else _INITIAL
         self.played: ShownEpisode | None = None
         self.step: int | None = None
         self._let_go: Callable[[], None] = lambda: None
@@ -91,32 +93,35 @@ class Session:
 
     # The state ---------------------------------------------------------------------------------
 
-    def request(self) -> Request:
-        """Return what the view of this moment is asked of."""
+    def asked(self) -> Callable[[], View]:
+        """Return what makes the view of this moment; what is edited meanwhile does not change it.
+
+        It may run in a thread.
+        """
         seen = {} if self.played is None else self.played.ranges()
-        return Request(self.version, self.surroundings, self.shown, seen, self.task)
+        return partial(view_of, self.version, self.surroundings, self.values, seen, self.task)
 
     def set_fluent(self, name: str, value: float | bool) -> None:
         """Change one fluent of the state."""
-        self.shown = ShownState({**self.shown.values, name: value}, self.shown.origin)
+        self.values = {**self.values, name: value}
 
     def show_initial(self) -> None:
         """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
-        self.shown, self.step = ShownState({}, "the initial state of the problem"), None
+        self.values, self.origin, self.step = {}, _INITIAL, None
 
     def show_step(self, number: int) -> None:
         """Show the decision in a step of the episode, from 0."""
         assert self.played is not None
         steps = self.played.steps
-        origin = f"{self.played.name}, step {number} of {len(steps) - 1}"
-        self.shown, self.step = ShownState(steps[number].values, origin), number
+        self.values, self.step = steps[number].values, number
+        self.origin = f"{self.played.name}, step {number} of {len(steps) - 1}"
 
     @property
     def as_played(self) -> bool:
         """Whether the state is that of the step, with no fluent changed by hand."""
         if self.played is None or self.step is None:
             return False
-        return dict(self.shown.values) == self.played.steps[self.step].values
+        return self.values == self.played.steps[self.step].values
 
     def take(self, played: ShownEpisode) -> None:
         """Take over an episode, and show the first of its steps with something to decide."""

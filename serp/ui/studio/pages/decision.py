@@ -8,7 +8,7 @@ from serp._util.templates import render
 from serp._util.text import percent, readable
 from serp.agent.sentences import kind_of_return, line_of_run, runs_of
 from serp.ui.studio.pages.live import Jump, Live, follow_places
-from serp.ui.studio.view import Request, View
+from serp.ui.studio.view import View
 
 
 class DecisionPane:
@@ -23,7 +23,7 @@ class DecisionPane:
         follow_places(self._table, jump)
         live.shows(self.show)
 
-    def show(self, request: Request, view: View) -> None:
+    def show(self, view: View) -> None:
         """Show the decision of a view."""
         decision = view.decision
         if decision is None:

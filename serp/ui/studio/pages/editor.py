@@ -20,7 +20,7 @@ from serp.authoring.lint.findings import Finding
 from serp.errors import SerpError
 from serp.ui.studio.pages.live import Live, follow_places
 from serp.ui.studio.session import DOMAIN, Session
-from serp.ui.studio.view import Request, Version, View
+from serp.ui.studio.view import Version, View
 
 _REVEAL: Final = """((id, number, column) => {
   const editor = getElement(id).editor, doc = editor.state.doc;
@@ -107,10 +107,10 @@ class FindingsPane:
         follow_places(self._list, editor.jump)
         live.shows(self.show)
 
-    def show(self, request: Request, view: View) -> None:
+    def show(self, view: View) -> None:
         """Show what is wrong, in the text and in the list."""
         self._findings = view.findings
-        asyncio.get_running_loop().call_later(0.3, self._underline, request.version)
+        asyncio.get_running_loop().call_later(0.3, self._underline, view.version)
         counted = Counter(sorted(finding.severity for finding in view.findings))
         counts = ", ".join(plural(count, kind) for kind, count in counted.items())
         self._summary.set_text(view.failure or counts or "Nothing is wrong here.")

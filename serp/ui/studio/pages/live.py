@@ -10,9 +10,9 @@ from typing import Any
 from nicegui import background_tasks, run, ui
 
 from serp.ui.studio.session import Session
-from serp.ui.studio.view import Request, View
+from serp.ui.studio.view import View
 
-Shown = Callable[[Request, View], None]
+Shown = Callable[[View], None]
 Jump = Callable[[str, int, int], None]
 """Shows a line and a column of a file."""
 
@@ -34,7 +34,7 @@ class Live:
         self.closed = False
 
     def shows(self, shown: Shown) -> None:
-        """Add a function that is called with every request and its view."""
+        """Add a function that is called with every view."""
         self._shown.append(shown)
 
     def begin(self) -> None:
@@ -57,11 +57,10 @@ class Live:
             self._wanted.clear()
             if self.closed:
                 return
-            request = self._session.request()
-            view = await run.io_bound(request.view)
+            view = await run.io_bound(self._session.asked())
             if view is not None and not self.closed:
                 for shown in self._shown:
-                    shown(request, view)
+                    shown(view)
 
 
 def follow_places(element: ui.html, jump: Jump) -> None:

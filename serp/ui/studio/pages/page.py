@@ -13,7 +13,7 @@ from serp.ui.studio.pages.editor import EditorPane, FindingsPane
 from serp.ui.studio.pages.live import Live
 from serp.ui.studio.pages.situation import ScenePane
 from serp.ui.studio.session import Session
-from serp.ui.studio.view import Request, View
+from serp.ui.studio.view import View
 
 
 async def show_page(session: Session) -> None:
@@ -52,7 +52,7 @@ async def show_page(session: Session) -> None:
                 DecisionPane(live, editor.jump)
     save.on_click(lambda: editor.save())
 
-    def show_state(request: Request, view: View) -> None:
+    def show_state(view: View) -> None:
         state.set_text(", ".join(map(_described, session.documents.values())))
         save.set_enabled(session.changed)
 

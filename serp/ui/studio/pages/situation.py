@@ -13,7 +13,7 @@ from serp.errors import SerpError
 from serp.ui.studio.episodes import play
 from serp.ui.studio.pages.live import Live, busy, button
 from serp.ui.studio.session import PROBLEM, Session
-from serp.ui.studio.view import Control, Request, View
+from serp.ui.studio.view import Control, View
 
 
 class StatePane:
@@ -29,7 +29,7 @@ class StatePane:
             self._more = ui.label().classes("serp-faint")
         live.shows(self.show)
 
-    def show(self, request: Request, view: View) -> None:
+    def show(self, view: View) -> None:
         """Show the controls of a view."""
         if view.decision is None:
             return
@@ -39,7 +39,7 @@ class StatePane:
             return
         for control in self._controls:
             # What is being dragged or typed is ahead of this view.
-            newest = self._session.shown.values.get(control.name, control.value)
+            newest = self._session.values.get(control.name, control.value)
             if control.name in self._elements:
                 value = float(newest) if control.numeric else bool(newest)
                 self._elements[control.name].set_value(value)
@@ -79,7 +79,7 @@ class StatePane:
         value = event.value
         if value is None:
             return
-        known = self._session.shown.values.get(control.name, control.value)
+        known = self._session.values.get(control.name, control.value)
         if float(value) != float(known):
             self._session.set_fluent(control.name, float(value) if control.numeric else bool(value))
             self._live.changed()
@@ -155,15 +155,15 @@ class ScenePane:
             self._session.show_step(int(event.value))
             self._live.changed()
 
-    def show(self, request: Request, view: View) -> None:
+    def show(self, view: View) -> None:
         """Show where the state comes from, and its pictures."""
         session, played = self._session, self._session.played
         as_played = session.as_played
         step = None if session.step is None or played is None else played.steps[session.step]
-        origin = request.shown.origin
+        origin = session.origin
         if as_played and step is not None and step.action:
             origin += f", {step.action}"
-        elif request.shown.values and not as_played:
+        elif session.values and not as_played:
             origin += ", changed by hand"
         self._origin.set_text(origin)
         if view.decision is not None:  # else the last one stays, as the decision does
