@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,31 +46,6 @@ def text_of(name: str, text: str) -> Source:
 
 index_of = functools.lru_cache(maxsize=4)(Index)
 _examined = functools.lru_cache(maxsize=16)(examine)
-
-
-def files_of(opened: Source, text_at: Callable[[Path], str | None]) -> Files:
-    """Return a domain, a problem or scenarios, named by their path, with what belongs to them.
-
-    `text_at` returns the text in the editor of a path; None where it is not open there.
-    """
-
-    def read(path: Path | None) -> Source | None:
-        if path is None:
-            return None
-        text = text_at(path)
-        try:
-            return text_of(str(path), Source.read(path).text if text is None else text)
-        except SerpError:
-            return None
-
-    path = Path(opened.name)
-    if path.suffix == SUFFIX:
-        domain = path.with_suffix(".pddl")
-        return Files(opened, read(domain), read(problem_beside(domain)))
-    title = title_of(opened)
-    if title.kind == "problem":
-        return Files(opened, read(domain_beside(path, title)), opened)
-    return Files(opened, opened, read(problem_beside(path)))
 
 
 def findings_in(files: Files) -> list[Finding]:
@@ -189,11 +164,27 @@ class PddlServer(LanguageServer):
         return Positions(self.workspace.position_codec)
 
     def files(self, uri: str) -> Files:
-        """Return an open file with what belongs to it, as they are in the editor."""
+        """Return a domain, a problem or scenarios with what belongs to them, as in the editor."""
         texts = {doc.path: doc.source for doc in self.workspace.text_documents.values()}
-        document = self.workspace.get_text_document(uri)
-        opened = text_of(uris.to_fs_path(uri) or uri, document.source)
-        return files_of(opened, lambda path: texts.get(str(path)))
+
+        def read(path: Path | None) -> Source | None:
+            if path is None:
+                return None
+            text = texts.get(str(path))
+            try:
+                return text_of(str(path), Source.read(path).text if text is None else text)
+            except SerpError:
+                return None
+
+        path = Path(uris.to_fs_path(uri) or uri)
+        opened = text_of(str(path), self.workspace.get_text_document(uri).source)
+        if path.suffix == SUFFIX:
+            domain = path.with_suffix(".pddl")
+            return Files(opened, read(domain), read(problem_beside(domain)))
+        title = title_of(opened)
+        if title.kind == "problem":
+            return Files(opened, read(domain_beside(path, title)), opened)
+        return Files(opened, opened, read(problem_beside(path)))
 
     def indexed(
         self, uri: str, position: types.Position, *, word: bool = False

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from serp._util.text import plural, readable
 from serp.runs import Policy
 from serp.ui.asked import open_run
 from serp.ui.options import OutputFile, policy_of_run
 from serp.ui.output import examples, open_console
-from serp.ui.root import say
-
-if TYPE_CHECKING:
-    from serp.agent.step_record import StepRecord
 
 
 @click.command(
@@ -47,20 +41,7 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, out: Path | Non
         from serp.ui.pictures.film import write_film
 
     path = out or run / "film.mp4"
-    write_film(open_run(run), path, policy, episodes, seed, _report)
+    write_film(open_run(run), path, policy, episodes, seed)
     open_console().print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
     if out is None and sys.stdout.isatty():
         click.launch(str(path))
-
-
-def _report(number: int, last: StepRecord) -> None:
-    """Say what came of an episode, while the next one is played."""
-    from serp.runs.evaluation import outcome_of
-
-    totals, counts = last.episode, last.episode.decisions
-    outcome = f"{outcome_of(last.info)}, " if outcome_of(last.info) else ""
-    text = f"episode {number}: {outcome}return {readable(totals.return_)} in "
-    text += f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
-    if counts.unsafe_executed:
-        text += f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
-    say(text)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -32,8 +32,6 @@ END: Final = 1.0
 """Additional duration of the last picture of an episode, s."""
 _MOST_FPS: Final = 60.0
 _BACKGROUND, _INK, _FAINT = "#16191F", "#F2F4F7", "#A9B0BB"
-OnEpisode = Callable[[int, StepRecord], None]
-"""Called with the number of an episode and its last step."""
 
 
 def render_mode_of(run: Run) -> str:
@@ -83,7 +81,6 @@ def film(
     episodes: int = 3,
     seed: int = 0,
     *,
-    on_episode: OnEpisode | None = None,
     recorder: Recorder | None = None,
 ) -> Iterator[Frame]:
     """Play a policy, as `serp.Run.evaluate` does, and yield the frames of a film.
@@ -111,8 +108,6 @@ def film(
                 hold -= seconds
                 caption = Caption(decision.executed_by, name, tuple(facts), shown)
                 yield draw.frame(picture, seconds, caption)
-            if step.last and on_episode is not None:
-                on_episode(episode.number, step)
 
 
 def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
@@ -177,12 +172,7 @@ def _even(length: float) -> int:
 
 
 def write_film(
-    run: Run,
-    path: Path,
-    policy: Policy = "serp",
-    episodes: int = 3,
-    seed: int = 0,
-    on_episode: OnEpisode | None = None,
+    run: Run, path: Path, policy: Policy = "serp", episodes: int = 3, seed: int = 0
 ) -> None:
     """Play a run's policy and write a film of it, an MP4; a failure leaves no file."""
     agent = run.agent
@@ -191,7 +181,7 @@ def write_film(
         run.environment(render_mode_of(run)) as task,
         run.recorder(policy, seed) as recorder,
     ):
-        frames = film(agent, task, policy, episodes, seed, on_episode=on_episode, recorder=recorder)
+        frames = film(agent, task, policy, episodes, seed, recorder=recorder)
         write_mp4(aside, frames)
 
 

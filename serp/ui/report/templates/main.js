@@ -3,7 +3,6 @@
 const on = (id, what, call) => byId(id).addEventListener(what, call);
 
 function connectPage() {
-  on("ask", "click", () => byId("help").showModal());
   on("theme", "click", () => {
     const dark = getComputedStyle(document.documentElement).colorScheme === "dark"
       || (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);

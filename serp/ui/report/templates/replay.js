@@ -277,17 +277,16 @@ const KEYS = {
   "n": () => toHit(1),
   "p": () => toHit(-1),
   "a": () => byId("after").click(),
-  "?": () => byId("help").showModal(),
 };
 
 function onKey(event) {
   const target = event.target, name = (event.shiftKey && event.key.length > 1 ? "Shift+" : "") + event.key;
-  if (event.ctrlKey || event.metaKey || event.altKey || byId("help").open) return;
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
   if (target.matches("select, input[type=number]")) return;
   if (event.key === " " && target.matches("button, input, a")) return;
   const { top, bottom } = byId("steps").getBoundingClientRect();
   const seen = top < 0.7 * innerHeight && bottom > 0.2 * innerHeight;
-  if (!KEYS[name] || (!seen && name !== "?")) return;
+  if (!KEYS[name] || !seen) return;
   event.preventDefault();
   KEYS[name]();
 }

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 from nicegui import background_tasks, run, ui
@@ -78,13 +77,3 @@ def follow_places(element: ui.html, jump: Jump) -> None:
 def button(text: str, on_click: Callable[..., object]) -> ui.button:
     """Return an outlined button."""
     return ui.button(text, on_click=on_click).props("dense outline no-caps")
-
-
-@contextmanager
-def busy(button: ui.button) -> Iterator[None]:
-    """Show that what a button has begun goes on."""
-    button.props("loading")
-    try:
-        yield
-    finally:
-        button.props(remove="loading")

@@ -11,7 +11,7 @@ from nicegui import run, ui
 
 from serp.errors import SerpError
 from serp.ui.studio.episodes import play
-from serp.ui.studio.pages.live import Live, busy, button
+from serp.ui.studio.pages.live import Live, button
 from serp.ui.studio.session import PROBLEM, Session
 from serp.ui.studio.view import Control, View
 
@@ -113,15 +113,17 @@ class ScenePane:
 
         What prevents it is shown, unless it was unasked.
         """
-        with busy(self._play):
-            try:
-                session, seed = self._session, int(self._seed.value or 0)
-                of = session.task, session.version, session.surroundings
-                played = await run.io_bound(play, *of, seed)
-            except SerpError as error:
-                if not unasked:  # a place in a file stands beside the text, with its line
-                    ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
-                return
+        self._play.props("loading")
+        try:
+            session, seed = self._session, int(self._seed.value or 0)
+            of = session.task, session.version, session.surroundings
+            played = await run.io_bound(play, *of, seed)
+        except SerpError as error:
+            if not unasked:  # a place in a file stands beside the text, with its line
+                ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
+            return
+        finally:
+            self._play.props(remove="loading")
         if self._live.closed:
             return
         self._session.take(played)
