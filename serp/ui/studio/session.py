@@ -8,13 +8,14 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from serp.authoring.lint.domain_pairs import title_of
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
 from serp.pddl.source import Place, Source
 from serp.runs.folder import CONFIG, RunFolder
 from serp.runs.run import read_run_metadata
 from serp.settings import Settings, resolve
-from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
+from serp.tasks.registry import find_domain_file, load_task, task_like
 from serp.tasks.task import Task
 from serp.ui.studio.document import Document
 from serp.ui.studio.episodes import ShownEpisode
@@ -144,51 +145,36 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     `name` is the file, an installed task, or the folder of a run, whose copies are saved elsewhere;
     `folder` the working folder; `own` the task of `--task`.
     """
+    title, task, surroundings = None, own, Surroundings(planner=Settings().planner)
     if (Path(name) / CONFIG).is_file():
         run = RunFolder.open(Path(name))
-        made, (copy, other) = read_run_metadata(run), run.copies()
-        title, observed = Domain.parse(Source.read(copy)).name, made.observed is not None
-        return Session(
-            Document(copy, folder, f"{title}.pddl"),
-            None if other is None else Document(other, folder, f"{title}-problem.pddl"),
-            Surroundings(
-                made.control_period, made.settings.planner, observed, frozenset(made.observed or ())
-            ),
-            own or (load_task(made.task) if made.world is None else None),
-        )
-    file, task, problem = find_domain_file(name), own, None
-    if file is None:
-        task = own or load_task(name)
-        domain, problem = task.domain, task.problem
-        file = Path(domain.source.name if isinstance(domain, Domain) else domain)
-    if file.is_dir():
-        raise SerpError(f"{file} is a folder; give a domain file, such as the one in a run")
-    if not file.is_file():
-        raise SerpError(f"{file}: there is no such file")
-    documents = _documents(file, problem_beside(file) if problem is None else Path(problem), folder)
-    task = task or _task_of(file)
-    surroundings = Surroundings(planner=Settings().planner)
-    if task is not None:
-        planner = resolve("default", task.settings).planner
-        surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
-    return Session(*documents, surroundings, task)
-
-
-def _documents(file: Path, problem: Path, folder: Path) -> tuple[Document, Document | None]:
-    """Return a domain and its problem; what comes from outside of the folder is saved beside."""
-    domain = Document(file, folder)
-    if not problem.is_file():
-        return domain, None
-    opened = Document(problem, folder)
-    if opened.elsewhere:
-        opened = Document(problem, folder, str(problem_beside(domain.target).absolute()))
-    return domain, opened
-
-
-def _task_of(file: Path) -> Task | None:
-    """Return the installed task of a file, which may be wrong; None where there is none."""
-    try:
-        domain = Domain.parse(Source.read(file))
-    except SerpError:
-        return load_task(file.stem) if file.stem in task_entries() else None
-    return task_of(domain, file)
+        made, (file, problem) = read_run_metadata(run), run.copies()
+        title = f"{Domain.parse(Source.read(file)).name}.pddl"
+        seen, period, planner = made.observed, made.control_period, made.settings.planner
+        surroundings = Surroundings(period, planner, seen is not None, frozenset(seen or ()))
+        task = task or (load_task(made.task) if made.world is None else None)
+    else:
+        found, problem = find_domain_file(name), None
+        if found is None:
+            task = own or load_task(name)
+            domain, given = task.domain, task.problem
+            found = Path(domain.source.name if isinstance(domain, Domain) else domain)
+            problem = None if given is None else Path(given)
+        file = found
+        if file.is_dir():
+            raise SerpError(f"{file} is a folder; give a domain file, such as the one in a run")
+        if not file.is_file():
+            raise SerpError(f"{file}: there is no such file")
+        problem = problem or problem_beside(file)
+        # The file may be wrong, so that only its title can be read.
+        known = task_like(title_of(Source.read(file)).domain, file.stem)
+        task = task or (None if known is None else load_task(known))
+        if task is not None:
+            planner = resolve("default", task.settings).planner
+            surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
+    opened, other = Document(file, folder, title), None
+    if problem is not None and problem.is_file():
+        other = Document(problem, folder)
+        if title is not None or other.elsewhere:  # it is saved beside the domain
+            other = Document(problem, folder, str(problem_beside(opened.target).absolute()))
+    return Session(opened, other, surroundings, task)
