@@ -113,6 +113,7 @@ function fillAlternative(cells, row, a) {
   say(cells[3], applicable ? percent(arrays.risk[at]) : "–");
   say(cells[4], safe === SAFE ? "all" : safe === NONE ? "–" : readable(safe));
   say(cells[5], remarks.join(", "));
+  cells[5].title = remarks.join(", ");
   const executed = a === arrays.executed[now], proposed = a === arrays.proposed[now];
   const refused = proposed && arrays.bits[now] & VETOED && !executed;
   const state = `${executed ? "taken " : ""}${refused ? "refused " : ""}${
