@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from lsprotocol import types
 
-from serp.authoring.language_server.index import FLUENTS, Index, word_at
+from serp.authoring.language_server.index import FLUENTS, Index, typed_before, word_at
 from serp.pddl.parser import (
     DOMAIN_SECTIONS,
     PROBLEM_SECTIONS,
@@ -79,11 +79,6 @@ _KINDS = {
     "type": types.CompletionItemKind.Class,
     "object": types.CompletionItemKind.Constant,
 }
-
-
-def typed_before(text: str) -> str:
-    """Return the word that a text ends with; it may be empty."""
-    return re.split(r"[\s();]", text)[-1]
 
 
 def completions(index: Index, source: Source, position: int) -> list[types.CompletionItem]:

@@ -13,10 +13,9 @@ from typing import NamedTuple
 from serp.pddl.parser import SCHEMA_SECTIONS
 from serp.pddl.reader import Group, Node, Word, read_what_can_be
 from serp.pddl.scope import is_name
-from serp.pddl.source import Place, Source
+from serp.pddl.source import Place, Source, line_start
 
 FLUENTS = ("predicate", "function")
-_WORD = re.compile(r"[^\s();]+")
 
 
 class DeclaredName(NamedTuple):
@@ -65,14 +64,17 @@ class Index:
                 yield title, list(dict.fromkeys(lines))
 
 
+def typed_before(text: str) -> str:
+    """Return the word that a text ends with; it may be empty."""
+    return re.split(r"[\s();]", text)[-1]
+
+
 def word_at(source: Source, position: int) -> Place | None:
     """Return the word at a position of a file, or right before it; None in a comment."""
-    line = source.place(position, position).line
-    start = source.line_starts[line - 1]
-    for match in _WORD.finditer(source.line_text(line).partition(";")[0]):
-        if start + match.start() <= position <= start + match.end():
-            return source.place(start + match.start(), start + match.end())
-    return None
+    line = source.text[line_start(source.text, position) : position]
+    start = position - len(typed_before(line))
+    end = position + len(re.split(r"[\s();]", source.text[position:], maxsplit=1)[0])
+    return source.place(start, end) if start < end and ";" not in line else None
 
 
 def _declared(section: Group) -> Iterator[DeclaredName]:

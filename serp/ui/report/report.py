@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
-from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from serp._util.figures import page_colours
 from serp._util.files import write_durably
 from serp._util.terminal import bar, visible
 from serp._util.text import percent, plural, readable
-from serp.errors import needs_extra
+from serp.errors import RunError, needs_extra
 from serp.runs.recording import ACTORS, Layout
 from serp.runs.results import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
@@ -49,8 +48,8 @@ def write_report(
     most = max(1, min(steps, 8_000_000 // numbers))
     episodes, shown = recorded_steps(recording, most)
     with bar("drawing", max(1, min(pictures, len(shown) + len(shown.episodes)))) as advance:
-        seeds = _seeds(run, layout, evaluation)
-        scenes = drawn_scenes(run, shown, seeds, most=pictures, on_picture=advance)
+        seed_of = functools.partial(_seed, run, layout, evaluation)
+        scenes = drawn_scenes(run, shown, seed_of, most=pictures, on_picture=advance)
     actions = [visible(name) for name in layout.actions]
     with bar("explaining", max(1, len(shown))) as advance:
         accounts = StepAccounts(read.adapted or read.model, shown, actions, advance)
@@ -139,8 +138,10 @@ def _digest(text: str) -> str:
     return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
 
 
-def _seeds(run: Run, layout: Layout, evaluation: str | None) -> Callable[[int], int] | None:
-    """Return number of an episode, from 0 → its seed; None if the seed was not recorded."""
+def _seed(run: Run, layout: Layout, evaluation: str | None, episode: int) -> int:
+    """Return the seed of an episode, by its number from 0."""
     if evaluation is None:
-        return functools.partial(training_seed, run.config["seed"])
-    return None if layout.seed is None else functools.partial(evaluation_seed, layout.seed)
+        return training_seed(run.config["seed"], episode)
+    if layout.seed is None:
+        raise RunError("the recording does not say which seed it was made with")
+    return evaluation_seed(layout.seed, episode)

@@ -36,14 +36,14 @@ class DrawnScenes:
 def drawn_scenes(
     run: Run,
     steps: RecordedSteps,
-    seed_of: Callable[[int], int] | None,
+    seed_of: Callable[[int], int],
     *,
     most: int,
     on_picture: Callable[[], None],
 ) -> DrawnScenes:
     """Draw episodes, the most interesting ones first, see `by_interest`; at most `most` pictures.
 
-    `seed_of` returns the seed of an episode, by its number from 0; None if it is not known.
+    `seed_of` returns the seed of an episode, by its number from 0.
     """
     scenes, room = DrawnScenes(), 4_500_000  # bytes
     why = "Not drawn, to keep the file small and the wait short; --pictures draws more."
@@ -71,14 +71,12 @@ def drawn_scenes(
 
 
 def _pictures(
-    run: Run, steps: RecordedSteps, seed_of: Callable[[int], int] | None
+    run: Run, steps: RecordedSteps, seed_of: Callable[[int], int]
 ) -> Iterator[tuple[RecordedEpisode, NDArray[np.uint8] | None]]:
     """Yield a picture of each state of each episode and one of its end.
 
     None stands for the rest of an episode from a state on that is not as recorded.
     """
-    if seed_of is None:
-        raise RunError("the recording does not say which seed it was made with")
     with run.environment("rgb_array") as task:
         if steps["value"].shape[1] != task.actions.size:
             raise RunError("the recording has other actions than the environment")
