@@ -87,10 +87,10 @@ def by_interest(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
     return list({each.number: each for each in (*first, *rest)}.values())
 
 
-def recorded_steps(recording: Recording, most: int) -> tuple[list[RecordedEpisode], RecordedSteps]:
-    """Return all episodes as they begin, and the steps of those that fit into a number of steps.
+def recorded_steps(recording: Recording, most: int) -> RecordedSteps:
+    """Return the steps of as many episodes as fit into a number of steps, see `by_interest`.
 
-    Which ones, says `by_interest`. If not even one fits, its last steps are left out.
+    If not even one fits, its last steps are left out.
     """
     everything = recording.columns(
         *VETO_COLUMNS, "state", "action", "executed_by", "proposed", "ground", "value", "path_risk",
@@ -125,7 +125,7 @@ def recorded_steps(recording: Recording, most: int) -> tuple[list[RecordedEpisod
     rows = np.concatenate([np.zeros(0, np.int64), *(each.positions for each in chosen)])
     columns = {name: column[rows] for name, column in everything.items()}
     executed = columns["action"][:, None]
-    return episodes, RecordedSteps(
+    return RecordedSteps(
         episodes=tuple(replace(each, first=k) for each, k in zip(chosen, firsts, strict=False)),
         positions=rows,
         columns=columns,
@@ -135,26 +135,16 @@ def recorded_steps(recording: Recording, most: int) -> tuple[list[RecordedEpisod
     )
 
 
-def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[str, NDArray[Any]]:
-    """Return what the page draws: the returns, their moving mean with its interval, the shares.
-
-    The metrics number episodes as they end, the recording as they begin.
-    """
-    ended = [each for each in recorded if each.end != "unfinished"]
-    ended.sort(key=lambda each: int(each.positions[-1]))
-    numbers = np.zeros(len(metrics["episode"]), np.uint32)  # 0: not recorded
-    known = min(len(ended), len(numbers))
-    numbers[:known] = [each.number for each in ended[:known]]
-    steps, returns = metrics["env_steps"], metrics["return"]
-    count = len(returns)
+def curve_arrays(metrics: Metrics) -> dict[str, NDArray[Any]]:
+    """Return what the page draws: the returns, their moving mean with its interval, the shares."""
+    returns, count = metrics["return"], len(metrics["return"])
     drawn = np.unique(np.linspace(0, max(0, count - 1), min(count, 2_000)).astype(np.int64))
     mean, (low, high) = moving_mean(returns), moving_interval(returns)
     at, shares = binned_shares(metrics)
     return {
-        "curveAt": steps[drawn],
+        "curveAt": metrics["env_steps"][drawn],
         "curveReturns": returns[drawn],
         "curveNumbers": metrics["episode"][drawn].astype(np.uint32),
-        "curveEpisodes": numbers[drawn],
         "mean": mean[drawn],
         "meanLow": low[drawn],
         "meanHigh": high[drawn],

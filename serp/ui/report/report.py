@@ -46,7 +46,7 @@ def write_report(
     layout, sources = recording.layout, read.domain.sources
     numbers = 4 * len(layout.fluents) + 6 * len(layout.actions) + 12
     most = max(1, min(steps, 8_000_000 // numbers))
-    episodes, shown = recorded_steps(recording, most)
+    shown = recorded_steps(recording, most)
     with bar("drawing", max(1, min(pictures, len(shown) + len(shown.episodes)))) as advance:
         seed_of = functools.partial(_seed, run, layout, evaluation)
         scenes = drawn_scenes(run, shown, seed_of, most=pictures, on_picture=advance)
@@ -60,7 +60,7 @@ def write_report(
         card[each["steps"]] = number
     arrays, order = step_data.packed(
         {
-            **curve_arrays(run.metrics, episodes if evaluation is None else ()),
+            **curve_arrays(run.metrics),
             **step_data.step_arrays(shown, errors, accounts),
             "card": card,
             "pictures": np.frombuffer(b"".join(scenes.pictures), np.uint8),
@@ -72,6 +72,7 @@ def write_report(
     meta = {
         "layout": order,
         "steps": len(shown),
+        "training": evaluation is None,
         "dt": layout.control_period,
         "envSteps": int(run.metrics["env_steps"].max(initial=1)),
         "actors": actors,
@@ -113,7 +114,7 @@ def write_report(
         steps=len(shown),
         episodes=shown.episodes,
         all_steps=len(recording),
-        all_episodes=len(episodes),
+        all_episodes=len(recording.episodes),
         drawn=len(scenes.frames),
         kinds=[(label, bit, swatch, int(of.sum())) for label, bit, swatch, of in kinds],
         acting=[(actor, int((shown["executed_by"] == k).sum())) for k, actor in enumerate(actors)],

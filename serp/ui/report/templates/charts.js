@@ -71,8 +71,10 @@ function drawCurve(box) {
     mark.setAttribute("x2", x(c.curveAt[k]));
   });
   svg.addEventListener("click", (event) => {
-    const number = c.curveEpisodes[nearest(event)];
-    if (number && total()) jump(numbered(number).first);
+    if (!meta.training || !total()) return; // the steps are not those of the curve
+    const end = c.curveAt[nearest(event)] - 1, away = (i) => Math.abs(arrays.position[i] - end);
+    const step = arrays.position.reduce((best, _, i) => away(i) < away(best) ? i : best, 0);
+    jump(episodeAt(step).first);
   });
   const nearest = (event) => {
     const at = event.clientX - svg.getBoundingClientRect().left;
