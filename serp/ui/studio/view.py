@@ -113,15 +113,13 @@ def controls(model: TransitionModel, state: Vector, seen: Ranges) -> list[Contro
 
 def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float, float]:
     """Return low, high and step."""
-    margin = 0.25  # beyond the known numbers, as a share of their range
     numbers = (*known, *seen)
     low, high = min(numbers), max(numbers)
     if seen and high - low >= 2 and all(number.is_integer() for number in numbers):
         return low, high, 1.0
-    width = high - low or 1.0
-    step = float(f"{width / 200:.0e}")
-    low -= margin * width if low < 0 else 0.0
-    high += margin * width if high > low else 1.0
+    width = high - low or 4.0
+    step, margin = float(f"{width / 200:.0e}"), width / 4  # beyond the known numbers
+    low, high = low - (margin if low < 0 else 0.0), high + margin
     low, high = (float(f"{round(limit / step) * step:.12g}") for limit in (low, high))
     return low, high, step
 

@@ -2,18 +2,9 @@
 
 const on = (id, what, call) => byId(id).addEventListener(what, call);
 
-function connectPage() {
-  on("theme", "click", () => {
-    const dark = getComputedStyle(document.documentElement).colorScheme === "dark"
-      || (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
-    document.documentElement.dataset.theme = dark ? "light" : "dark";
-    if (total()) redraw();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => total() && redraw());
-}
-
 function connectSteps() {
   document.addEventListener("keydown", onKey);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   on("play", "click", () => play());
   on("back", "click", () => move(-1));
   on("forward", "click", () => move(1));
@@ -55,7 +46,6 @@ function fit() {
 
 meta = JSON.parse(byId("meta").textContent);
 meta.episodes.forEach((episode, index) => { episode.index = index; });
-connectPage();
 const packed = await unpacked(byId("arrays").textContent);
 arrays = arraysOf(packed, meta.layout);
 sentences = new TextDecoder().decode(arrays.sentences).split("\n");

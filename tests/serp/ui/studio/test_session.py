@@ -62,7 +62,7 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
     assert (folder / "theirs.pddl").read_text() == "mine again"
     (folder / "theirs.pddl").unlink()
     os.mkfifo(folder / "theirs.pddl")
-    with pytest.raises(SerpError, match="no regular file"):  # reading it would never end
+    with pytest.raises(SerpError, match="not a regular file"):  # reading it would never end
         document.save()
     (folder / "linked.pddl").symlink_to(outside)
     document = Document(folder / "linked.pddl", folder)
