@@ -4,27 +4,36 @@ from __future__ import annotations
 
 import base64
 import functools
+import gzip
 import hashlib
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from serp._util.figures import page_colours
 from serp._util.files import write_durably
 from serp._util.terminal import bar, visible
 from serp._util.text import percent, plural, readable
 from serp.errors import RunError, needs_extra
+from serp.planning.forecast import SAFE
 from serp.runs.recording import ACTORS, Layout
 from serp.runs.results import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
 from serp.runs.run import Run
 from serp.runs.run_model import RunModel
 from serp.runs.summary import WINDOW, summarize
-from serp.ui.report import step_data
-from serp.ui.report.recorded_steps import curve_arrays, recorded_steps
-from serp.ui.report.scene import drawn_scenes
-from serp.ui.report.step_accounts import StepAccounts, model_errors, shown_cause
+from serp.ui.report.recorded_steps import (
+    RecordedEpisode,
+    RecordedSteps,
+    curve_arrays,
+    recorded_steps,
+)
+from serp.ui.report.scene import DrawnScenes, drawn_scenes
+from serp.ui.report.step_accounts import ModelErrors, StepAccounts, model_errors, shown_cause
 
 with needs_extra("report", "a report of a run"):
     from markupsafe import Markup
@@ -58,10 +67,18 @@ def write_report(
     card = np.zeros(len(shown), np.uint16)
     for number, each in enumerate(cards, 1):
         card[each["steps"]] = number
-    arrays, order = step_data.packed(
+    kinds = [  # in the order of their bits
+        ("vetoes", "back-vetoed", shown.vetoed),
+        ("no safe action", "back-unsafe", shown.no_safe),
+        ("observed unsafe", "back-unsafe", shown["unsafe"]),
+        ("large errors", "back-error", errors.large),
+    ]
+    bits = np.array([1, 2, 4, 8], np.uint8) @ np.stack([of for _, _, of in kinds])
+    arrays, order = _packed(
         {
             **curve_arrays(run.metrics),
-            **step_data.step_arrays(shown, errors, accounts),
+            **_step_arrays(shown, errors, accounts),
+            "bits": bits,
             "card": card,
             "pictures": np.frombuffer(b"".join(scenes.pictures), np.uint8),
             "pictureAt": np.cumsum([0, *map(len, scenes.pictures)]).astype(np.uint32),
@@ -80,16 +97,10 @@ def write_report(
         "fluents": [{"name": visible(each.name), "numeric": each.numeric}
                     for each in read.model.fluents],
         "largeError": errors.limit,
-        "episodes": step_data.episode_data(shown, scenes),
+        "episodes": [_episode(each, scenes) for each in shown.episodes],
         "causes": [shown_cause(cause, sources) for cause in accounts.causes],
         "start": int(np.flatnonzero(shown.vetoed)[-1]) if shown.vetoed.any() else last,
     }  # fmt: skip
-    kinds = [
-        ("vetoes", step_data.VETOED, "back-vetoed", shown.vetoed),
-        ("no safe action", step_data.NO_SAFE, "back-unsafe", shown.no_safe),
-        ("observed unsafe", step_data.UNSAFE, "back-unsafe", shown["unsafe"]),
-        ("large errors", step_data.LARGE_ERROR, "back-error", errors.large),
-    ]
     scripts = ("data", "charts", "scene", "tables", "strip", "replay", "main")
     style = page_colours() + _text("style.css")
     script = "".join(_text(f"{name}.js") for name in scripts)
@@ -116,7 +127,7 @@ def write_report(
         all_steps=len(recording),
         all_episodes=len(recording.episodes),
         drawn=len(scenes.frames),
-        kinds=[(label, bit, swatch, int(of.sum())) for label, bit, swatch, of in kinds],
+        kinds=[(label, swatch, int(of.sum())) for label, swatch, of in kinds],
         acting=[(actor, int((shown["executed_by"] == k).sum())) for k, actor in enumerate(actors)],
         files=[
             (
@@ -146,3 +157,77 @@ def _seed(run: Run, layout: Layout, evaluation: str | None, episode: int) -> int
     if layout.seed is None:
         raise RunError("the recording does not say which seed it was made with")
     return evaluation_seed(layout.seed, episode)
+
+
+def _packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[str, list[tuple[str, str, int]]]:
+    """Return arrays as text, and name, kind (`u1`, `u2`, `u4`, `f4`) and count of each.
+
+    Unsigned integers of 1, 2 or 4 bytes are kept exactly; all other numbers become float32 with at
+    least four significant digits, which pack better. Their bytes are little-endian.
+    """
+    # Bits of a float32 that are retained: 15 of 23 after the binary point, more than four digits.
+    retained = np.uint32(0xFFFFFF00)
+    layout = []
+    parts = []
+    for name, array in arrays.items():
+        flat = np.ascontiguousarray(array).ravel()
+        if flat.dtype.kind != "u" or flat.dtype.itemsize > 4:
+            with np.errstate(over="ignore"):  # beyond the range of float32 it is infinite
+                flat = flat.astype(np.float32)
+            half = np.where(np.isfinite(flat), np.uint32(0x80), np.uint32(0))
+            flat = ((flat.view(np.uint32) + half) & retained).view(np.float32)
+        little = flat.astype(flat.dtype.newbyteorder("<"))
+        layout.append((name, f"{little.dtype.kind}{little.itemsize}", len(little)))
+        parts.append(little.tobytes())
+    # mtime=0: equal data give equal bytes
+    return base64.b64encode(gzip.compress(b"".join(parts), 6, mtime=0)).decode("ascii"), layout
+
+
+def _step_arrays(
+    steps: RecordedSteps, errors: ModelErrors, accounts: StepAccounts
+) -> dict[str, NDArray[Any]]:
+    """Return what is shown of steps, fluents `[F, N]`, alternatives `[A, N]` and causes."""
+    none = 0xFFFF
+    # 128: the model does not know the action.
+    flags = (steps["flags"] & 0xFF) | (128 * (steps["ground"] < 0))
+    ends = [episode.rows.stop - 1 for episode in steps.episodes]
+    safe = steps["safe_steps"]
+    safe = np.where(safe == SAFE, 0xFFFE, np.where(safe < 0, none, np.minimum(safe, 60_000)))
+    return {
+        "position": steps.positions.astype(np.uint32),
+        "executed": steps["action"].astype(np.uint16),
+        "proposed": np.where(steps["proposed"] < 0, none, steps["proposed"]).astype(np.uint16),
+        "executedBy": steps["executed_by"],
+        "reason": steps["reason"],
+        "state": steps["state"].T,
+        "last": steps["next_state"][ends].T,
+        "predicted": errors.predicted.T,
+        "errors": errors.errors.T,
+        "value": steps["value"].T,
+        "reward": steps["reward"].T,
+        "risk": steps["path_risk"].T,
+        "safe": safe.T.astype(np.uint16),
+        "flags": flags.T.astype(np.uint8),
+        "causeAt": accounts.at,
+        "causeAction": accounts.action,
+        "cause": accounts.cause,
+        "amount": accounts.amount,
+        "sentence": accounts.sentence,
+        "sentences": np.frombuffer("\n".join(accounts.sentences).encode(), np.uint8),
+    }
+
+
+def _episode(episode: RecordedEpisode, scenes: DrawnScenes) -> dict[str, Any]:
+    """Return an episode as JSON values."""
+    frame, frames = scenes.frames.get(episode.number, (0, 0))
+    return {
+        "number": episode.number,
+        "first": episode.first,
+        "steps": len(episode),
+        "return": episode.return_,
+        "end": episode.end,
+        "vetoes": episode.vetoes,
+        "frame": frame,
+        "frames": frames,
+        "note": scenes.notes.get(episode.number, ""),
+    }

@@ -72,8 +72,7 @@ function drawCurve(box) {
   });
   svg.addEventListener("click", (event) => {
     if (!meta.training || !total()) return; // the steps are not those of the curve
-    const end = c.curveAt[nearest(event)] - 1, away = (i) => Math.abs(arrays.position[i] - end);
-    const step = arrays.position.reduce((best, _, i) => away(i) < away(best) ? i : best, 0);
+    const step = nearestOf(arrays.position, c.curveAt[nearest(event)] - 1);
     jump(episodeAt(step).first);
   });
   const nearest = (event) => {
@@ -82,14 +81,9 @@ function drawCurve(box) {
   };
 }
 
-function nearestOf(sorted, value) {
-  let low = 0, high = sorted.length - 1;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (sorted[middle] < value) low = middle + 1; else high = middle;
-  }
-  return low > 0 && value - sorted[low - 1] < sorted[low] - value ? low - 1 : low;
-}
+/** The position of the number that is nearest to a value. */
+const nearestOf = (numbers, value) => numbers.reduce((best, number, k) =>
+  Math.abs(number - value) < Math.abs(numbers[best] - value) ? k : best, 0);
 
 function drawShares(box) {
   const c = arrays, count = c.shareAt.length;

@@ -1,6 +1,6 @@
 // The recorded steps: one of them is shown, with the scene, the state, the decision and the file.
 
-const [VETOED, UNSAFE, NO_SAFE, LARGE_ERROR] = [1, 2, 4, 8];
+const [VETOED, NO_SAFE, UNSAFE, LARGE_ERROR] = [1, 2, 4, 8]; // as `kinds` in report.py
 const [APPLICABLE, IS_UNSAFE, TERMINAL, UNDEFINED, RISKY, UNMODELLED] = [1, 2, 4, 8, 16, 128];
 const NONE = 0xffff, SAFE = 0xfffe;
 
@@ -74,9 +74,6 @@ function observed(f, step, episode) {
   return arrays.last[f * meta.episodes.length + episode.index];
 }
 
-/** The error of a prediction, in units of what the fluent usually changes by. */
-const errorOf = (f, step) => arrays.errors[f * total() + step];
-
 const isWrong = (f, error) => error >= (meta.fluents[f].numeric ? meta.largeError : 1);
 
 const valueOf = (f, v) => meta.fluents[f].numeric || Number.isNaN(v) ? compact(v)
@@ -84,7 +81,7 @@ const valueOf = (f, v) => meta.fluents[f].numeric || Number.isNaN(v) ? compact(v
 
 function fillFluent(cells, row, f) {
   const before = arrays.state[f * total() + now], predicted = arrays.predicted[f * total() + now];
-  const next = observed(f, now, shownEpisode), error = errorOf(f, now);
+  const next = observed(f, now, shownEpisode), error = arrays.errors[f * total() + now];
   say(cells[0], meta.fluents[f].name);
   cells[0].title = meta.fluents[f].name; // where the column is too narrow
   say(cells[1], valueOf(f, before));
