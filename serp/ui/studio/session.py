@@ -11,7 +11,7 @@ from pathlib import Path
 from serp.authoring.lint.domain_pairs import title_of
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
-from serp.pddl.source import Place, Source
+from serp.pddl.source import Source
 from serp.runs.folder import CONFIG, RunFolder
 from serp.runs.run import read_run_metadata
 from serp.settings import Settings, resolve
@@ -66,12 +66,6 @@ class Session:
     def edit(self, which: str, text: str) -> None:
         """Replace the text of a document."""
         self.documents[which].text = text.replace("\r\n", "\n")
-
-    def document_of(self, place: Place | None) -> str | None:
-        """Return the key of the document that a place is in; None for none."""
-        name = None if place is None else place.source.name
-        documents = self.documents.items()
-        return next((which for which, document in documents if str(document.path) == name), None)
 
     @property
     def version(self) -> Version:

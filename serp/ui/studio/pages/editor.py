@@ -114,12 +114,12 @@ class FindingsPane:
         counted = Counter(sorted(finding.severity for finding in view.findings))
         counts = ", ".join(plural(count, kind) for kind, count in counted.items())
         self._summary.set_text(view.failure or counts or "Nothing is wrong here.")
-        names = {which: document.path.name for which, document in self._session.documents.items()}
+        names = {str(each.path): each.path.name for each in self._session.documents.values()}
         listed = render(
             "serp.ui.studio.pages",
             "findings.html.j2",
             findings=view.findings[:200],
-            name_of=lambda place: names.get(self._session.document_of(place) or ""),
+            names=names,
         )
         self._list.set_content(listed)
 
@@ -130,9 +130,9 @@ class FindingsPane:
         """
         if version != self._session.version:
             return
-        for which in self._session.documents:
-            placed = [f for f in self._findings if self._session.document_of(f.place) == which]
-            marks = [mark for finding in placed if (mark := _mark(finding)) is not None]
+        for which, document in self._session.documents.items():
+            made = [_mark(finding, str(document.path)) for finding in self._findings]
+            marks = [mark for mark in made if mark is not None]
             # The editor moves its marks along with their text.
             texts = [(mark["attributes"]["title"], mark["to"] - mark["from"]) for mark in marks]
             if texts != self._underlined.get(which, []):
@@ -140,10 +140,10 @@ class FindingsPane:
                 self._underlined[which] = texts
 
 
-def _mark(finding: Finding) -> dict[str, Any] | None:
-    """Return how the editor underlines a place, within its first line."""
+def _mark(finding: Finding, file: str) -> dict[str, Any] | None:
+    """Return how the editor of a file underlines a place, within its first line."""
     place = finding.place and finding.place.first_line
-    if place is None or place.end <= place.start:
+    if place is None or place.source.name != file or place.end <= place.start:
         return None
     return {
         "kind": "mark",
