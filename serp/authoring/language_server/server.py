@@ -14,8 +14,13 @@ from pygls.lsp.server import LanguageServer
 from pygls.workspace import PositionCodec
 
 from serp import __version__
-from serp.authoring.language_server.completion import completions, explained
-from serp.authoring.language_server.index import Index, typed_before, word_at
+from serp.authoring.language_server.names import (
+    Index,
+    completions,
+    explained,
+    typed_before,
+    word_at,
+)
 from serp.authoring.lint.domain_pairs import domain_beside, domain_not_found, title_of
 from serp.authoring.lint.findings import Finding, Severity, examine
 from serp.authoring.lint.formatting import formatted

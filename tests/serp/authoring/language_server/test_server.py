@@ -12,8 +12,7 @@ pytest.importorskip("pygls")
 from lsprotocol import types
 from pygls.lsp.client import LanguageClient
 
-from serp.authoring.language_server.completion import completions, explained
-from serp.authoring.language_server.index import Index, word_at
+from serp.authoring.language_server.names import Index, completions, explained, word_at
 from serp.authoring.language_server.server import Positions, code_actions, uri_of
 from serp.pddl.source import Source
 from tests.serp.authoring.lint.found import findings_of
