@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from serp._util.figures import INK, LINE, PALETTE, STYLE, legend, render
+from serp._util.figures import INK, LINE, PALETTE, STYLE, legend, page_colours, render
 from serp._util.files import cannot_write, make_inside, write_durably
 from serp._util.templates import render as render_template
 from serp._util.terminal import visible
@@ -93,7 +93,7 @@ def report_page(
         {"plain": lambda text: visible(" ".join(str(text).split()))},
         results=results,
         plan=results.plan,
-        palette=PALETTE,
+        colours=page_colours(),
         pictures=drawn,
         notes=notes,
         missing=[str(job.trial) for job in jobs if job.trial not in results.measured],

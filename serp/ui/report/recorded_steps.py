@@ -50,19 +50,17 @@ class RecordedEpisode:
 class RecordedSteps:
     """Steps of some episodes, `[N, ...]` in the order of `episodes`, with columns of a recording.
 
-    `positions` are those in the recording; `ground` the ground actions executed, -1 where the model
-    does not know them; `no_safe` tells where no action was predicted safe.
+    `positions` are those in the recording; `no_safe` tells where no action was predicted safe.
     """
 
     episodes: tuple[RecordedEpisode, ...]
     positions: NDArray[np.int64]
     columns: dict[str, NDArray[Any]]
-    ground: NDArray[np.int64]
     vetoed: NDArray[np.bool_]
     no_safe: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        return len(self.ground)
+        return len(self.positions)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.columns[name]
@@ -124,12 +122,10 @@ def recorded_steps(recording: Recording, most: int) -> RecordedSteps:
     firsts = np.cumsum([0, *map(len, chosen)]).tolist()
     rows = np.concatenate([np.zeros(0, np.int64), *(each.positions for each in chosen)])
     columns = {name: column[rows] for name, column in everything.items()}
-    executed = columns["action"][:, None]
     return RecordedSteps(
         episodes=tuple(replace(each, first=k) for each, k in zip(chosen, firsts, strict=False)),
         positions=rows,
         columns=columns,
-        ground=np.take_along_axis(columns["ground"], executed, 1)[:, 0].astype(np.int64),
         vetoed=refused[rows],
         no_safe=no_safe[rows],
     )

@@ -206,7 +206,8 @@ def model_errors(model: TransitionModel, steps: RecordedSteps, usual: Vector) ->
     is predicted to change by.
     """
     model, states = model.written, steps["state"]
-    predicted = predicted_states(model, states, steps.ground)
+    ground = np.take_along_axis(steps["ground"], steps["action"][:, None], 1)[:, 0]
+    predicted = predicted_states(model, states, ground.astype(np.int64))
     changes = np.nan_to_num(predicted - states)
     own = np.sqrt(np.square(changes).sum(axis=0) / max(1, len(changes)))
     units = error_units(model, usual, own)
