@@ -142,8 +142,6 @@ MEANINGS = {
     ":precondition": "When it can happen. An action whose precondition does not hold is not "
     "applicable.",
     ":effect": "What it changes. All effects are evaluated before any of them is made.",
-    ":domain": "The domain that the problem belongs to.",
-    ":objects": "The objects of the problem.",
     ":init": "The state at the start; what is not stated is false.",
     ":goal": "Where this holds, the task ends.",
     ":metric": "What is to be maximised or minimised; `(reward)` by default.",

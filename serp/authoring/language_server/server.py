@@ -161,7 +161,6 @@ class PddlServer(LanguageServer):
             "serp", __version__, text_document_sync_kind=types.TextDocumentSyncKind.Full
         )
         self._newest = 0
-        self._checking = asyncio.Lock()
 
     @property
     def positions(self) -> Positions:
@@ -209,10 +208,9 @@ class PddlServer(LanguageServer):
         They come from another thread, so that the editor is answered meanwhile.
         """
         files = {uri: self.files(uri) for uri in opened}
-        async with self._checking:
-            return await asyncio.to_thread(
-                lambda: {uri: findings_in(read) for uri, read in files.items()}
-            )
+        return await asyncio.to_thread(
+            lambda: {uri: findings_in(read) for uri, read in files.items()}
+        )
 
     async def check(self, pause: float = 0.0) -> None:
         """Publish the findings of the open files, unless one changes meanwhile.

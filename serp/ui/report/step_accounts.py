@@ -35,9 +35,6 @@ _DECIDES: Final = {
 }
 """Reason → kinds of causes that it is about."""
 _LABELS: Final = {
-    "reward": "reward",
-    "unsafe": "unsafe",
-    "risk": "risk",
     "end": "ends the task",
     "failed": "not applicable",
     "conflict": "contradicts another effect",
@@ -168,7 +165,7 @@ def shown_cause(cause: Cause, sources: Sequence[Source]) -> dict[str, str]:
         line = f"f{numbers[0]}-{place.line}" if numbers else ""
     texts = {
         "kind": cause.what,
-        "label": _LABELS[cause.what],
+        "label": _LABELS.get(cause.what, cause.what),
         "by": "what the run has learned" if cause.origin == "learned" else cause.schema,
         "text": cause.text,
         "condition": cause.condition,

@@ -35,13 +35,11 @@ async def show_page(session: Session) -> None:
 
     session.take_over(let_go)
     ui.add_css(page_colours() + style)
-    dark = ui.dark_mode()
     with ui.element("header").classes("serp-head"):
         ui.label("serp studio").classes("serp-brand")
         state = ui.label().classes("serp-file")
         ui.element("div").classes("serp-space")
         save = ui.button("Save").props('dense flat no-caps title="Ctrl+S"')
-        theme = ui.button("Dark").props("dense flat no-caps")
     with ui.splitter(value=45, limits=(20, 80)).classes("serp-main") as splitter:
         files = ui.element("section").classes("serp-editor").props('aria-label="Files"')
         files.move(splitter, target_slot="before")
@@ -60,12 +58,6 @@ async def show_page(session: Session) -> None:
 
     live.shows(show_state)
 
-    def set_dark(value: bool) -> None:
-        dark.set_value(value)
-        editor.dark(value)
-        theme.set_text("Light" if value else "Dark")
-
-    theme.on_click(lambda: set_dark(not dark.value))
     client.on_delete(live.close)
     await client.connected()
     if live.closed:
@@ -73,7 +65,7 @@ async def show_page(session: Session) -> None:
     prefers_dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")
     if live.closed:
         return
-    set_dark(bool(prefers_dark))
+    editor.dark(bool(prefers_dark))
     live.begin()
     await scene.begin()
 
